@@ -132,6 +132,9 @@ def _estimate_parameters(
         directions: relative effect of each input (r,), or ``None``.
         prior: physical parameters by an earlier flight, or ``None``.
 
+    Returns:
+        The parameters, each with its status: reported, biased or not identifiable.
+
     Raises:
         numpy.linalg.LinAlgError: no model has a likelihood.
     """
@@ -359,7 +362,7 @@ def with_omission_errors(
 
 
 def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns how much of the torque that moved the vehicle was wind, by the fitted model.
+    """Returns the share of the torque that moved the vehicle which was wind, by the fitted model.
 
     The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
     more a wrong model of the wind biases the effect of the motors.
@@ -382,7 +385,7 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * in_band
 
     def power(rate: ComplexArray) -> float:
-        # The common factor of the transforms cancels in the ratio.
+        """Returns the mean power of the torque that makes a rate, but for a factor, which cancels in the ratio."""
         squared_torque = abs(torque_per_rate * _tapered(rate)) ** 2
         return float(np.mean(np.sum(squared_torque, axis=1) / fit.levels**2))
 

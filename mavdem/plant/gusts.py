@@ -164,6 +164,7 @@ def _level_changes(
     segment_end = starts[starts >= stop].min(initial=len(torque))
     before = torque[max(start - reach, segment_start) : start]
     after = torque[stop : min(stop + reach, segment_end)]
+    # At an end of the segment there is nothing to compare with.
     if not len(before) or not len(after):
         return False
-    return abs(np.ptp([np.median(before), np.median(after)])) > threshold
+    return abs(np.median(after) - np.median(before)) > threshold

@@ -338,7 +338,9 @@ class GrayBoxModel(NamedTuple):
             Prediction errors (k + 1, W, N′), rad/s, at θ first, without their mean in each window.
         """
         points = np.vstack([theta, theta + np.diag(steps)])
-        # Row i + 1 of the points has entry i of θ changed.
+        # Row i + 1 of the points has entry i of θ changed. First come the common effect and those of the motors, which
+        # need no new responses: these rows are taken with the point itself. Then come damping, lag and delay, sizes and
+        # times of the wind torque, the noise, and last the refinements.
         effect_rows = slice(0, self.motors + 2)
         plant_rows = [
             self.damping_index + 1,
@@ -354,6 +356,7 @@ class GrayBoxModel(NamedTuple):
         inputs = self._input_channels(windows)
         responses = self._channel_responses(points[[0, *plant_rows]], windows)
 
+        # Changed effects have the responses of the point. All other rows begin as the point; those of the plant follow.
         rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
         rate_per_effect = np.einsum("crwf,cf->rwf", inputs, responses[:, 0])
         effects = self.effect(points[effect_rows]).astype(complex)
@@ -362,6 +365,7 @@ class GrayBoxModel(NamedTuple):
         torques = np.einsum("crwf,r->cwf", inputs, effects[0])
         rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses[:, 1:])
 
+        # The noise of all rows is that of the point, but for those that change it.
         noise_densities = self.noise_density(points[noise_rows], windows)
         noise_factors, _ = minimum_phase(noise_densities, windows.samples)
         factor = np.repeat(noise_factors[:1], len(points), axis=0)

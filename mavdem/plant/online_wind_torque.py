@@ -239,7 +239,7 @@ class OnlineWindTorque:
         self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
     def update(self, inputs: Array, weak_since: float | None = None) -> Interval:
-        """Takes the inputs of the next sample, and returns the wind torque ``delay`` seconds before it.
+        """Takes the inputs of the stream's next sample, and returns the wind torque ``delay`` seconds before it.
 
         While a motor is weak there is no estimate, and the samples since its loss of thrust are fitted to nothing.
 
@@ -274,7 +274,7 @@ class OnlineWindTorque:
         samples is smoothed with the newest fit.
 
         Args:
-            block: the block that the memory has just completed.
+            block: the block of samples that the memory has just completed.
             fits: whether a new fit may start.
         """
         follows_gap = False

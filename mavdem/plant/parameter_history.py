@@ -47,7 +47,11 @@ def parameter_history(flights: Flights) -> list[ParametersOfPart]:
 
 
 def _parts(flights: Flights) -> Iterator[Flight]:
-    """Yields the parts of each segment of a flight, which are equally long within a segment."""
+    """Yields the parts of each segment of a flight, which are equally long within a segment.
+
+    Args:
+        flights: segments of one flight, in order of time.
+    """
     total_seconds = sum(len(flight.time) * flight.dt for flight in flights)
     part_seconds = max(PART_SECONDS, total_seconds / MAX_PARTS)
     for flight in flights:

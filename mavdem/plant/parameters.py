@@ -133,6 +133,9 @@ class Physical(NamedTuple):
 
         Args:
             level: probability of the interval.
+
+        Returns:
+            Mean and half width, rad/s² per unit of the inputs.
         """
         r = len(self.effect)
         # The mean magnitude is a linear function of the effects.

@@ -33,6 +33,9 @@ def power_density(
         rate: their rate, Hz.
         window_samples: number of samples of a window, at least 2.
         without_trend: whether each window is taken about its linear trend, and not only about its mean.
+
+    Returns:
+        The frequencies (F,), Hz, and the one-sided densities (F,), in the square of the values' unit per Hz.
     """
     densities = window_densities(values, rate, window_samples, without_trend)
     return PowerDensity(densities.frequency, densities.density.mean(axis=0))
@@ -50,7 +53,7 @@ def window_densities(
         rate, window_samples, without_trend: as for :func:`power_density`.
 
     Returns:
-        The frequencies (F,), and the densities (…, W, F).
+        The frequencies (F,), Hz, and the one-sided densities (…, W, F).
     """
     step = window_samples - window_samples // 2
     windows = np.lib.stride_tricks.sliding_window_view(values, window_samples, axis=-1)

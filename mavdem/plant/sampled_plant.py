@@ -42,6 +42,9 @@ class ColouredNoise(NamedTuple):
             omega: angular frequencies, rad/s.
             sd: standard deviation of the noise, which broadcasts against them.
             time: unit of the noise's time, s, likewise.
+
+        Returns:
+            Densities, in the common shape of the arguments.
         """
         return np.asarray(sd**2 * time / np.polyval(self.inverse_density, -((omega * time) ** 2)))
 
@@ -112,6 +115,9 @@ def gaussian_kernel_noise(order: int) -> ColouredNoise:
 
     Args:
         order: number of states, and of terms of the series beyond the first.
+
+    Returns:
+        The noise, of variance 1.
     """
     series = np.zeros(2 * order + 1)
     # With ω² = −s², the series of exp(ω²) has the coefficients (−1)^i / i! of s^(2i).
@@ -196,11 +202,14 @@ class SampledPlant(NamedTuple):
     """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
 
     def input_contributions(self, commanded: Array, delay_steps: float) -> Array:
-        """Returns what a commanded torque adds to each next state, Γ₀ c + Γ₁ c⁺ (T − 1, n).
+        """Returns what a commanded torque adds to each next state: Γ₀ c + Γ₁ c⁺.
 
         Args:
             commanded: commanded torque (T,), rad/s².
             delay_steps: its delay, in steps.
+
+        Returns:
+            Additions to the n states at the second sample and those after it (T − 1, n).
         """
         commands = with_early_jumps(commanded[None, :, None], self.jump_lead)[0]
         at_start, at_end = delayed_inputs(commands, delay_steps)
@@ -259,6 +268,9 @@ def sampled_plant(
         components: components of the wind torque: spectrum, standard deviation (…) in rad/s² and time (…) in s of each.
         dt: time step, s.
         jump_lead: time by which jumps of commands come before the middle of a step, as a fraction of the step.
+
+    Returns:
+        The discrete model, of one axis or of several.
     """
     shape = np.shape(damping)
     n = 2 + sum(len(colour.A) for colour, _, _ in components)

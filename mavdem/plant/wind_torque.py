@@ -226,7 +226,7 @@ def _reason_against_wind(
     """Returns the reason why an estimated torque is not that of the wind, as a fact; None where it is.
 
     Args:
-        duration: of the flight, s.
+        duration: duration of the flight, s.
         has_wind: whether there is enough flight with sound motors.
         error_variance: variance of the torque's errors, without those of its scale, (rad/s²)².
         power: mean square of the torque about its means, (rad/s²)².
@@ -273,11 +273,16 @@ def resolved_wind_torque(
 
 
 def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
-    """Returns the variance (T,) of a course by uncertain parameters, to first order.
+    """Returns the variance of each sample of a course that uncertain parameters cause, to first order.
+
+    With the gradient g of a sample by the parameters and their covariance P, it is gᵀ P g.
 
     Args:
         gradient: derivatives of the course by the k parameters (k, T).
         covariance: covariance of the parameters (k, k).
+
+    Returns:
+        Variances (T,).
     """
     return np.einsum("it,ij,jt->t", gradient, covariance, gradient)
 
@@ -380,7 +385,7 @@ def _smoothed_torque(
     record: Record,
     column: int,
 ) -> Array:
-    """Smooths the wind torque in all segments (T,), rad/s², with the mean, for given physical parameters.
+    """Returns the wind torque in all segments, smoothed for given physical parameters, and with its mean.
 
     The derivatives by the parameters are computed by calling this with changed ones.
 
@@ -389,6 +394,9 @@ def _smoothed_torque(
         physical: the other parameters: components of the wind torque, noise and refinements.
         record: inputs and outputs, with the segments one after the other.
         column: column of the rate in the outputs.
+
+    Returns:
+        Wind torque (T,), rad/s².
     """
     effect = theta[EFFECTS]
     damping, lag, delay = theta[DYNAMICS].tolist()

@@ -192,7 +192,9 @@ def responses_to_innovations(inputs: Array, rate: Array) -> Array:
 
 
 def _innovations(inputs: Array, rate: Array) -> ArrayPair:
-    """Returns what the ``REGRESSION_LAGS`` samples before do not predict, by linear regression over all windows.
+    """Returns the part of rate and inputs that the ``REGRESSION_LAGS`` samples before do not predict: the innovations.
+
+    The prediction is a linear regression over all windows.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
@@ -215,7 +217,7 @@ def _innovations(inputs: Array, rate: Array) -> ArrayPair:
 
 
 def rate_column(record: Record) -> int:
-    """Returns which output of a record is the body rate: the derivative of another output, or the only output.
+    """Returns the column of the body rate in a record's outputs: the derivative of another output, or the only output.
 
     Args:
         record: inputs and outputs of a flight.

@@ -135,9 +135,9 @@ class DensityModel:
         self._set_alias_phases(spectra)
 
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
-        """Sets the frequencies f_k = f + k f_s that fold onto those of the spectra by sampling at the message rate f_s.
+        """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to those of the spectra.
 
-        All k, negative ones too, are taken for which |f_k| is below half of the controller's rate (or
+        All k, negative ones too, are taken for which |f + k f_s| is below half of the controller's rate (or
         ``MAX_MODELLED_FREQUENCY``, if that is lower). Frequencies and flags have the shape (J, F): a row for each
         frequency f of the spectra, a column for each k.
 
@@ -401,6 +401,9 @@ class DensityModel:
             parameters: the parameters of the loop, with the share of such steps and their time.
             loop: its frequency responses, of which those to the reference are used.
             with_reference: whether the reference moves; without it, the steps' density is 0.
+
+        Returns:
+            The density of the steps, its derivatives, the share of each alias, and the responses to the steps.
         """
         share = _share_from_odds(parameters.synchronous_odds)
         step_time_share = _share_from_odds(parameters.step_time_odds)

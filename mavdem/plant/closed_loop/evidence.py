@@ -95,7 +95,7 @@ class LoopData(NamedTuple):
 
     @classmethod
     def from_samples(cls, segments: Sequence[Array], dt: float) -> LoopData:
-        """Centres the samples of some segments.
+        """Builds the data from the samples of some segments, less their mean over all of them.
 
         Args:
             segments: samples (T, 3) of each segment, in physical units.
@@ -275,7 +275,14 @@ class LoopPosterior:
         self.prior = loop_prior(controller, output_size=float(data.scale[-1]))
 
     def likelihoods(self, thetas: Array) -> list[SteadyLikelihood]:
-        """Returns the likelihood of each segment under B parameter vectors (B, k)."""
+        """Returns the likelihood of each segment under several parameter vectors at once.
+
+        Args:
+            thetas: B vectors of the logarithms of the parameters (B, k).
+
+        Raises:
+            numpy.linalg.LinAlgError: a loop is unstable.
+        """
         with np.errstate(all="ignore"):
             loop = sampled_loop(thetas, self.controller, self.data.dt)
             return [
@@ -284,7 +291,11 @@ class LoopPosterior:
             ]
 
     def value(self, at: Array) -> float:
-        """Returns the log posterior density at (k,), up to a constant; NaN where the loop is unstable."""
+        """Returns the log posterior density, up to a constant; NaN where the loop is unstable.
+
+        Args:
+            at: logarithms of the parameters (k,).
+        """
         try:
             likelihoods = self.likelihoods(at[None])
         except LinAlgError:
@@ -293,13 +304,13 @@ class LoopPosterior:
         return log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Expands the log posterior about (k,) to second order, with the Fisher information as curvature.
+        """Expands the log posterior about a point to second order, with the Fisher information as curvature.
 
         Of Gaussian innovations e with covariance F the information on two parameters a and b is
         Σ_t e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b), subscripts being derivatives, here forward differences.
 
         Args:
-            at: logarithms of the parameters.
+            at: logarithms of the parameters at the point (k,).
 
         Raises:
             numpy.linalg.LinAlgError: the loop is unstable there.
@@ -309,6 +320,7 @@ class LoopPosterior:
         value = self._log_prior(at)
         gradient = (self.prior.mean - at) / self.prior.sd**2
         curvature = np.diag(self.prior.sd**-2.0)
+        # Row 0 of each result is that of the point itself, row i + 1 has parameter i changed by a step.
         for segment in self.likelihoods(np.vstack([at, at + step * np.eye(k)])):
             value += float(segment.log_likelihood[0])
             gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step

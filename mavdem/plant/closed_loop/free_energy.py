@@ -91,11 +91,17 @@ def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: in
 
 
 def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegment:
-    """Filters one segment, and runs the disturbance smoother backward: r_{t−1} = Cᵀ F⁻¹ e + Lᵀ r_t.
+    """Runs the Kalman filter forward over one segment, and the disturbance smoother backward.
+
+    The filter has the innovations e with covariance F, and the transition L = A − K C of its errors. The smoother's
+    recursion is r_{t−1} = Cᵀ F⁻¹ e + Lᵀ r_t, from 0 after the last sample; smoothed noises are linear in r.
 
     Args:
-        kalman_filter: the filter of :func:`trim_augmented_filter`.
+        kalman_filter: the filter of :func:`trim_augmented_filter`, with n states.
         samples: (T, 3) centred samples.
+
+    Returns:
+        Innovations and their precisions F⁻¹, the vectors r (T + 1, n), and the gains K, sample by sample.
     """
     T = len(samples)
     n = len(kalman_filter.A)
@@ -159,10 +165,12 @@ class _ProcessCovariances(NamedTuple):
     """(n, n) covariance of the states before anything is measured."""
 
     def squared_errors(self, smoothing: Array) -> float:
-        """Returns the sum of squares of the smoothed noises, rᵀ Q r after each sample and rᵀ P₀ r before the first.
+        """Returns the sum of squares of the smoothed noises, each relative to its covariance.
+
+        They are rᵀ Q r for the step after each sample, and rᵀ P₀ r for the state before the first one.
 
         Args:
-            smoothing: (T + 1, n) vectors r of the disturbance smoother.
+            smoothing: (T + 1, n) vectors r of the disturbance smoother, row 0 being that before the first sample.
         """
         later = smoothing[1:]
         return float(np.sum(later @ self.step * later) + smoothing[0] @ self.start @ smoothing[0])

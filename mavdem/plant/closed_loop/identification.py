@@ -303,6 +303,9 @@ def _ascend(
         start: parameters θ (k,) to begin with.
         max_steps: largest number of steps.
         known_modes: modes of earlier ascents, near which this one ends early.
+
+    Returns:
+        The expansion of the posterior to second order about the last iterate.
     """
 
     def is_near_known_mode(iterate: QuadraticExpansion) -> bool:
@@ -326,6 +329,9 @@ def _limited_step(step: Array) -> Array:
 
     The limit is the prior standard deviation of the entry, at most ``MAX_PARAMETER_STEP``: beyond it, the quadratic
     expansion of the posterior is not trusted.
+
+    Args:
+        step: change of the parameters θ (k,).
     """
     largest = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
     return step / max(1.0, np.abs(step / largest).max())

@@ -134,7 +134,7 @@ UNKNOWN_TARGET_CUTOFF = 50.0
 
 
 def unknown_controller(proportional_gain: float) -> LoopController:
-    """Returns the prior of a controller of which nothing is known: the gray-box model of an axis in its loop.
+    """Returns the controller whose gains are the prior medians where nothing is known: typical ones of autopilots.
 
     Args:
         proportional_gain: size of the proportional gain, such as the standard deviation of the motors' combination over
@@ -237,6 +237,9 @@ def loop_prior(controller: LoopController, output_size: float) -> LoopPrior:
     Args:
         controller: prior medians of the gains, and their spread.
         output_size: standard deviation of the motors' combination in the record, which scales its noises.
+
+    Returns:
+        Mean and standard deviation of each logarithm (k,): both are natural logarithms.
     """
     median_effect = 2 * np.pi * TYPICAL_CROSSOVER / controller.p
     gain_sd = controller.log_gain_sd
