@@ -24,6 +24,9 @@ def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
     Args:
         telemetry: the vehicle, as ``read_log`` returns it.
         path: its log.
+
+    Returns:
+        A copy of the vehicle with all messages; the vehicle itself where it has them already.
     """
     _, log_format = detect_format(path)
     if log_format is Format.DATAFLASH:
@@ -42,6 +45,9 @@ def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
 
     Args:
         topics: Columns with ``time`` by topic and by number of the instance.
+
+    Returns:
+        Columns by topic, with ``boot``, and with the number of the instance where there are several.
     """
     tables = {}
     for name, columns_by_instance in topics.items():

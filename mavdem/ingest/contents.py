@@ -69,6 +69,9 @@ DATAFLASH_TEXT_DEFINITION = b"\nFMT,"
 def file_bytes(path: PathName) -> bytes:
     """Returns the whole file, the contents of an xz archive, or the one log in a zip archive.
 
+    Args:
+        path: The file or archive.
+
     Raises:
         Unreadable: It is missing, no plain file, not permitted, empty, larger than ``MAX_LOG_BYTES`` or than the
             memory, a damaged archive, or a zip archive of several logs or of none.
@@ -83,12 +86,19 @@ FileContent = bytes | mmap.mmap
 def file_content(path: PathName) -> FileContent:
     """Returns the bytes of a file as ``file_bytes`` does, of a large one as a mapping that takes no memory.
 
+    An archive is never mapped, since it must be unpacked.
+
+    Args:
+        path: The file or archive.
+
     Raises:
         Unreadable: As ``file_bytes``.
     """
     path = Path(path)
     size = path.stat().st_size if path.is_file() else 0
-    if not MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES:
+    # The size of what is no plain file counts as 0; what is too large is refused there.
+    is_mappable = MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES
+    if not is_mappable:
         return file_bytes(path)
     try:
         with path.open("rb") as file:
@@ -171,7 +181,8 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
     except (OSError, ValueError) as error:
         raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
     # Only what may be all zeros is searched, since that copies it.
-    if not content or (content[-1] == content[0] == 0 and not content.strip(b"\0")):
+    is_all_zeros = bool(content) and content[-1] == content[0] == 0 and not content.strip(b"\0")
+    if not content or is_all_zeros:
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
 
@@ -202,6 +213,9 @@ def _folder_fact(path: Path) -> Fact:
     """Returns the fact that a folder was given where a log is needed.
 
     It has the number of logs in the folder, by the endings of their names, and the first of them as an example.
+
+    Args:
+        path: The folder.
     """
     logs = []
     for file in path.iterdir():
@@ -276,6 +290,10 @@ def _unzipped(path: Path, limit: int | None) -> bytes:
 
 def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
     """Returns the one log of a zip archive: the only file whose name ends as one of a log, or the only file at all.
+
+    Args:
+        archive: The archive.
+        path: Its file, for errors.
 
     Raises:
         Unreadable: There are several logs, or none, or the log needs a password.

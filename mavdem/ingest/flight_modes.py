@@ -68,7 +68,10 @@ def announced_names(available_modes: Columns) -> dict[int, str]:
     """Returns the names of flight modes in the messages AVAILABLE_MODES, by custom mode.
 
     Args:
-        available_modes: Columns of AVAILABLE_MODES; they may be missing.
+        available_modes: Columns of AVAILABLE_MODES (N,); they may be missing.
+
+    Returns:
+        Names by HEARTBEAT.custom_mode, the last announced one of each; modes without a name are left out.
     """
     names: dict[int, str] = {}
     if "mode_name" not in available_modes or "custom_mode" not in available_modes:
@@ -108,7 +111,16 @@ def mode_name(
 
 
 def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
-    """Returns the name of a flight mode of PX4; arguments and result as for :func:`mode_name`."""
+    """Returns the name of a flight mode of PX4.
+
+    Args:
+        number: HEARTBEAT.custom_mode.
+        announced: Names that the autopilot announced, by custom mode. They count for external modes, whose meaning
+            differs from vehicle to vehicle, and for modes that are not known here.
+
+    Returns:
+        The name ("Position"), else that of the main mode, else "mode 4:19" by main and sub mode.
+    """
     main_mode = number >> 16 & 0xFF
     sub_mode = number >> 24 & 0xFF
     is_external = main_mode == AUTO_MODE and sub_mode in EXTERNAL_SUB_MODES

@@ -70,6 +70,9 @@ def read_log(path: AnyPath) -> Log:
 def read_stream(path: AnyPath) -> FrameStream:
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
+    Args:
+        path: the file; str, bytes or path-like.
+
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no MAVLink.
         ValueError: ``path`` is not a path.
@@ -96,6 +99,9 @@ def looks_like_log(path: AnyPath) -> bool:
 
     This is the quick test for files in a folder. A MAVLink marker alone proves little, so a telemetry log under another
     name must also begin with a plausible receive stamp.
+
+    Args:
+        path: the file; str, bytes or path-like.
     """
     name = os.fsdecode(path)
     if _format_of_name(name) is not None or name.lower().endswith(UNREAD_LOG_ENDINGS):

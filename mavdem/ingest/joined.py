@@ -117,7 +117,14 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
 
 def _recording(log: Log) -> Recording:
-    """Returns the one vehicle of a log with its times; raises ``Unreadable`` where there is not exactly one."""
+    """Returns the one vehicle of a log with its first and last boot, and their times.
+
+    Args:
+        log: The log.
+
+    Raises:
+        Unreadable: The log does not have exactly one vehicle.
+    """
     if len(log.vehicles) != 1:
         raise Unreadable(
             Source.LOGS_NOT_JOINED,
@@ -155,6 +162,10 @@ def _densest_time(messages: Tables, boot: int) -> Array:
     """Returns the stamps (N,), s, of the message that came most often in a boot.
 
     Messages that come seldom may be older than the file: PX4 repeats their last values at its beginning.
+
+    Args:
+        messages: Columns by message, with ``time`` and ``boot``.
+        boot: Number of the boot.
     """
     densest = np.zeros(0)
     for columns in messages.values():
@@ -165,7 +176,14 @@ def _densest_time(messages: Tables, boot: int) -> Array:
 
 
 def _utc_at_boot(messages: Tables, boot: int) -> float | None:
-    """Returns the UNIX time at which the clock of a boot read 0, s; None where the autopilot had no UTC."""
+    """Returns the UNIX time at which the clock of a boot read 0, s; None where the autopilot had no UTC.
+
+    It is the median over all messages SYSTEM_TIME of the boot.
+
+    Args:
+        messages: Columns by message, with ``time`` and ``boot``.
+        boot: Number of the boot.
+    """
     calendar = messages.get("SYSTEM_TIME", {})
     if "time_unix_usec" not in calendar:
         return None
@@ -185,7 +203,14 @@ def _in_order_of_time(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _joined_pair(earlier: Recording, later: Recording) -> Log:
-    """Joins two logs of one flight; raises ``Unreadable`` where they are not of one flight."""
+    """Joins two logs of one flight, and notes that in the vehicle's repairs.
+
+    Args:
+        earlier, later: The recordings in the order of time.
+
+    Raises:
+        Unreadable: The logs are not of one flight.
+    """
     gap = _gap_by_utc(earlier, later)
     separation = _separation_of_vehicles(earlier.vehicle, later.vehicle)
     if separation is None:
@@ -228,6 +253,9 @@ def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation 
 
 def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
     """Returns the share of parameters that differ between the end of a log and the beginning of the next.
+
+    Args:
+        earlier, later: The vehicle by the two logs, in the order of time.
 
     Returns:
         The share of those that both logs have; 0 where these are fewer than ``MIN_COMMON_PARAMETERS``.
@@ -339,7 +367,11 @@ def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -
 
 
 def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
-    """Returns the first values, over both logs, of the parameters that changed in one of them or between them."""
+    """Returns the first values, over both logs, of the parameters that changed in one of them or between them.
+
+    Args:
+        before, after: The vehicle by the two logs, in the order of time.
+    """
     initial_values = {**after.initial_parameters, **before.initial_parameters}
     for name, value in before.parameters.items():
         value_at_restart = after.initial_parameters.get(name, after.parameters.get(name, value))
@@ -349,7 +381,12 @@ def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
 
 
 def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
-    """Makes one log of two, with the vehicle that was joined of both."""
+    """Makes one log of two: components and their counts of messages are added up, the stamps span both.
+
+    Args:
+        earlier, later: The logs in the order of time.
+        vehicle: The vehicle that was joined of both.
+    """
     components: dict[tuple[int, int], Component] = {}
     for component in (*earlier.components, *later.components):
         ids = (component.system, component.component)

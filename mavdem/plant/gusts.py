@@ -167,4 +167,5 @@ def _level_changes(
     # At an end of the segment there is nothing to compare with.
     if not len(before) or not len(after):
         return False
-    return abs(np.median(after) - np.median(before)) > threshold
+    level_change = float(np.median(after) - np.median(before))
+    return abs(level_change) > threshold

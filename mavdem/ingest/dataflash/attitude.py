@@ -109,7 +109,8 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
     logged_rate = np.linalg.norm(logged_rates, axis=1)
     ratio = np.median(logged_rate / gyro_rate[is_turning])
     low, high = CENTIDEGREE_RATIOS
-    if not low < ratio < high:
+    is_in_centidegrees = low < ratio < high
+    if not is_in_centidegrees:
         return 1.0, ()
     return CENTIDEGREES, repair_facts(Repair.CENTIDEGREES_CONVERTED, ratio=ratio)
 
@@ -247,6 +248,9 @@ def derivative_terms(tables: Tables) -> Columns:
 
     D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY together, so their
     rows belong to each other; where the end of the log cut one of them off, the others are cut to its length.
+
+    Args:
+        tables: DataFlash's messages by name.
 
     Returns:
         Columns (N,) at the stamps of PIDR, in the unit of the demand, -1 to 1; empty unless all three were logged.

@@ -35,7 +35,14 @@ MAX_VOLTS = 200.0
 
 
 def sys_status(tables: Tables) -> NamedMessage:
-    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA; without a first one, of all messages."""
+    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA; without a first one, of all messages.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        The message, and the name of the logged one that it was made of; without columns where no voltage was logged.
+    """
     for name in BATTERY_MESSAGES:
         logged = messages_with_fields(tables, name, ("Volt",))
         if not logged:
@@ -51,6 +58,12 @@ def battery_status(tables: Tables) -> NamedMessage:
     """Makes BATTERY_STATUS of all batteries, with the number of each, from 0, as ``id``.
 
     It is made only where a log has another battery than the first, or several: else it would repeat SYS_STATUS.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        The message, in the order of boot and time; without columns where it is not made.
     """
     parts: list[Columns] = []
     names: list[str] = []
@@ -71,7 +84,8 @@ def battery_status(tables: Tables) -> NamedMessage:
         # The second name is that of older versions.
         if parts:
             break
-    if ids <= {0}:
+    has_other_than_first = bool(ids - {0})
+    if not has_other_than_first:
         return NamedMessage(BATTERY_MESSAGES[0], {})
     columns: Columns = concatenated_columns(parts)
     time_order = np.lexsort((columns["time"], columns["boot"]))
@@ -84,6 +98,9 @@ def _rows_by_battery(logged: Columns, default_id: int) -> dict[int, Columns]:
     Args:
         logged: The messages.
         default_id: Number of the battery, from 0, where the messages do not have it.
+
+    Returns:
+        The messages of each battery, by its number.
     """
     for field in INSTANCE_FIELDS:
         if field in logged:

@@ -82,6 +82,9 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        All messages, those of filters (EKF) only of the core that flew; and beside them those of all cores.
     """
     flown: dict[str, Columns] = dict(tables)
     all_cores: dict[str, Columns] = {}
@@ -124,6 +127,7 @@ def _with_cores(tables: Tables, name: str) -> Columns:
     logged = tables.get(name, {})
     if "C" in logged:
         return logged
+    # Old versions have a message of its own for each core, with a higher number.
     prefix, number = name[:-1], int(name[-1])
     parts = []
     for core in range(MAX_OLD_CORES):

@@ -41,7 +41,8 @@ POSITION_CONTROLLER_MESSAGES = tuple(axis.message for axis in AXES)
 def position_targets(tables: Tables) -> NamedMessage:
     """Makes POSITION_TARGET_LOCAL_NED: x, y and z, m, and vx, vy and vz, m/s, north, east and down.
 
-    A target is NaN while its axis was not controlled.
+    A target is NaN while its axis was not controlled. The axes are logged in messages of their own; the first of them
+    gives the stamps.
 
     Args:
         tables: DataFlash's messages by name.

@@ -104,7 +104,7 @@ def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, 
 def _instance_of_stage(
     option: StageOption, parameters: Parameters, sensor_count: int
 ) -> dict[str, int]:
-    """Finds under which instance number the log has the first sensor's samples before and after the filters.
+    """Returns the instance numbers under which the log has the first sensor's samples before and after the filters.
 
     ArduPilot numbers the sensors from 0. Where it logs both stages, filtered samples have the numbers behind those of
     all sensors: with 3 gyros, instance 3 is the first gyro after its filters.

@@ -182,6 +182,10 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
     """Returns the stamps (N,), s, of everything that was logged in a boot but texts, ascending, each once.
 
     Texts (MSG) may be older than the log.
+
+    Args:
+        tables: DataFlash's messages by name, with ``time`` and ``boot``.
+        boot: Number of the boot.
     """
     stamps = [
         columns["time"][columns["boot"] == boot]

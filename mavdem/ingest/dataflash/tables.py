@@ -53,6 +53,10 @@ def field_texts(columns: Columns, field: str) -> list[str]:
     """Returns the texts of a field, one per message, without the zeros that fill it.
 
     Where damage has made a value that is no text, it is empty, so that texts stay in line with the messages.
+
+    Args:
+        columns: Columns of the message.
+        field: Name of the field; without it there are no texts.
     """
     texts = []
     for value in columns.get(field, ()):

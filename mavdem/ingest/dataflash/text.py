@@ -79,6 +79,7 @@ def read_text(content: bytes) -> DataflashRecording:
             lines_skipped += 1
 
     def decode(name: str) -> MessageTable:
+        """Decodes the messages of one name; none where the log has none."""
         if name not in lines:
             return EMPTY_TABLE
         return _decoded(definitions[name], lines[name])

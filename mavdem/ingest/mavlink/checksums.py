@@ -39,7 +39,7 @@ BYTE_VALUES = 1 << 8
 
 
 def frame_checksum(content: bytes, crc_extra: int) -> int:
-    """Returns the checksum of a frame.
+    """Returns the checksum of a frame, a CRC-16 that MAVLink calls X.25.
 
     Args:
         content: The bytes of the frame after the marker and before the checksum.
@@ -70,7 +70,11 @@ class _Tables(NamedTuple):
 
 @cache
 def _tables() -> _Tables:
-    """Computes the tables, which takes some milliseconds, when a block is read for the first time."""
+    """Computes the tables of this module, once for all: when a block is read for the first time.
+
+    Each table is built from the one before: the registers after a word or a number of bytes follow from those after one
+    byte less.
+    """
     zero = np.uint8(0)
     all_registers = np.arange(1 << 16).astype(np.uint16)
     words = registers_after(registers_after(all_registers, zero), zero)

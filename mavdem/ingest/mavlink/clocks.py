@@ -130,9 +130,15 @@ def deviates_from_median(values: Times, window: int, limit: float | Times) -> Fl
 
 
 def outlier_stamps(stamps: Times) -> Flags:
-    """Flags stamps (n,), s, that are far from those around them.
+    """Flags stamps that are far from those around them, as of damaged messages.
 
     These are one or two messages at a time; a lasting change of the clock is not flagged.
+
+    Args:
+        stamps: Stamps (n,), s, in the order of the stream.
+
+    Returns:
+        Flags (n,); none is set where there are too few stamps to compare.
     """
     if len(stamps) < MIN_REFERENCE_STAMPS:
         return np.zeros(len(stamps), dtype=np.bool_)
@@ -189,7 +195,11 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
 
 
 def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
-    """Returns positions and stamps, s, of the messages of a type that have a stamp."""
+    """Returns positions and stamps, s, of the messages of a type that have a stamp.
+
+    Args:
+        message_type: The messages of the type. Their stamps may be a function that decodes them, or None.
+    """
     if message_type.stamps is None:
         return message_type.positions[:0], np.empty(0)
     stamps = message_type.stamps() if callable(message_type.stamps) else message_type.stamps
@@ -201,6 +211,9 @@ def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Time
 
 def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps | None:
     """Chooses the message type to whose clock all others are compared.
+
+    Args:
+        message_types: The messages of a component by type.
 
     Returns:
         The first of ``REFERENCES`` with enough stamps; else the type with most stamps, one whose counter wraps

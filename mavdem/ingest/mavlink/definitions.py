@@ -64,7 +64,8 @@ def definitions_by_name() -> Mapping[str, MessageDefinition]:
 def crc_extra_table() -> CrcExtras:
     """Returns CRC_EXTRA by message id, -1 for none.
 
-    The last row stands for all ids that are too large: it has none.
+    CRC_EXTRA is a number that sender and receiver derive from their definition of a message; it enters the checksum, so
+    that a frame by another definition fails. The last row stands for all ids that are too large: it has none.
     """
     table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
     for message_id, definition in definitions_by_id().items():
@@ -180,6 +181,9 @@ def _definition(message: Any) -> MessageDefinition:
     MAVLink sorts fields by size on the wire. ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
     definition. Types are those of C, such as "uint8_t"; NumPy's names are made of them, so that a payload is decoded as
     one structured item: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
+
+    Args:
+        message: pymavlink's class of the message.
     """
     type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     wire_fields = []

@@ -299,7 +299,8 @@ class SenderLinks:
             return
         self._counted_sequence = sequence
         self._received = 0
-        if not (self._has_two_counters and self._counters.are_apart):
+        is_numbered_apart = self._has_two_counters and self._counters.are_apart
+        if not is_numbered_apart:
             self.missing += missing_messages(self._sequence, sequence)
         elif number_before is not None:
             self.missing += missing_messages(number_before, sequence)

@@ -311,7 +311,14 @@ class _RunTaker:
         self._attitude_rows = np.flatnonzero(has_attitude)
 
     def take(self, first: int, end: int) -> None:
-        """Takes the frames from one row to before another: ``links`` has no late link, and none is a copy."""
+        """Takes the frames from one row to before another, of which none is a copy.
+
+        The result is that of ``SenderLinks.take`` of each frame, which has no late link. Frames whose sequence numbers
+        rise by one are taken at once; only the first of them may break the order.
+
+        Args:
+            first, end: Rows of the first frame and behind the last one.
+        """
         # Signed numbers, so that their differences may be negative.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)

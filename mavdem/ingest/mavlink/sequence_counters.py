@@ -116,7 +116,10 @@ class SequenceCounters:
 
     @property
     def are_apart(self) -> bool:
-        """Whether the numbers of both are further apart than those of frames that overtake each other."""
+        """Whether the numbers of both counters are further apart than those of frames that overtake each other.
+
+        The distance is taken around the circle of the 256 numbers.
+        """
         first, second = self._numbers
         if first is None or second is None:
             return False
@@ -201,6 +204,7 @@ class AttitudeComparison:
             counter: which counter numbered its frame, 0 or 1.
             reading: the attitude.
         """
+        # Attitudes are filed by short intervals of the clock, so that the nearest one is in this or the next interval.
         interval = int(reading.clock / MAX_COMPARED_SECONDS)
         attitudes = self._attitudes[counter]
         attitudes[interval] = reading
@@ -225,6 +229,7 @@ def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
     Args:
         first, second: the attitudes, at most some tenths of a second apart.
     """
+    # Near a pitch of 90° roll and heading are not defined.
     if max(abs(first.angles[1]), abs(second.angles[1])) > MAX_COMPARED_PITCH:
         return False
     seconds = second.clock - first.clock
@@ -232,6 +237,7 @@ def contradict(first: AttitudeReading, second: AttitudeReading) -> bool:
     for axis in range(3):
         rotation = (first.rates[axis] + second.rates[axis]) / 2 * seconds
         difference = second.angles[axis] - first.angles[axis] - rotation
+        # Wrapped to −π to π.
         difference = abs((difference + pi) % (2 * pi) - pi)
         allowed = MIN_ATTITUDE_DIFFERENCE + RATE_ERROR_SHARE * abs(rotation) + acceleration_angle
         if difference > allowed:
@@ -243,11 +249,12 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
     """Returns the attitude that a message reports, as Euler angles.
 
     Args:
-        payload: of the message, without the zeros at its end that MAVLink 2 leaves out.
+        payload: payload of the message, without the zeros at its end that MAVLink 2 leaves out.
         message_id: number of the message.
 
     Returns:
-        None for a message without an attitude, and for one with a time of 0: the boot clock has not begun.
+        Time, s, angles, rad, and body rates, rad/s; None for a message without an attitude, and for one with a time of
+        0: the boot clock has not begun.
     """
     layout = ATTITUDE_LAYOUTS.get(message_id)
     if layout is None:
@@ -266,7 +273,11 @@ def attitude_reading(payload: bytes, message_id: int) -> AttitudeReading | None:
 
 
 def _euler_angles(quaternion: Sequence[float]) -> list[float]:
-    """Returns roll, pitch and heading, rad, of a unit quaternion (w, x, y, z) from body to earth."""
+    """Returns roll, pitch and heading, rad, of an attitude as a quaternion.
+
+    Args:
+        quaternion: unit quaternion (w, x, y, z) of the rotation from body to earth.
+    """
     w, x, y, z = quaternion
     roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     # Rounding may bring the sine of pitch beyond 1.

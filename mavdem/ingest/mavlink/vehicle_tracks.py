@@ -129,7 +129,11 @@ class _VehicleTrack:
         return self.steps >= MIN_CLOCK_STEPS
 
     def add(self, reading: Reading) -> None:
-        """Adds the next reading of the vehicle."""
+        """Adds the next reading of the vehicle, and counts it if its clock goes on.
+
+        Args:
+            reading: clock, and heading or position where they were sent; else they are NaN.
+        """
         if reading.clock > self.latest.clock:
             self.steps += 1
         self.latest = reading
@@ -258,7 +262,11 @@ class VehicleTracks:
         return track.heading is self._heading and track.position is self._position
 
     def _extend_track(self, readings: ReadingColumns) -> None:
-        """Adds readings (n,), at least one, that are all of the vehicle of the latest reading."""
+        """Adds readings at once that are all of the vehicle of the latest reading.
+
+        Args:
+            readings: The readings (n,), at least one.
+        """
         track = self._tracks[0]
         clocks = np.append(track.latest.clock, readings.clock)
         track.steps += int(np.count_nonzero(np.diff(clocks) > 0))
@@ -293,11 +301,19 @@ LIMIT_MARGIN = 1e-9
 
 
 def _may_contradict(readings: ReadingColumns) -> Flags:
-    """Flags readings (n,) that may contradict those before them; without doubt only the others do not.
+    """Flags readings that may contradict those before them; all others certainly do not.
 
-    The first reading, and the first with a heading or a position, are flagged too, since there is none before them.
+    It is the test of a single track for all readings at once, with limits that are lowered a little for rounding. The
+    first reading, and the first with a heading or a position, are flagged too, since there is none before them.
+
+    Args:
+        readings: The readings (n,), NaN where a message has no heading or no position.
+
+    Returns:
+        Flags (n,).
     """
     lowered = 1 - LIMIT_MARGIN
+    # A comparison with NaN is false. Negated, it flags what is not surely within the limit.
     flags = np.ones(len(readings.clock), dtype=np.bool_)
     flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * lowered)
     rows = np.flatnonzero(~np.isnan(readings.latitude))

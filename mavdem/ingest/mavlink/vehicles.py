@@ -184,7 +184,12 @@ def assemble(stream: FrameStream) -> Log:
 
 
 def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Facts:
-    """Reports what was repaired or left out of a stream, for all its vehicles."""
+    """Reports what was repaired or left out of a stream, for all its vehicles.
+
+    Args:
+        stream: The recording, with the repairs of its framing.
+        unread: Frames that could not be read, with the cause.
+    """
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
@@ -199,6 +204,9 @@ def _receive_interval(stream: FrameStream) -> Interval:
     Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set. A
     long recording is read in parts; the stamps at a part's end wait for the next part, since they are compared with the
     ones behind them too.
+
+    Args:
+        stream: The recording.
     """
     first_stamps, last_stamps = [], []
     margin = STAMP_WINDOW // 2
@@ -363,6 +371,9 @@ def _is_vehicle(component: Component) -> bool:
     """Returns whether a component is a vehicle: by its HEARTBEAT, or without any by the messages that it sent.
 
     One that sent nothing but HEARTBEATs is no vehicle here: nothing of its motion can be read.
+
+    Args:
+        component: The component, with its kind by its HEARTBEAT and its messages.
     """
     if component.kind == UNNAMED:
         return not VEHICLE_MESSAGES.isdisjoint(component.messages)
@@ -374,6 +385,10 @@ def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord
 
     MAVProxy writes the parameters it knows into its logs under a component id of its own. They may be older than what
     the vehicle sent, which therefore takes precedence.
+
+    Args:
+        vehicle: The vehicle, as one of the components.
+        records: All components of the recording.
     """
     parameters: dict[str, float] = {}
     sources = [
@@ -382,6 +397,7 @@ def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord
         if record.component.system == vehicle.component.system
         and record.component.component == PARAMETER_STORE_COMPONENT
     ]
+    # What comes later overwrites what came before: the vehicle is last.
     for record in (*sources, vehicle):
         if "PARAM_VALUE" in record.messages:
             parameters |= latest_parameters(
@@ -502,6 +518,9 @@ def _message_stamps(
         data: The recording (B,).
         definition: The definition of the message.
         starts: Offset (n,) of each frame in the recording.
+
+    Returns:
+        The stamps, which are decoded only when they are asked for, and the time after which their counter wraps.
     """
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
         if name in definition.fields:
