@@ -205,6 +205,11 @@ class Evidence:
                 if rows.any():
                     yield series.select(rows)
 
+    def values_in_flight(self, series: TimeSeries | None) -> Array:
+        """Returns the samples (N,) or (N, k) of a series in flight, one flight after another; (0,) without any."""
+        parts = [part.values for part in self.in_flight(series)]
+        return np.concatenate(parts) if parts else np.zeros(0)
+
     def averages_in_flight(self, series: TimeSeries | None) -> Array:
         """Returns the moving averages over 2 s of a scalar series in flight.
 

@@ -95,8 +95,8 @@ def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
 
 def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
     """Returns the samples (N,) or (N, k) of a series in flight; all of them where there was no flight."""
-    parts = [part.values for part in evidence.in_flight(series)]
-    return np.concatenate(parts) if parts else series.values
+    in_flight = evidence.values_in_flight(series)
+    return in_flight if len(in_flight) else series.values
 
 
 def _measured_state(values: Array) -> Fact:

@@ -9,7 +9,7 @@ from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.gps_jumps import position_jumps
 from mavdem.assessment.limits import worst_fact
-from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
+from mavdem.assessment.magnetic_field import field_change
 from mavdem.dataset.intervals import intersection, longest_true_duration, true_intervals
 from mavdem.dataset.position_fix import (
     FIX_3D,
@@ -434,18 +434,13 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     """
     fields = compass_fields(evidence.signals)
     for number, field in fields.items():
-        flight = next(evidence.in_flight(field), None)
         is_excluded = is_compass_used(evidence.signals.telemetry, number) is False
-        if flight is None or is_excluded:
+        if is_excluded or next(evidence.in_flight(field), None) is None:
             continue
-        is_before = (field.boot == flight.boot[0]) & (field.time < flight.time[0])
-        strength_on_ground = _field_strengths(field.values[is_before])
-        if len(strength_on_ground) >= MIN_SAMPLES_FOR_STATISTICS:
-            strength_in_flight = _field_strengths(flight.values)
-            change = np.median(strength_in_flight) / np.median(strength_on_ground) - 1
-            if abs(change) > MAX_FIELD_CHANGE:
-                subject = f"compass {number}" if len(fields) > 1 else ""
-                yield Fact(EstimatorLight.COMPASS_DISTURBED, subject=subject, change=change)
+        change = field_change(evidence, field)
+        if change is not None and abs(change) > MAX_FIELD_CHANGE:
+            subject = f"compass {number}" if len(fields) > 1 else ""
+            yield Fact(EstimatorLight.COMPASS_DISTURBED, subject=subject, change=change)
         return
 
 
@@ -482,13 +477,3 @@ def _has_flown_in(evidence: Evidence, boot: int) -> bool:
         if span.boot == boot and intersection([(span.start, span.end)], evidence.flights(boot)):
             return True
     return False
-
-
-def _field_strengths(field: Array) -> Array:
-    """Returns the strengths of a magnetic field, in its unit, without samples in which it was not measured and is 0.
-
-    Args:
-        field: (N, 3) along the axes of the compass.
-    """
-    strengths = np.linalg.norm(field, axis=1)
-    return strengths[strengths > 0]

@@ -1,124 +1,218 @@
-"""Charts of what a vehicle's hardware did over a flight: motor speeds, current, supply, satellites, compasses, load.
+"""Charts of what a vehicle's hardware did over a flight, part by part, and of setpoints and sticks."""
 
-They stand with the table of all instances, which has the judgement; here is only what the log has, over time.
-"""
-
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import cycle
-from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.hardware.commands import POSITION_MESSAGE, POSITION_TARGET_MESSAGE
+from mavdem.containers import Names
+from mavdem.dataset.hardware_quantities import (
+    BATTERY_CURRENT,
+    DILUTION,
+    HORIZONTAL_ACCURACY,
+    JAMMING,
+    MEMORY_FREE,
+    MEMORY_USED,
+    NOISE,
+    PROCESSOR_LOAD,
+    SERVO_RAIL,
+    SUPPLY,
+    TEMPERATURES,
+    VERTICAL_ACCURACY,
+    HardwareQuantity,
+    recorded_quantity,
+)
 from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.pilot_input import pilot_input
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.facts.hardware import HardwarePart
+from mavdem.facts.setpoints import CommandPart
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, over_time
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.palette import DISTINCT, MEASURED
+from mavdem.report.palette import DISTINCT, MEASURED, PREDICTED, TRUTH
 from mavdem.witnesses.sensors import compass_fields
 
 MIN_SAMPLES = 2
 """Samples that make a line, at least."""
 
+LOCAL_AXES = {"north": "x", "east": "y", "down": "z"}
+"""Axes of the local position, and the names of their fields."""
 
-class ReportedQuantity(NamedTuple):
-    """A field of a message that is drawn as it is, but for its unit."""
-
-    title: str
-    """What it is."""
-    unit: str
-    """Unit in which it is drawn."""
-    message: str
-    """Name of the message."""
-    field: str
-    """Name of the field."""
-    scale: float
-    """What the field is multiplied by; MAVLink's definitions have its unit."""
-    unknown: float | None
-    """Value of the field that stands for "not known"; None where the definition has none, so that 0 is a 0."""
+SHOWN_SWITCHES = 8
+"""Switches that are drawn, those that moved first: of more, the lines could not be told apart."""
 
 
-REPORTED_QUANTITIES = (
-    ReportedQuantity("Battery current", "A", "SYS_STATUS", "current_battery", 0.01, -1),
-    ReportedQuantity("Supply of the autopilot", "V", "POWER_STATUS", "Vcc", 0.001, None),
-    ReportedQuantity("Processor load", "%", "SYS_STATUS", "load", 0.1, None),
-    ReportedQuantity("Barometer temperature", "°C", "SCALED_PRESSURE", "temperature", 0.01, None),
-    ReportedQuantity("IMU temperature", "°C", "SCALED_IMU", "temperature", 0.01, 0),
-)
-"""Fields in MAVLink's units. https://mavlink.io/en/messages/common.html gives the units, and two values that stand for
-"not known": a battery current of -1, and an IMU temperature of 0."""
-
-
-def hardware_groups(evidence: Evidence, timeline: Timeline) -> list[Group]:
-    """Returns the charts of the hardware that the log shows, in two columns, with the events of the flight.
+def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Group]]:
+    """Returns the charts of each part of the hardware, and of setpoints and sticks, by the name of the part.
 
     Args:
         evidence: of the vehicle.
-        timeline: charts of the flight over the same time.
+        timeline: charts of the flight over the same time, whose events are marked.
     """
-    charts = [
-        timeline.marked(chart) for chart in _hardware_charts(evidence, timeline) if chart.lines
-    ]
-    if not charts:
-        return []
-    columns = (tuple(charts[::2]), tuple(charts[1::2]))
-    return [Group(tuple(column for column in columns if column))]
+    makers = {
+        HardwarePart.POWER: _power_charts,
+        HardwarePart.CONTROLLERS: _controller_charts,
+        HardwarePart.RECEIVERS: _receiver_charts,
+        HardwarePart.COMPASSES: _compass_charts,
+        HardwarePart.PROCESSOR: _processor_charts,
+        HardwarePart.RECORDING: _recording_charts,
+        HardwarePart.TEMPERATURES: _temperature_charts,
+        CommandPart.TARGETS: _target_charts,
+        CommandPart.STICKS: _stick_charts,
+    }
+    groups = {}
+    for part, maker in makers.items():
+        charts = [timeline.marked(chart) for chart in maker(evidence, timeline) if chart.lines]
+        columns = (tuple(charts[::2]), tuple(charts[1::2]))
+        if charts:
+            groups[str(part)] = [Group(tuple(column for column in columns if column))]
+    return groups
 
 
-def _hardware_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields all charts of the hardware; one of what was not recorded has no lines."""
-    signals = evidence.signals
-    speeds = {controller.name: controller.speed for controller in speed_controllers(signals)}
-    yield over_time("Motor speeds", "1/min", _lines(speeds, timeline))
-    yield _compass_chart(evidence, timeline)
-    satellites: dict[str, TimeSeries] = {}
+def _power_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields the battery's current, and the voltages of the autopilot's supply and of its servo rail."""
+    yield _quantity_chart("Battery current", (BATTERY_CURRENT,), evidence, timeline)
+    yield _quantity_chart("Board voltages", (SUPPLY, SERVO_RAIL), evidence, timeline)
+
+
+def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields speed, current, temperature and error count of the speed controllers, speeds beside the commands."""
+    speeds, currents, temperatures, errors = {}, {}, {}, {}
+    for controller in speed_controllers(evidence.signals):
+        speeds[controller.name] = controller.speed
+        currents[controller.name] = controller.current
+        temperatures[controller.name] = controller.temperature
+        errors[controller.name] = controller.error_count
+    yield _with_motor_command(
+        over_time("Motor speeds", "1/min", _lines(speeds, timeline)), evidence
+    )
+    yield over_time("Currents of the motors", "A", _lines(currents, timeline))
+    yield over_time("Temperatures of the controllers", "°C", _lines(temperatures, timeline))
+    has_errors = any(series is not None and series.values.any() for series in errors.values())
+    if has_errors:
+        yield over_time("Errors counted", "", _lines(errors, timeline))
+
+
+def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields satellites, dilution, accuracy, noise and jamming of the satellite receivers."""
+    satellites: dict[str, TimeSeries | None] = {}
     for number, message in enumerate(RECEIVER_MESSAGES, start=1):
-        series = recorded_series(signals.telemetry, message, "satellites_visible")
+        series = recorded_series(evidence.signals.telemetry, message, "satellites_visible")
         if series is not None:
-            satellites[f"receiver {number}"] = _without(series, UNKNOWN_SATELLITES)
+            satellites[f"receiver {number}"] = series.select(series.values != UNKNOWN_SATELLITES)
     yield over_time("Satellites", "", _lines(satellites, timeline))
-    for quantity in REPORTED_QUANTITIES:
-        series = recorded_series(signals.telemetry, quantity.message, quantity.field)
-        if series is None:
-            continue
-        if quantity.unknown is not None:
-            series = _without(series, quantity.unknown)
-        scaled = replace(series, values=quantity.scale * series.values)
-        lines = _lines({quantity.title.lower(): scaled}, timeline)
-        yield over_time(quantity.title, quantity.unit, lines)
+    yield _quantity_chart(
+        "Accuracy stated", (HORIZONTAL_ACCURACY, VERTICAL_ACCURACY), evidence, timeline
+    )
+    yield _quantity_chart("Dilution (HDOP)", (DILUTION,), evidence, timeline)
+    yield _quantity_chart("Noise and jamming", (NOISE, JAMMING), evidence, timeline)
 
 
-def _compass_chart(evidence: Evidence, timeline: Timeline) -> Chart:
-    """Returns the chart of the size of the magnetic field at each compass, with the mean command of the motors.
+def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields the size of the magnetic field at each compass, with the mean command of the motors.
 
     The earth's field has one size wherever the vehicle points: what follows the motors comes from their currents.
     """
-    sizes = {}
+    sizes: dict[str, TimeSeries | None] = {}
     for number, field in compass_fields(evidence.signals).items():
         sizes[f"compass {number}"] = replace(field, values=np.linalg.norm(field.values, axis=1))
-    lines = _lines(sizes, timeline)
-    chart = over_time("Magnetic field", "mGauss", lines)
+    yield _with_motor_command(
+        over_time("Magnetic field", "mGauss", _lines(sizes, timeline)), evidence
+    )
+
+
+def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields load and memory of the processor."""
+    yield _quantity_chart("Processor load", (PROCESSOR_LOAD,), evidence, timeline)
+    yield _quantity_chart("Memory used", (MEMORY_USED,), evidence, timeline)
+    yield _quantity_chart("Memory free", (MEMORY_FREE,), evidence, timeline)
+
+
+def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields the time between two samples of the attitude, ms, drawn at the later one."""
+    attitude = evidence.signals.attitude
+    angle = None if attitude is None else series_of_boot(attitude.angle_series, timeline.boot)
+    if angle is None or len(angle.time) <= MIN_SAMPLES:
+        return
+    steps = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
+    yield over_time("Time between attitudes", "ms", _lines({"step": steps}, timeline))
+
+
+def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields the temperatures of processor, IMU and barometer in one chart."""
+    yield _quantity_chart("Temperatures", TEMPERATURES, evidence, timeline)
+
+
+def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields position and velocity along each axis with their setpoints, where these were recorded."""
+    telemetry = evidence.signals.telemetry
+    for prefix, title, unit in (("", "Position", "m"), ("v", "Velocity", "m/s")):
+        for name, axis in LOCAL_AXES.items():
+            field = f"{prefix}{axis}"
+            target = recorded_series(telemetry, POSITION_TARGET_MESSAGE, field)
+            target_lines = _lines({"setpoint": target}, timeline, [TRUTH])
+            if target_lines:
+                estimate = recorded_series(telemetry, POSITION_MESSAGE, field)
+                lines = _lines({name: estimate}, timeline, [PREDICTED])
+                yield over_time(f"{title} {name}", unit, (*target_lines, *lines))
+
+
+def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields the sticks and the switches, of which those that changed most come first."""
+    inputs = pilot_input(evidence.signals)
+    yield over_time("Sticks", inputs.unit, _lines(inputs.sticks, timeline))
+    by_change = sorted(inputs.switches.items(), key=lambda item: -np.ptp(item[1].values))
+    shown = {f"channel {number}": series for number, series in by_change[:SHOWN_SWITCHES]}
+    yield over_time("Switches", "µs", _lines(shown, timeline))
+
+
+def _quantity_chart(
+    title: str, quantities: Iterable[HardwareQuantity], evidence: Evidence, timeline: Timeline
+) -> Chart:
+    """Returns a chart with a line for each of some quantities of one unit that was recorded."""
+    unit = ""
+    series = {}
+    for quantity in quantities:
+        unit = quantity.unit
+        series[quantity.name] = recorded_quantity(evidence.signals, quantity)
+    return over_time(title, unit, _lines(series, timeline))
+
+
+def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
+    """Returns a chart with the mean command of the motors on its right axis, where they were recorded."""
     history = evidence.time_history
-    if not lines or history is None or history.motors is None:
+    if not chart.lines or history is None or history.motors is None:
         return chart
     outputs = history.motors.outputs
     if outputs is None:
         return chart
-    mean = outputs.values.mean(axis=1)
+    mean: Array = outputs.values.mean(axis=1)
     command = Line("motors", MEASURED, outputs.time, mean, is_on_right_axis=True)
-    return chart._replace(lines=(*lines, command), right_axis=Axis("motors (%)"))
+    return chart._replace(lines=(*chart.lines, command), right_axis=Axis("motors (%)"))
 
 
-def _lines(series_by_name: dict[str, TimeSeries], timeline: Timeline) -> tuple[Line, ...]:
-    """Returns a line for each series that has samples within the time of the other charts."""
+def _lines(
+    series_by_name: Mapping[str, TimeSeries | None],
+    timeline: Timeline,
+    colours: Names | list[str] = DISTINCT,
+) -> tuple[Line, ...]:
+    """Returns a line for each series that has samples within the time of the other charts.
+
+    Args:
+        series_by_name: (N,) samples by the name of the line; None where they were not recorded.
+        timeline: the other charts.
+        colours: colours that the lines get in turn.
+    """
     lines = []
     start, end = timeline.span
-    for (name, series), colour in zip(series_by_name.items(), cycle(DISTINCT), strict=False):
-        of_boot = series_of_boot(series, timeline.boot)
+    for (name, series), colour in zip(series_by_name.items(), cycle(colours), strict=False):
+        of_boot = None if series is None else series_of_boot(series, timeline.boot)
         if of_boot is None:
             continue
         is_shown = (of_boot.time >= start) & (of_boot.time <= end)
@@ -126,8 +220,3 @@ def _lines(series_by_name: dict[str, TimeSeries], timeline: Timeline) -> tuple[L
             values: Array = of_boot.values[is_shown]
             lines.append(Line(name, colour, of_boot.time[is_shown], values))
     return tuple(lines)
-
-
-def _without(series: TimeSeries, unknown: float) -> TimeSeries:
-    """Returns a series (N,) without the samples that stand for "not known"."""
-    return series.select(series.values != unknown)

@@ -36,7 +36,6 @@ from mavdem.report.charts.flight_charts import (
     spectrum_chart,
 )
 from mavdem.report.charts.flown_path import flown_path
-from mavdem.report.charts.hardware_charts import hardware_groups
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
 from mavdem.report.condition import air_blocks, log_blocks
@@ -46,6 +45,7 @@ from mavdem.report.labels import Labels
 from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
+from mavdem.report.pages.hardware_chapters import hardware_chapters
 from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
 from mavdem.report.pages.page import (
     Chapter,
@@ -194,6 +194,9 @@ def _opened_where_not_good(chapters: Iterable[Chapter], lights: NamedFacts) -> I
         for light, title in CHAPTER_OF_LIGHT.items():
             if title == chapter.title and light in lights:
                 levels.add(lights[light].level)
+        # A chapter of sections has the worst of their levels.
+        if chapter.sections and chapter.level is not None:
+            levels.add(chapter.level)
         is_open = worst in levels and chapter.title != LOG_TITLE
         # From the worst level to the best one; a level that is not known may hide a bad one.
         for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
@@ -298,11 +301,9 @@ def _flight_chapters(
         level = Level.WATCH if any(check.warns for check in checks) else None
         yield Chapter("What can be trusted", [trust_table(evidence.trust)], level=level)
     if assessment.instances:
-        table = instance_table(assessment.instances, evidence.has_flown)
-        groups = []
-        if is_full and timeline is not None:
-            groups = hardware_groups(evidence, timeline)
-        yield Chapter(INSTANCES_TITLE, [table], groups)
+        yield Chapter(INSTANCES_TITLE, [instance_table(assessment.instances, evidence.has_flown)])
+    if is_full:
+        yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full)
 
 

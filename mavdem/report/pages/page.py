@@ -21,7 +21,7 @@ from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.evidence import Evidence
 from mavdem.dem import Learned
-from mavdem.facts import Level, NamedFacts
+from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
@@ -67,6 +67,22 @@ class PageLink(NamedTuple):
     """Address of the page, relative to the one with the link."""
 
 
+class Section(NamedTuple):
+    """A part of a chapter that shows its title, its level and one sentence, and the rest when it is opened."""
+
+    title: str
+    """Heading."""
+
+    fact: Fact
+    """What it says; a level that is unknown is not shown, since nothing was judged."""
+
+    groups: Sequence[Group] = ()
+    """Groups of charts."""
+
+    blocks: Sequence[Block] = ()
+    """Sentences and tables."""
+
+
 class Chapter(NamedTuple):
     """A part of a page after its result, with sentences, tables and charts."""
 
@@ -93,6 +109,9 @@ class Chapter(NamedTuple):
 
     notch_trial: NotchTrial | None = None
     """A notch filter whose settings a reader tries, which is not printed; None without."""
+
+    sections: Sequence[Section] = ()
+    """Parts with a sentence each, which are open where they are to be watched or bad."""
 
     @property
     def anchor(self) -> str:
@@ -205,7 +224,11 @@ def render_document(
     chapters_with_content = [
         chapter
         for chapter in chapters
-        if chapter.blocks or chapter.groups or chapter.searchable or chapter.notch_trial
+        if chapter.blocks
+        or chapter.groups
+        or chapter.searchable
+        or chapter.notch_trial
+        or chapter.sections
     ]
     has_charts = head is not None or any(
         chapter.groups or chapter.notch_trial for chapter in chapters_with_content

@@ -12,14 +12,16 @@ TIME = HOVER.stamps(5.0)
 
 
 def charts_by_title(telemetry):
-    """The charts of the hardware of a vehicle by their titles."""
+    """The charts of the hardware of a vehicle by their titles, the parts that have charts, and the timeline."""
     evidence = evidence_of(Signals(telemetry))
     timeline = timeline_of_history(evidence.time_history)
     charts = {}
-    for group in hardware_groups(evidence, timeline):
-        for column in group.columns:
-            charts |= {chart.title: chart for chart in column}
-    return charts, timeline
+    parts = hardware_groups(evidence, timeline)
+    for groups in parts.values():
+        for group in groups:
+            for column in group.columns:
+                charts |= {chart.title: chart for chart in column}
+    return charts, set(parts), timeline
 
 
 def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
@@ -28,6 +30,7 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
         np.repeat(TIME, 2),
         Instance=np.tile([0, 1], len(TIME)),
         RPM=np.column_stack([5000 + TIME, 4000 + TIME]).ravel(),
+        Curr=5.0,
     )
     telemetry = changed(telemetry, "ESC", **controllers)
     telemetry = changed(
@@ -41,23 +44,39 @@ def test_speeds_compasses_and_reported_quantities_are_drawn_in_plain_units():
     # At the freezing point: MAVLink has no value for a barometer temperature that is not known.
     pressure = columns(TIME, press_abs=1000.0, temperature=np.where(np.median(TIME) > TIME, 0, 100))
     telemetry = changed(telemetry, "SCALED_PRESSURE", **pressure)
-    charts, timeline = charts_by_title(telemetry)
-    assert [line.name for line in charts["Motor speeds"].lines] == ["ESC 1", "ESC 2"]
+    charts, _, timeline = charts_by_title(telemetry)
+    speeds = charts["Motor speeds"].lines
+    assert [line.name for line in speeds] == ["ESC 1", "ESC 2", "motors"]
+    assert speeds[-1].is_on_right_axis
+    np.testing.assert_allclose(charts["Currents of the motors"].lines[1].y, 5)
     compass, motors = charts["Magnetic field"].lines
     np.testing.assert_allclose(compass.y, 500)
     assert motors.is_on_right_axis
     np.testing.assert_allclose(charts["Battery current"].lines[0].y, 12.5)
     np.testing.assert_allclose(charts["Processor load"].lines[0].y, 30.5)
-    assert set(charts["Barometer temperature"].lines[0].y) == {0, 1}
+    # 0 throughout stands for an IMU temperature that is not known.
+    (barometer,) = charts["Temperatures"].lines
+    assert (barometer.name, set(barometer.y)) == ("barometer", {0, 1})
     assert charts["Motor speeds"].x.limits == timeline.span
-    # 0 stands for an IMU temperature that is not known.
-    assert "IMU temperature" not in charts
 
 
-def test_a_log_without_such_messages_has_no_charts():
+def test_setpoints_are_drawn_with_the_estimate_and_switches_beside_the_sticks():
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    target = columns(TIME, x=1.0, y=np.nan, z=-2.0, vx=np.nan, vy=np.nan, vz=0.0)
+    telemetry = changed(telemetry, "POSITION_TARGET_LOCAL_NED", **target)
+    channels = {f"chan{number}_raw": 1500 + number for number in range(1, 7)}
+    telemetry = changed(telemetry, "RC_CHANNELS", **columns(TIME, **channels))
+    charts, _, _ = charts_by_title(telemetry)
+    assert charts["Position north"].lines[0].name == "setpoint"
+    assert "Position east" not in charts
+    assert [line.name for line in charts["Sticks"].lines] == ["roll", "pitch", "throttle", "yaw"]
+    assert {line.name for line in charts["Switches"].lines} == {"channel 5", "channel 6"}
+
+
+def test_a_log_without_such_messages_has_charts_of_its_sampling_alone():
     telemetry = HOVER.telemetry(20.0, 20.0)
     kept = {"ATTITUDE", "HEARTBEAT", "SERVO_OUTPUT_RAW"}
     for message in set(telemetry.messages) - kept:
         telemetry = changed(telemetry, message, time=np.zeros(0), boot=np.zeros(0, int))
-    charts, _ = charts_by_title(telemetry)
-    assert not charts
+    _, parts, _ = charts_by_title(telemetry)
+    assert parts == {"recording"}

@@ -20,12 +20,13 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
+from mavdem.facts.hardware import HardwareFact
 from mavdem.facts.session import VehicleFact
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.report.charts.timeline import live_timeline, timeline_of
 from mavdem.report.pages.flight_page import flight_page, log_page
-from mavdem.report.pages.page import Head, PageEvent, render_document
+from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
 
 UNSEEN = "\N{RIGHT-TO-LEFT OVERRIDE}\a"
@@ -257,3 +258,27 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
         history.add_row(2, time, np.zeros(2), None, (0.5, 2.0))
     wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
+
+
+def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
+    warm = Fact(
+        HardwareFact.TEMPERATURES_MEASURED,
+        Level.UNKNOWN,
+        names=("IMU",),
+        temperatures_least=(20.0,),
+        temperatures=(25.0,),
+    )
+    gaps = Fact(
+        HardwareFact.RECORDING_MEASURED,
+        Level.WATCH,
+        time=15.0,
+        step=0.1,
+        longest_gap=1.5,
+        dropouts=0,
+    )
+    sections = [Section("Temperatures", warm), Section("Recording", gaps)]
+    text = render_document("a.tlog", "", [], [Chapter("Hardware", folded=True, sections=sections)])
+    temperatures, recording = text.split('<details class="part"')[1:]
+    assert "In flight IMU 20 to 25 °C." in temperatures and "rating" not in temperatures
+    assert recording.startswith(" open>") and '"rating watch"' in recording
+    assert "longest gap in flight 1.5 s, from 15.0 s." in recording

@@ -1,0 +1,152 @@
+"""Which sensors are there and calibrated, by the autopilot's parameters: the same tests that it makes before arming."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.hardware import HardwareFact
+from mavdem.ingest.telemetry import Parameters, Telemetry
+
+MAX_SENSORS = 4
+"""Number of sensors of a kind that have parameters: 3 in ArduPilot, 4 in PX4."""
+
+BUSES = {1: "I2C", 2: "SPI", 3: "CAN", 4: "simulated", 5: "MSP", 6: "serial"}
+"""Buses of a sensor, by the lower three bits of its device id, in ArduPilot (AP_HAL/Device.h) and PX4
+(src/lib/drivers/device/Device.hpp)."""
+
+BUS_BITS, BUS_NUMBER_BITS = 3, 5
+"""Bits of a device id with the kind of the bus, and above them with its number."""
+
+
+class SensorParameters(NamedTuple):
+    """The parameters of one sensor of ArduPilot, with a place for its number."""
+
+    kind: str
+    """What it is."""
+    identifier: str
+    """The parameter with its device id, 0 where there is none."""
+    offsets: str
+    """The beginning of the parameters with its offsets, which are all 0 before it is calibrated."""
+    use: str
+    """The parameter that says whether it is used."""
+    priority: str = ""
+    """The parameter with the device id in the order of priority, which then numbers the sensors; empty without one."""
+
+
+ARDUPILOT_SENSORS = (
+    SensorParameters("accelerometer", "INS_ACC{}_ID", "INS_ACC{}OFFS_", "INS_USE{}"),
+    SensorParameters(
+        "compass", "COMPASS_DEV_ID{}", "COMPASS_OFS{}_", "COMPASS_USE{}", "COMPASS_PRIO{}_ID"
+    ),
+)
+"""ArduPilot's sensors that are calibrated before the first flight. ``AP_Arming`` refuses to arm where one that is used
+has no offsets ("3D Accel calibration needed", "Compass not calibrated")."""
+
+PX4_SENSORS = {"accelerometer": "CAL_ACC{}", "gyro": "CAL_GYRO{}", "compass": "CAL_MAG{}"}
+"""Beginnings of the parameters of PX4's sensors: with _ID, the device that was calibrated, 0 for none; with _PRIO, its
+priority, 0 where it is switched off."""
+
+
+class CalibratedSensor(NamedTuple):
+    """One sensor that the parameters name."""
+
+    name: str
+    """Its kind and number, from 1: "compass 2"."""
+    bus: str
+    """The bus it is on: "SPI 1"; empty where that is not known."""
+    is_used: bool
+    """Whether the autopilot uses it."""
+    is_calibrated: bool
+    """Whether it was calibrated."""
+
+
+def calibration_fact(telemetry: Telemetry) -> Fact | None:
+    """Returns which sensors are calibrated; to be watched where one that is used is not. None without parameters.
+
+    Args:
+        telemetry: of the vehicle.
+    """
+    sensors = list(sensors_of(telemetry))
+    if not sensors:
+        return None
+    used = [sensor for sensor in sensors if sensor.is_used]
+    missing = [sensor.name for sensor in used if not sensor.is_calibrated]
+    return Fact(
+        HardwareFact.SENSORS_CALIBRATED,
+        Level.WATCH if missing else Level.GOOD,
+        names=[sensor.name for sensor in used if sensor.is_calibrated],
+        missing=missing,
+    )
+
+
+def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
+    """Yields the sensors that the autopilot's parameters name, kind by kind.
+
+    Args:
+        telemetry: of the vehicle.
+    """
+    if telemetry.autopilot == "PX4":
+        yield from _px4_sensors(telemetry.parameters)
+    else:
+        yield from _ardupilot_sensors(telemetry.parameters)
+
+
+def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
+    """Yields ArduPilot's accelerometers and compasses, compasses in the order of priority, as its log numbers them."""
+    for sensor in ARDUPILOT_SENSORS:
+        identifiers = _identifiers(parameters, sensor.identifier)
+        is_calibrated = {}
+        for identifier, suffix in identifiers.items():
+            prefix = sensor.offsets.format(suffix)
+            is_calibrated[identifier] = any(
+                parameters.get(f"{prefix}{axis}", 0.0) for axis in "XYZ"
+            )
+        order = identifiers
+        if sensor.priority and parameters.get(sensor.priority.format(1), 0):
+            order = _identifiers(parameters, sensor.priority, is_first_numbered=True)
+        for identifier, suffix in order.items():
+            yield CalibratedSensor(
+                f"{sensor.kind} {suffix or 1}",
+                bus_name(identifier),
+                is_used=parameters.get(sensor.use.format("" if suffix == "1" else suffix), 1) > 0,
+                is_calibrated=is_calibrated.get(identifier, False),
+            )
+
+
+def _identifiers(
+    parameters: Parameters, name: str, is_first_numbered: bool = False
+) -> dict[int, str]:
+    """Returns the number in the name of a parameter, as text, by the device id that it has; the first of equal ones.
+
+    Args:
+        parameters: of the autopilot.
+        name: of the parameter, with a place for the number.
+        is_first_numbered: whether the name of the first has a number too; otherwise it has none.
+    """
+    suffixes: dict[int, str] = {}
+    for number in range(1, MAX_SENSORS + 1):
+        suffix = "" if number == 1 and not is_first_numbered else str(number)
+        identifier = int(parameters.get(name.format(suffix), 0))
+        if identifier:
+            suffixes.setdefault(identifier, suffix)
+    return suffixes
+
+
+def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
+    """Yields PX4's accelerometers, gyros and compasses that were calibrated: it has parameters of no others."""
+    for kind, prefix in PX4_SENSORS.items():
+        for index in range(MAX_SENSORS):
+            name = prefix.format(index)
+            identifier = int(parameters.get(f"{name}_ID", 0))
+            if identifier:
+                is_used = parameters.get(f"{name}_PRIO", -1) != 0
+                yield CalibratedSensor(
+                    f"{kind} {index + 1}", bus_name(identifier), is_used, is_calibrated=True
+                )
+
+
+def bus_name(identifier: int) -> str:
+    """Returns the bus of a device id with its number: "SPI 1"; empty where the kind of bus is not known."""
+    kind = BUSES.get(identifier & ((1 << BUS_BITS) - 1), "")
+    number = identifier >> BUS_BITS & ((1 << BUS_NUMBER_BITS) - 1)
+    return f"{kind} {number}" if kind else ""

@@ -1,0 +1,91 @@
+"""What commanded the vehicle: how it followed the setpoints of its position, and which sticks and switches moved."""
+
+import numpy as np
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.pilot_input import pilot_input
+from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.facts import Fact, Level, NamedFacts
+from mavdem.facts.setpoints import CommandFact, CommandPart
+
+POSITION_TARGET_MESSAGE = "POSITION_TARGET_LOCAL_NED"
+"""Message with the setpoints of position, x, y and z, m, and velocity, vx, vy and vz, m/s."""
+
+POSITION_MESSAGE = "LOCAL_POSITION_NED"
+"""Message with the estimates of both."""
+
+MIN_STICK_CHANGE = {"%": 5.0, "µs": 50.0}
+"""Change of a stick in flight, by its unit, from which on it moved: ten times what receivers and springs leave."""
+
+MIN_SWITCH_CHANGE = 100.0
+"""Change of a channel, µs, from which on its switch moved: those of three positions change by some 400."""
+
+
+def command_facts(evidence: Evidence) -> NamedFacts:
+    """Returns what is known of setpoints and sticks, by its name; nothing where they were not recorded in flight.
+
+    Neither is judged: how near a vehicle should keep to its position depends on gusts and on what is flown.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    facts = {
+        CommandPart.TARGETS: _targets_fact(evidence),
+        CommandPart.STICKS: _sticks_fact(evidence),
+    }
+    return {str(part): fact for part, fact in facts.items() if fact is not None}
+
+
+def _targets_fact(evidence: Evidence) -> Fact | None:
+    """Returns the errors (RMS) of the position in flight; None without a setpoint in flight."""
+    squares = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
+    velocities = [
+        recorded_series(evidence.signals.telemetry, POSITION_TARGET_MESSAGE, f"v{axis}")
+        for axis in "xyz"
+    ]
+    has_velocity = any(next(evidence.in_flight(series), None) for series in velocities)
+    horizontal = None
+    if len(squares["x"]) and len(squares["y"]):
+        horizontal = float(np.sqrt(squares["x"].mean() + squares["y"].mean()))
+    vertical = float(np.sqrt(squares["z"].mean())) if len(squares["z"]) else None
+    if horizontal is None and vertical is None and not has_velocity:
+        return None
+    return Fact(
+        CommandFact.TARGETS_FOLLOWED, Level.UNKNOWN, horizontal=horizontal, vertical=vertical
+    )
+
+
+def _squared_errors(evidence: Evidence, axis: str) -> np.ndarray:
+    """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any."""
+    telemetry = evidence.signals.telemetry
+    position = recorded_series(telemetry, POSITION_MESSAGE, axis)
+    parts = [np.zeros(0)]
+    for target in evidence.in_flight(recorded_series(telemetry, POSITION_TARGET_MESSAGE, axis)):
+        estimate = None if position is None else series_of_boot(position, int(target.boot[0]))
+        if estimate is not None:
+            parts.append(
+                (np.interp(target.time, estimate.time, estimate.values) - target.values) ** 2
+            )
+    return np.concatenate(parts)
+
+
+def _sticks_fact(evidence: Evidence) -> Fact | None:
+    """Returns which sticks and switches moved in flight; None where none was recorded."""
+    inputs = pilot_input(evidence.signals)
+    if not inputs.sticks and not inputs.switches:
+        return None
+    moved = []
+    for name, series in inputs.sticks.items():
+        if _change_in_flight(evidence, series) >= MIN_STICK_CHANGE[inputs.unit]:
+            moved.append(name)
+    channels = []
+    for number, series in inputs.switches.items():
+        if _change_in_flight(evidence, series) >= MIN_SWITCH_CHANGE:
+            channels.append(str(number))
+    return Fact(CommandFact.STICKS_MOVED, Level.UNKNOWN, names=moved, channels=channels)
+
+
+def _change_in_flight(evidence: Evidence, series: TimeSeries) -> float:
+    """Returns by how much a series (N,) changed within a flight at most, in its unit."""
+    return max((float(np.ptp(part.values)) for part in evidence.in_flight(series)), default=0.0)

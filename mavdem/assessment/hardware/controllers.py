@@ -1,0 +1,53 @@
+"""Speed controllers over a flight: speeds, currents and temperatures that they measure, and errors that they count."""
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.instances import MAX_ERROR_RATE
+from mavdem.dataset.speed_controllers import speed_controllers
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact, Level
+from mavdem.facts.hardware import HardwareFact
+
+
+def controllers_fact(evidence: Evidence) -> Fact | None:
+    """Returns what the speed controllers measured in flight; None without a flight or a controller that reports.
+
+    The level is to be watched where one of them counted more than ``MAX_ERROR_RATE`` errors per second, good where
+    all count errors and none did; without counts it is unknown.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    controllers = speed_controllers(evidence.signals)
+    speeds = _in_flight(evidence, [controller.speed for controller in controllers])
+    if not len(speeds):
+        return None
+    currents = _in_flight(evidence, [controller.current for controller in controllers])
+    temperatures = _in_flight(evidence, [controller.temperature for controller in controllers])
+    level = Level.UNKNOWN
+    errors = None
+    if all(controller.error_count is not None for controller in controllers):
+        level, errors = Level.GOOD, 0
+        for controller in controllers:
+            for flight in evidence.in_flight(controller.error_count):
+                count = max(int(flight.values[-1] - flight.values[0]), 0)
+                errors += count
+                if count > MAX_ERROR_RATE * np.ptp(flight.time):
+                    level = Level.WATCH
+    return Fact(
+        HardwareFact.CONTROLLERS_MEASURED,
+        level,
+        count=len(controllers),
+        rotation_least=speeds.min(),
+        rotation=speeds.max(),
+        current=currents.max() if len(currents) else None,
+        temperature=temperatures.max() if len(temperatures) else None,
+        errors=errors,
+    )
+
+
+def _in_flight(evidence: Evidence, series: list[TimeSeries | None]) -> Array:
+    """Returns all samples in flight (N,) of several series, one after another."""
+    return np.concatenate([np.zeros(0), *map(evidence.values_in_flight, series)])

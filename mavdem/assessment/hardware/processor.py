@@ -1,0 +1,86 @@
+"""The autopilot's processor over a flight: its load, its memory, and main loops that took too long."""
+
+import numpy as np
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.hardware_quantities import (
+    MEMORY_FREE,
+    MEMORY_USED,
+    PROCESSOR_LOAD,
+    recorded_quantity,
+)
+from mavdem.dataset.time_series import recorded_series
+from mavdem.facts import Fact, Level
+from mavdem.facts.hardware import HardwareFact
+
+FULL_LOAD = 100.0
+"""Load, %, of SYS_STATUS below which a processor should always be (MAVLink's common.xml, ``load``)."""
+
+LOAD_PARAMETER = "COM_CPU_MAX"
+"""PX4's parameter of the load, %, above which it does not arm; a negative one switches that off."""
+
+MEMORY_PARAMETER = "COM_RAM_MAX"
+"""PX4's parameter of the share of the memory, %, above which it does not arm; a negative one switches that off."""
+
+LOOP_COUNT_FIELDS = ("NL", "NLoop")
+"""Fields of DataFlash's PM with the number of main loops since the message before, today and before ArduPilot 4.1."""
+
+
+def processor_fact(evidence: Evidence) -> Fact | None:
+    """Returns load and memory of the processor in flight; None where the load was not recorded then.
+
+    The load is that of the busiest 2 s (their mean), since PX4 itself waits so long before it complains. It is to be
+    watched from the limit on that the autopilot has: PX4's parameters, or the full load of ArduPilot's main loop.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    signals = evidence.signals
+    loads = evidence.averages_in_flight(recorded_quantity(signals, PROCESSOR_LOAD))
+    if not len(loads):
+        return None
+    parameters = signals.telemetry.parameters
+    load_limit: float | None = FULL_LOAD
+    if signals.telemetry.autopilot == "PX4":
+        load_limit = parameters.get(LOAD_PARAMETER)
+    memory_used = evidence.values_in_flight(recorded_quantity(signals, MEMORY_USED))
+    memory = float(memory_used.max()) if len(memory_used) else None
+    memory_limit = parameters.get(MEMORY_PARAMETER)
+    load = float(loads.max())
+    is_busy = _exceeds(load, load_limit)
+    is_full = _exceeds(memory, memory_limit)
+    is_judged = load_limit is not None and load_limit > 0
+    level = Level.GOOD if is_judged else Level.UNKNOWN
+    if is_busy or is_full:
+        level = Level.WATCH
+    memory_free = evidence.values_in_flight(recorded_quantity(signals, MEMORY_FREE))
+    return Fact(
+        HardwareFact.PROCESSOR_MEASURED,
+        level,
+        load=load,
+        load_usual=float(np.median(loads)),
+        load_limit=load_limit if is_busy else None,
+        memory=memory,
+        memory_share_limit=memory_limit if is_full else None,
+        memory_free=memory_free.min() if len(memory_free) else None,
+        share=_share_of_long_loops(evidence),
+    )
+
+
+def _exceeds(value: float | None, limit: float | None) -> bool:
+    """Returns whether a value reaches a limit that is positive; not where one of them is not known."""
+    return value is not None and limit is not None and 0 < limit <= value
+
+
+def _share_of_long_loops(evidence: Evidence) -> float | None:
+    """Returns the share of ArduPilot's main loops in flight that took too long; None where they were not counted."""
+    for field in LOOP_COUNT_FIELDS:
+        loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", field)
+        if loops is None:
+            continue
+        counts = evidence.values_in_flight(loops)
+        if not len(counts) or not counts[:, 1].sum():
+            return None
+        long_count, count = counts.sum(axis=0)
+        return float(long_count / count)
+    return None

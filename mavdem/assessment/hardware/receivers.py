@@ -1,0 +1,88 @@
+"""The satellite receiver over a flight: satellites, dilution, accuracy, noise and jamming."""
+
+import numpy as np
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.lights.estimator import MAX_DILUTION, MIN_SATELLITES
+from mavdem.dataset.hardware_quantities import (
+    DILUTION,
+    HORIZONTAL_ACCURACY,
+    JAMMING,
+    NOISE,
+    recorded_quantity,
+)
+from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
+from mavdem.dataset.time_series import recorded_series
+from mavdem.facts import Fact, Level
+from mavdem.facts.hardware import HardwareFact, ReceiverDoubt
+from mavdem.ingest.telemetry import Telemetry
+
+TYPICAL_SHARE = 0.95
+"""Share of the flight for which a figure holds that stands for it: single bad samples pass."""
+
+MAX_JAMMING = 80.0
+"""Jamming indicator from which on "the setup must be inspected"
+(https://docs.px4.io/main/en/log/flight_review.html, "GPS Noise & Jamming"); about 40 and less is usual."""
+
+MAX_ACCURACY_PX4 = 3.0
+"""Horizontal accuracy, m, that PX4's filter asks for before it uses a receiver: the default of EKF2_REQ_EPH."""
+
+MAX_ACCURACY_ARDUPILOT = 5.0
+"""Horizontal accuracy, m, that ArduPilot's filter asks for before it uses a receiver (AP_NavEKF3_VehicleStatus.cpp)."""
+
+
+def receiver_fact(evidence: Evidence) -> Fact | None:
+    """Returns how well the first satellite receiver measured in flight; None where it was not recorded then.
+
+    It is to be watched where it usually (by the median) had fewer satellites or was less accurate than the autopilot's
+    filter asks for, or where its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    signals = evidence.signals
+    counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")
+    if counts is not None:
+        counts = counts.select(counts.values != UNKNOWN_SATELLITES)
+    satellites = evidence.values_in_flight(counts)
+    if not len(satellites):
+        return None
+    doubts = []
+    if np.median(satellites) < MIN_SATELLITES:
+        doubts.append(ReceiverDoubt.SATELLITES)
+    limits = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
+    figures: dict[str, float | None] = {}
+    for name, quantity in QUANTITIES.items():
+        values = evidence.values_in_flight(recorded_quantity(signals, quantity))
+        figures[name] = float(np.quantile(values, TYPICAL_SHARE)) if len(values) else None
+        if len(values) and name in limits and np.median(values) > limits[name]:
+            doubts.append(ReceiverDoubt(name))
+    jamming = figures["jamming"]
+    if jamming is not None and jamming >= MAX_JAMMING:
+        doubts.append(ReceiverDoubt.JAMMING)
+    return Fact(
+        HardwareFact.RECEIVER_MEASURED,
+        Level.WATCH if doubts else Level.GOOD,
+        satellites=np.quantile(satellites, 1 - TYPICAL_SHARE),
+        dilution=figures["dilution"],
+        accuracy=figures["accuracy"],
+        noise=figures["noise"],
+        jamming=jamming,
+        doubts=doubts,
+    )
+
+
+QUANTITIES = {
+    "dilution": DILUTION,
+    "accuracy": HORIZONTAL_ACCURACY,
+    "noise": NOISE,
+    "jamming": JAMMING,
+}
+"""Quantities of a receiver that are worse the larger they are, by the name of the fact's figure."""
+
+
+def _accuracy_limit(telemetry: Telemetry) -> float:
+    """Returns the horizontal accuracy, m, that the autopilot's filter asks for before it uses a receiver."""
+    if telemetry.autopilot == "PX4":
+        return telemetry.parameters.get("EKF2_REQ_EPH", MAX_ACCURACY_PX4)
+    return MAX_ACCURACY_ARDUPILOT

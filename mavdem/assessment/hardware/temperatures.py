@@ -1,0 +1,32 @@
+"""Temperatures of processor, IMU and barometer in flight. No documentation has limits for them: they are not judged."""
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.dataset.hardware_quantities import TEMPERATURES, recorded_quantity
+from mavdem.facts import Fact, Level
+from mavdem.facts.hardware import HardwareFact
+
+
+def temperatures_fact(evidence: Evidence) -> Fact | None:
+    """Returns the lowest and highest temperatures in flight of each sensor that has one; None where none has.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
+    names = []
+    lowest = []
+    highest = []
+    for quantity in TEMPERATURES:
+        values = evidence.values_in_flight(recorded_quantity(evidence.signals, quantity))
+        if len(values):
+            names.append(quantity.name)
+            lowest.append(values.min())
+            highest.append(values.max())
+    if not names:
+        return None
+    return Fact(
+        HardwareFact.TEMPERATURES_MEASURED,
+        Level.UNKNOWN,
+        names=names,
+        temperatures_least=lowest,
+        temperatures=highest,
+    )

@@ -1,0 +1,98 @@
+"""The pilot's sticks and switches: all of them as the autopilot got them, from -100 to 100 % or in µs."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.ingest.telemetry import Parameters
+
+STICKS = ("roll", "pitch", "throttle", "yaw")
+"""The sticks in the order of ArduPilot's default channels, 1 to 4."""
+
+STICK_CHANNEL_PARAMETERS = {stick: f"RCMAP_{stick.upper()}" for stick in STICKS}
+"""ArduPilot's parameters with the channel of each stick."""
+
+STICK_FIELDS = {"roll": "y", "pitch": "x", "throttle": "z", "yaw": "r"}
+"""Fields of MANUAL_CONTROL with the sticks, -1000 to 1000, but 0 to 1000 for the throttle."""
+
+MAX_CHANNELS = 18
+"""Number of channels of RC_CHANNELS, and of PX4's input_rc."""
+
+POSSIBLE_PULSE = (750.0, 2250.0)
+"""Pulse widths, µs, of a channel; receivers without a signal report 0 or 65535."""
+
+
+class PilotInput(NamedTuple):
+    """What the pilot's remote control sent."""
+
+    sticks: dict[str, TimeSeries]
+    """Each stick (N,) by its name, in ``unit``."""
+    unit: str
+    """Unit of the sticks: "%" of their travel, or "µs"."""
+    switches: dict[int, TimeSeries]
+    """Pulse width (M,), µs, of each channel beyond the sticks, by its number from 1."""
+
+
+def pilot_input(signals: Signals) -> PilotInput:
+    """Returns the sticks and switches that were recorded; empty where none was.
+
+    PX4's manual control has the sticks without their channels; then the first four channels count as those.
+
+    Args:
+        signals: of the vehicle.
+    """
+    channels = _channels(signals)
+    stick_channels = _stick_channels(signals.telemetry.parameters)
+    switches = {}
+    for number, series in channels.items():
+        if number not in stick_channels.values():
+            switches[number] = series
+    columns = signals.telemetry.messages.get("MANUAL_CONTROL", {})
+    sticks = {}
+    for stick, field in STICK_FIELDS.items():
+        if field in columns:
+            series = clean_series(columns, 0.1 * float_column(columns, field))
+            if len(series.time):
+                sticks[stick] = series
+    if len(sticks) == len(STICKS):
+        return PilotInput(sticks, "%", switches)
+    sticks = {}
+    for stick, number in stick_channels.items():
+        if number in channels:
+            sticks[stick] = channels[number]
+    return PilotInput(sticks, "µs", switches)
+
+
+def _stick_channels(parameters: Parameters) -> dict[str, int]:
+    """Returns the number of each stick's channel, from 1, by ArduPilot's parameters or their defaults."""
+    channels = {}
+    for number, (stick, name) in enumerate(STICK_CHANNEL_PARAMETERS.items(), start=1):
+        channels[stick] = int(parameters.get(name, number))
+    return channels
+
+
+def _channels(signals: Signals) -> dict[int, TimeSeries]:
+    """Returns the pulse width (N,), µs, of each channel that was received, by its number from 1."""
+    messages = signals.telemetry.messages
+    lowest, highest = POSSIBLE_PULSE
+    for message, field_name in (
+        ("RC_CHANNELS", "chan{}_raw"),
+        ("RC_CHANNELS_RAW", "chan{}_raw"),
+        ("input_rc", "values[{}]"),
+    ):
+        columns = messages.get(message, {})
+        first = 0 if message == "input_rc" else 1
+        channels = {}
+        for number in range(1, MAX_CHANNELS + 1):
+            field = field_name.format(number - 1 + first)
+            if field not in columns:
+                continue
+            pulses = float_column(columns, field)
+            is_possible = (pulses > lowest) & (pulses < highest)
+            if np.count_nonzero(is_possible) > 1:
+                channels[number] = clean_series(columns, pulses, is_possible)
+        if channels:
+            return channels
+    return {}

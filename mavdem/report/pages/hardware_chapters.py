@@ -1,0 +1,80 @@
+"""The chapters of a flight's page on hardware, setpoints and sticks: a sentence for each part, its charts folded."""
+
+from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.hardware import hardware_facts
+from mavdem.assessment.hardware.calibration import sensors_of
+from mavdem.assessment.hardware.commands import command_facts
+from mavdem.facts import Level, NamedFacts
+from mavdem.facts.hardware import HardwarePart
+from mavdem.report.blocks import Blocks, Table
+from mavdem.report.charts.chart import Group
+from mavdem.report.charts.hardware_charts import hardware_groups
+from mavdem.report.charts.timeline import Timeline
+from mavdem.report.pages.page import Chapter, Section
+from mavdem.report.templates import capitalize_first
+
+HARDWARE_TITLE = "Hardware"
+"""Title of the chapter on the hardware."""
+
+COMMANDS_TITLE = "Setpoints and sticks"
+"""Title of the chapter on what commanded the vehicle."""
+
+
+def hardware_chapters(
+    evidence: Evidence, lights: NamedFacts, timeline: Timeline | None
+) -> list[Chapter]:
+    """Returns the chapters on the hardware, and on setpoints and sticks, folded; their sections open where not good.
+
+    Args:
+        evidence: of the vehicle.
+        lights: the lights by name.
+        timeline: charts of the flight; None without, so that the sections have no charts.
+    """
+    groups = {} if timeline is None else hardware_groups(evidence, timeline)
+    blocks: dict[str, Blocks] = {}
+    sensors = _sensor_table(evidence)
+    if sensors.rows:
+        blocks[HardwarePart.CALIBRATION] = [sensors]
+    hardware = _chapter(HARDWARE_TITLE, hardware_facts(evidence, lights), groups, blocks)
+    commands = _chapter(COMMANDS_TITLE, command_facts(evidence), groups, {})
+    return [chapter for chapter in (hardware, commands) if chapter.sections]
+
+
+def _chapter(
+    title: str, facts: NamedFacts, groups: dict[str, list[Group]], blocks: dict[str, Blocks]
+) -> Chapter:
+    """Returns a folded chapter with a section for each fact, and the worst level of those that are judged.
+
+    Args:
+        title: heading.
+        facts: by the name of the part.
+        groups: charts by the name of the part.
+        blocks: tables by the name of the part.
+    """
+    sections = []
+    for part, fact in facts.items():
+        sections.append(
+            Section(capitalize_first(part), fact, groups.get(part, ()), blocks.get(part, ()))
+        )
+    levels = {fact.level for fact in facts.values()}
+    worst = None
+    for level in (Level.BAD, Level.WATCH, Level.GOOD):
+        if level in levels:
+            worst = level
+            break
+    return Chapter(title, level=worst, folded=True, sections=sections)
+
+
+def _sensor_table(evidence: Evidence) -> Table:
+    """Returns the sensors that the parameters name: the bus, whether each is used, and whether it is calibrated."""
+    rows = []
+    for sensor in sensors_of(evidence.signals.telemetry):
+        rows.append(
+            [
+                sensor.name,
+                sensor.bus,
+                "yes" if sensor.is_used else "no",
+                "yes" if sensor.is_calibrated else "no",
+            ]
+        )
+    return Table(["sensor", "bus", "used", "calibrated"], rows, words=True)

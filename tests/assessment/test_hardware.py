@@ -1,0 +1,155 @@
+"""Facts on the hardware: figures of the flight, and levels only where an autopilot's documentation has a limit."""
+
+from dataclasses import replace
+
+import numpy as np
+from hover import Hover, changed, columns, evidence_of
+from pytest import approx, mark
+
+from mavdem.assessment.hardware.calibration import calibration_fact, sensors_of
+from mavdem.assessment.hardware.commands import command_facts
+from mavdem.assessment.hardware.compasses import field_fact
+from mavdem.assessment.hardware.controllers import controllers_fact
+from mavdem.assessment.hardware.processor import processor_fact
+from mavdem.assessment.hardware.receivers import receiver_fact
+from mavdem.assessment.hardware.recording import recording_fact
+from mavdem.assessment.hardware.temperatures import temperatures_fact
+from mavdem.dataset.signals import Signals
+
+HOVER = Hover()
+TELEMETRY = HOVER.telemetry(20.0, 20.0)
+TIME = HOVER.stamps(5.0)
+HALF = np.arange(len(TIME)) < len(TIME) / 2
+
+
+def evidence_with(message, parameters=None, autopilot="ARDUPILOTMEGA", **fields):
+    """The evidence of a hover with one message replaced."""
+    made = changed(TELEMETRY, message, **columns(TIME, **fields))
+    return evidence_of(Signals(replace(made, parameters=parameters or {}, autopilot=autopilot)))
+
+
+def test_controllers_are_judged_by_the_errors_that_they_count_alone():
+    speeds = {"Instance": 0, "RPM": 5000.0, "Temp": np.where(HALF, 40.0, 60.0)}
+    uncounted = controllers_fact(evidence_with("ESC", **speeds))
+    assert (uncounted.level, uncounted.figures["temperature"]) == ("unknown", 60.0)
+    assert controllers_fact(evidence_with("ESC", ErrorCount=7, **speeds)).level == "good"
+    many = controllers_fact(evidence_with("ESC", ErrorCount=20 * (TIME - TIME[0]), **speeds))
+    assert (many.level, many.figures["current"]) == ("watch", None)
+
+
+@mark.parametrize(
+    "fields, doubts",
+    [
+        ({}, ()),
+        ({"satellites_visible": 5}, ("number of satellites",)),
+        ({"h_acc": 6000}, ("accuracy",)),
+        # The accuracy is not known.
+        ({"h_acc": 4_294_967_295}, ()),
+        ({"jamming_indicator": 85, "eph": 300}, ("dilution", "jamming")),
+        # For less than half, and for less than a twentieth of the flight.
+        ({"satellites_visible": np.where(TIME - TIME[-1] > -20, 5, 14)}, ()),
+        ({"jamming_indicator": np.where(TIME - TIME[-1] > -1, 90, 20)}, ()),
+    ],
+)
+def test_a_receiver_is_doubted_by_what_the_filters_ask_for(fields, doubts):
+    usual = {"fix_type": 3, "satellites_visible": 14, "eph": 80, "h_acc": 900}
+    fact = receiver_fact(evidence_with("GPS_RAW_INT", **usual | fields))
+    assert fact.figures["doubts"] == doubts
+    assert fact.level == ("watch" if doubts else "good")
+    assert fact.sentence.startswith("For 95 % of the flight at least")
+
+
+@mark.parametrize("change, level", [(0.0, "good"), (0.4, "watch"), (-0.7, "bad")])
+def test_a_field_is_judged_by_its_change_from_the_ground_to_the_flight(change, level):
+    motors = TELEMETRY.messages["SERVO_OUTPUT_RAW"]
+    command = np.mean([motors[f"servo{n}_raw"] for n in range(1, 5)], axis=0)
+    # The throttle goes up and down, slowly against the averages of 2 s.
+    swing = 50 * np.sin(2 * np.pi * motors["time"] / 20)
+    pulses = {f"servo{n}_raw": motors[f"servo{n}_raw"] + swing for n in range(1, 5)}
+    made = changed(TELEMETRY, "SERVO_OUTPUT_RAW", **pulses)
+    field = 500 * (1 + change * (command + swing - 1000) / 600) + np.cos(3 * motors["time"])
+    made = changed(made, "SCALED_IMU", **columns(motors["time"], xmag=field, ymag=0.0, zmag=0.0))
+    fact = field_fact(evidence_of(Signals(made)))
+    assert fact.level == level
+    assert fact.figures["change"] == approx(change, abs=0.08)
+    if change:
+        assert fact.figures["correlation"] * np.sign(change) > 0.95
+
+
+def test_the_processor_is_judged_by_the_limits_of_its_autopilot():
+    busy = processor_fact(evidence_with("SYS_STATUS", load=np.where(HALF, 500, 1010)))
+    assert (busy.level, busy.figures["load"]) == ("watch", approx(101.0))
+    usual = {"load": 0.6, "ram_usage": 0.97}
+    px4 = evidence_with("cpuload", autopilot="PX4", **usual)
+    assert processor_fact(px4).level == "unknown"
+    limits = {"COM_CPU_MAX": 95.0, "COM_RAM_MAX": 95.0}
+    full = processor_fact(evidence_with("cpuload", limits, "PX4", **usual))
+    assert (full.level, full.figures["memory_share_limit"]) == ("watch", 95.0)
+    loops = evidence_with("PM", Load=420, Mem=51_200, NLon=3, NL=100)
+    assert processor_fact(loops).figures["share"] == approx(0.03)
+    assert processor_fact(loops).figures["memory_free"] == approx(50.0)
+
+
+def test_gaps_in_flight_are_found_with_their_time():
+    assert recording_fact(evidence_of(Signals(TELEMETRY))).level == "good"
+    attitude = TELEMETRY.messages["ATTITUDE"]
+    kept = (attitude["time"] < 15.0) | (attitude["time"] > 16.5)
+    cut = {name: values[kept] for name, values in attitude.items()}
+    fact = recording_fact(evidence_of(Signals(changed(TELEMETRY, "ATTITUDE", **cut))))
+    assert (fact.level, fact.time) == ("watch", approx(15.0, abs=0.1))
+    assert fact.figures["longest_gap"] == approx(1.6)
+
+
+def test_temperatures_are_stated_and_not_judged():
+    fact = temperatures_fact(
+        evidence_with("SCALED_PRESSURE", press_abs=1000.0, temperature=np.where(HALF, 2000, 2500))
+    )
+    assert (fact.level, fact.sentence) == ("unknown", "In flight barometer 20 to 25 °C.")
+
+
+def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
+    parameters = {
+        "INS_ACC_ID": 2621706,
+        "INS_ACCOFFS_X": 0.1,
+        "COMPASS_DEV_ID": 658953,
+        "COMPASS_DEV_ID2": 0,
+        "COMPASS_DEV_ID3": 658945,
+        "COMPASS_OFS_X": 20,
+        "COMPASS_PRIO1_ID": 658953,
+        "COMPASS_PRIO2_ID": 658945,
+        "COMPASS_PRIO3_ID": 658945,
+    }
+    fact = calibration_fact(replace(TELEMETRY, parameters=parameters))
+    assert (fact.level, fact.figures["missing"]) == ("watch", ("compass 2",))
+    unused = calibration_fact(replace(TELEMETRY, parameters=parameters | {"COMPASS_USE2": 0}))
+    assert (unused.level, unused.figures["names"]) == ("good", ("accelerometer 1", "compass 1"))
+    buses = [sensor.bus for sensor in sensors_of(replace(TELEMETRY, parameters=parameters))]
+    assert buses == ["SPI 1", "I2C 1", "I2C 0"]
+
+
+def test_px4_has_parameters_of_calibrated_sensors_alone():
+    parameters = {"CAL_ACC0_ID": 2949146, "CAL_MAG0_ID": 396809, "CAL_MAG0_PRIO": 0}
+    fact = calibration_fact(replace(TELEMETRY, parameters=parameters, autopilot="PX4"))
+    assert fact.figures["names"] == ("accelerometer 1",)
+    assert calibration_fact(replace(TELEMETRY, parameters={}, autopilot="PX4")) is None
+
+
+def test_errors_of_the_position_are_those_at_its_setpoints():
+    time = TELEMETRY.messages["LOCAL_POSITION_NED"]["time"]
+    place = {"x": np.sin(time), "y": np.cos(time), "z": -0.1 * time}
+    target = place | {"x": place["x"] + 3.0, "y": place["y"] + 4.0}
+    made = changed(TELEMETRY, "LOCAL_POSITION_NED", **place)
+    made = changed(made, "POSITION_TARGET_LOCAL_NED", **columns(time, **target))
+    fact = command_facts(evidence_of(Signals(made)))["position and velocity"]
+    assert fact.figures["horizontal"] == approx(5.0)
+    assert fact.figures["vertical"] == approx(0.0, abs=1e-9)
+
+
+def test_sticks_and_switches_that_moved_in_flight_are_named():
+    moving = np.where(HALF, 1500, 1700)
+    channels = {f"chan{number}_raw": 1500 for number in range(1, 7)}
+    fact = command_facts(
+        evidence_with("RC_CHANNELS", **channels | {"chan2_raw": moving, "chan6_raw": moving})
+    )["sticks and switches"]
+    assert fact.figures["names"] == ("pitch",)
+    assert fact.figures["channels"] == ("6",)
