@@ -117,6 +117,9 @@ class FlightController:
         dead_time = mean_lag / LEAD + scenario.sensors.delay + self.cycle
         self._rate_bandwidth = min(DEAD_TIME_BANDWIDTH / dead_time, MAX_RATE_BANDWIDTH)
         self._attitude_bandwidth = self._rate_bandwidth / RATE_TO_ATTITUDE
+        # Gain of the rate loop by the error, 1/s, and of its integral by the error in one cycle.
+        self._error_gain = self._rate_gain * self._rate_bandwidth
+        self._integral_gain = self._rate_bandwidth / RATE_TO_INTEGRAL * self.cycle
         # Smoothing factor per cycle of the lead filter's slow part, whose time constant is lag / LEAD.
         self._lead_smoothing = 1.0
         if mean_lag:
@@ -234,10 +237,12 @@ class FlightController:
             PWM pulses of the motors, demands to the mixer, and the setpoints of attitude and rates.
         """
         north, east, down = self._acceleration_setpoint(estimate, reference, is_flying)
-        roll, pitch, yaw = euler_angles(estimate.attitude)
+        angles = euler_angles(estimate.attitude)
+        roll, pitch, yaw = angles
         # Acceleration along the heading and to its right.
-        forward = north * cos(yaw) + east * sin(yaw)
-        right = east * cos(yaw) - north * sin(yaw)
+        cos_yaw, sin_yaw = cos(yaw), sin(yaw)
+        forward = north * cos_yaw + east * sin_yaw
+        right = east * cos_yaw - north * sin_yaw
         # Specific vertical thrust, m/s².
         lift = max(GRAVITY - down, MIN_LIFT * GRAVITY)
         # The excitation is added to the angles that position control sets. A nose that is down accelerates forward.
@@ -256,9 +261,8 @@ class FlightController:
         thrust = self._body.mass * lift / upright
 
         attitude_setpoint = roll_setpoint, pitch_setpoint, self._heading
-        return self.attitude_control(
-            estimate, attitude_setpoint, (0.0, 0.0, yaw_rate), thrust, is_flying
-        )
+        rate_setpoints = self._rate_setpoints(angles, attitude_setpoint, (0.0, 0.0, yaw_rate))
+        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
 
     def _acceleration_setpoint(
         self, estimate: State, reference: Reference, is_flying: bool
@@ -294,17 +298,17 @@ class FlightController:
             down_setpoint - down_speed,
         )
         bandwidth = self._velocity_bandwidth
-        integral_gain = bandwidth * bandwidth / VELOCITY_TO_INTEGRAL * self.cycle
         integral = self._integral_acceleration
+        if is_flying:
+            gain = bandwidth * bandwidth / VELOCITY_TO_INTEGRAL * self.cycle
+            for i, error in enumerate(errors):
+                integral[i] = _clamped(integral[i] + gain * error, MAX_INTEGRAL_ACCELERATION)
+        # Without a low-pass, noise of position and velocity would reach the motors, multiplied by the bandwidth of
+        # every loop within.
+        smoothing = self._velocity_smoothing
         smooth = self._smooth_acceleration
         for i, error in enumerate(errors):
-            if is_flying:
-                integral[i] = _clamped(
-                    integral[i] + integral_gain * error, MAX_INTEGRAL_ACCELERATION
-                )
-            # Without a low-pass, noise of position and velocity would reach the motors, multiplied by the bandwidth
-            # of every loop within.
-            smooth[i] += self._velocity_smoothing * (bandwidth * error - smooth[i])
+            smooth[i] += smoothing * (bandwidth * error - smooth[i])
         return smooth[0] + integral[0], smooth[1] + integral[1], smooth[2] + integral[2]
 
     def attitude_control(
@@ -317,9 +321,6 @@ class FlightController:
     ) -> ControlOutput:
         """Runs the attitude and rate loops for one cycle, and mixes their demands for the motors.
 
-        Each attitude loop sets a body rate in proportion to the error of its angle. Angles are taken one by one, which
-        holds for moderate tilts. Each rate loop turns the error of its rate into a demand to the mixer.
-
         Args:
             estimate: State as the autopilot estimates it.
             attitude_setpoint: Roll, pitch and yaw, rad.
@@ -330,18 +331,34 @@ class FlightController:
         Returns:
             PWM pulses of the motors, µs, demands to the mixer, and the setpoints of attitude and rates.
         """
-        roll, pitch, yaw = euler_angles(estimate.attitude)
+        angles = euler_angles(estimate.attitude)
+        rate_setpoints = self._rate_setpoints(angles, attitude_setpoint, rate_feedforward)
+        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
+
+    def _rate_setpoints(
+        self, angles: Vector3, attitude_setpoint: Vector3, rate_feedforward: Vector3
+    ) -> Vector3:
+        """Runs the attitude loops: returns the body rates, rad/s, that the errors of the angles ask for.
+
+        Each loop sets a rate in proportion to the error of its angle. Angles are taken one by one, which holds for
+        moderate tilts. Each rate loop then turns the error of its rate into a demand to the mixer.
+
+        Args:
+            angles: Roll, pitch and yaw as the autopilot estimates them, rad.
+            attitude_setpoint: Roll, pitch and yaw, rad.
+            rate_feedforward: Body rates that are added, rad/s.
+        """
+        roll, pitch, yaw = angles
         roll_setpoint, pitch_setpoint, yaw_setpoint = attitude_setpoint
+        roll_gain, pitch_gain, yaw_gain = self.attitude_gains
+        roll_feedforward, pitch_feedforward, yaw_feedforward = rate_feedforward
         # The shorter way round.
         yaw_error = remainder(yaw_setpoint - yaw, tau)
-        errors = roll_setpoint - roll, pitch_setpoint - pitch, yaw_error
-        rate_setpoints = tuple(
-            _clamped(gain * error + feedforward, MAX_RATE)
-            for gain, error, feedforward in zip(
-                self.attitude_gains, errors, rate_feedforward, strict=True
-            )
+        return (
+            _clamped(roll_gain * (roll_setpoint - roll) + roll_feedforward, MAX_RATE),
+            _clamped(pitch_gain * (pitch_setpoint - pitch) + pitch_feedforward, MAX_RATE),
+            _clamped(yaw_gain * yaw_error + yaw_feedforward, MAX_RATE),
         )
-        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
 
     def rate_control(
         self,
@@ -365,17 +382,18 @@ class FlightController:
         """
         # All rotors carry the same part of the thrust. Its command is that of the inverse thrust curve, as in both
         # autopilots.
-        speed = self._body.speed_for(thrust / self._body.rotors)
-        command = self._body.command_for(speed) / self._body.full_command
-        demands = [
-            _clamped(self.rate_demand(axis, setpoint, rate, is_flying), 1.0)
-            for axis, (setpoint, rate) in enumerate(
-                zip(rate_setpoints, estimate.rates, strict=True)
-            )
-        ]
-        demands.append(min(max(command, 0.0), 1.0))
-        outputs = tuple(map(pulse_width, self.motor_commands(tuple(demands))))
-        return ControlOutput(outputs, tuple(demands), attitude_setpoint, rate_setpoints)
+        body = self._body
+        command = body.command_for(body.speed_for(thrust / body.rotors)) / body.full_command
+        roll_setpoint, pitch_setpoint, yaw_setpoint = rate_setpoints
+        roll_rate, pitch_rate, yaw_rate = estimate.rates
+        demands = (
+            _clamped(self.rate_demand(0, roll_setpoint, roll_rate, is_flying), 1.0),
+            _clamped(self.rate_demand(1, pitch_setpoint, pitch_rate, is_flying), 1.0),
+            _clamped(self.rate_demand(2, yaw_setpoint, yaw_rate, is_flying), 1.0),
+            min(max(command, 0.0), 1.0),
+        )
+        outputs = tuple([pulse_width(command) for command in self.motor_commands(demands)])
+        return ControlOutput(outputs, demands, attitude_setpoint, rate_setpoints)
 
     def motor_commands(self, demands: Vector4) -> Vector4:
         """Returns the normalised command of each motor for demands of roll, pitch, yaw and thrust."""
@@ -397,19 +415,25 @@ class FlightController:
             Demand to the mixer, not limited; ±1 is the motors' full range.
         """
         # The lead filter is LEAD times the rate less (LEAD − 1) times the rate behind a low-pass 1/(1 + τs/LEAD).
-        self._slow_rates[axis] += self._lead_smoothing * (rate - self._slow_rates[axis])
-        slow_part = (LEAD - 1.0) * self._slow_rates[axis]
-        lead_rate = LEAD * rate - slow_part
+        slow_rate = self._slow_rates[axis]
+        slow_rate += self._lead_smoothing * (rate - slow_rate)
+        self._slow_rates[axis] = slow_rate
+        lead_rate = LEAD * rate - (LEAD - 1.0) * slow_rate
+        integral = self._rate_integral[axis]
         if is_flying:
-            integral_bandwidth = self._rate_bandwidth / RATE_TO_INTEGRAL
-            self._rate_integral[axis] += integral_bandwidth * self.cycle * (setpoint - rate)
-        error = setpoint - lead_rate + self._rate_integral[axis]
+            integral += self._integral_gain * (setpoint - rate)
+            self._rate_integral[axis] = integral
+        error = setpoint - lead_rate + integral
         # The loop's bandwidth times the error is the angular acceleration that the loop asks for, rad/s². A scenario
         # may multiply it, to make the vehicle sluggish or oscillate.
-        gain = self._rate_gain * self._rate_bandwidth
-        return gain * error * self._demand_per_acceleration[axis]
+        return self._error_gain * error * self._demand_per_acceleration[axis]
 
 
 def _clamped(value: float, limit: float) -> float:
     """Returns a value limited to ±``limit``."""
-    return min(max(value, -limit), limit)
+    # Comparisons take half the time of ``min`` and ``max``.
+    if value > limit:
+        return limit
+    if value < -limit:
+        return -limit
+    return value

@@ -15,21 +15,18 @@ moments, ground effect, the effect of inflow on torque, the effect of a shifted 
 chipped propeller loses.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import ceil, exp, sqrt
 from operator import mul
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from sitl_scenarios.damage import Damage, sound_condition
+from sitl_scenarios.motion import Array
 from sitl_scenarios.rotors import MAX_PULSE, MIN_PULSE, rotor_frame
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.vectors import (
-    Quaternion,
-    Vector3,
-    Vector4,
-    normalised,
-    rotated,
-)
+from sitl_scenarios.vectors import Quaternion, Vector3, Vector4
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
 MAX_STEP_SECONDS = 1e-3
@@ -80,6 +77,10 @@ NO_ACCELERATION = Accelerations((0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
 Dynamics = Callable[[Quaternion, Vector3, Vector3, Vector4, AirState], Accelerations]
 """Function of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
+FlatDynamics = Callable[[Any, Any, Any, Any, Any], tuple[Any, ...]]
+"""The same function with its twelve values in a flat tuple, in the order of ``Accelerations``: the simulation calls it
+a thousand times per second, and packing them would take a tenth of the time."""
+
 
 class RotorEffect(NamedTuple):
     """Position of one rotor, and the sign and remaining fraction of its thrust and torque."""
@@ -125,6 +126,62 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
         vehicle: Vehicle of a scenario.
         condition: Damage that acts on it; None for a sound vehicle.
     """
+    flat_dynamics = _flat_dynamics(vehicle, condition)
+
+    def accelerations(
+        attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
+    ) -> Accelerations:
+        values = flat_dynamics(attitude, velocity, rates, rotors, air)
+        return Accelerations(values[0:3], values[3:6], values[6:9], values[9:12])
+
+    return accelerations
+
+
+class Disturbance(NamedTuple):
+    """Force and moment of the disturbance of N states; see ``Accelerations``."""
+
+    force: Array
+    """(N, 3) force, NED, N."""
+    moment: Array
+    """(N, 3) moment in body axes, N m."""
+
+
+def disturbance_of_states(
+    vehicle: VehicleSpec,
+    condition: Damage,
+    attitude: Array,
+    velocity: Array,
+    rates: Array,
+    rotors: Array,
+    air: Array,
+) -> Disturbance:
+    """Returns what disturbs a vehicle in N states in the air, all at once.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        condition: Damage that acts on it.
+        attitude: (N, 4) unit quaternions from body axes to NED.
+        velocity: (N, 3) velocity, NED, m/s.
+        rates: (N, 3) body rates, rad/s.
+        rotors: (N, n) speeds of its n rotors, rad/s.
+        air: (N, 8) the air, columns as the fields of ``AirState``.
+    """
+    flat_dynamics = _flat_dynamics(vehicle, condition, np.sqrt)
+    # Columns of N values take the place of the numbers of one state.
+    values = flat_dynamics(attitude.T, velocity.T, rates.T, rotors.T, air.T)
+    return Disturbance(np.column_stack(values[6:9]), np.column_stack(values[9:12]))
+
+
+def _flat_dynamics(
+    vehicle: VehicleSpec, condition: Damage | None, root: Callable[[Any], Any] = sqrt
+) -> FlatDynamics:
+    """Returns the accelerations of a vehicle in the air, and the disturbance in them, as a function of its state.
+
+    Args:
+        vehicle: Vehicle of a scenario.
+        condition: Damage that acts on it; None for a sound vehicle.
+        root: Square root of what the function gets: numbers of one state, or with NumPy's arrays of many.
+    """
     body = airframe(vehicle)
     condition = condition or sound_condition(body.rotors)
     # Plain tuples are unpacked faster than named ones.
@@ -148,10 +205,12 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
     if vehicle.drag_quadratic is not None:
         hull_drag_x, hull_drag_y = (drag * mass for drag in vehicle.drag_quadratic)
     inflow_factor = body.inflow if vehicle.rotor_drag else 0.0
+    # Differences of the moments of inertia in Euler's equations.
+    roll_coupling, pitch_coupling, yaw_coupling = iy - iz, iz - ix, ix - iy
 
     def accelerations(
-        attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
-    ) -> Accelerations:
+        attitude: Any, velocity: Any, rates: Any, rotors: Any, air: Any
+    ) -> tuple[Any, ...]:
         # Written out in floats: NumPy's calls on arrays of three would take ten times as long, and loops over three
         # numbers twice as long.
         p, q, r = rates
@@ -178,7 +237,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
         ax = nx * north_air + ex * east_air + dx * down_air
         ay = ny * north_air + ey * east_air + dy * down_air
         az = nz * north_air + ez * east_air + dz * down_air
-        airspeed = sqrt(north_air * north_air + east_air * east_air + down_air * down_air)
+        airspeed = root(north_air * north_air + east_air * east_air + down_air * down_air)
         rotor_speed_sum = sum(rotors)
         drag_x = hull_drag_x * airspeed + rotor_drag_x * rotor_speed_sum
         force_x = drag_x * ax
@@ -190,50 +249,53 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
         inflow_q = inflow_factor * (air_q - q)
         inflow_z = inflow_factor * az
         hull_force_z = half_rho_area * airspeed * az
-        force_z = hull_force_z
         moment_x = roll_moment - damping_x * p + hub_height * force_y - centre_right * hull_force_z
         moment_y = (
             pitch_moment - damping_y * q - hub_height * force_x + centre_forward * hull_force_z
         )
         moment_z = yaw_moment - damping_z * r + centre_right * force_x - centre_forward * force_y
-        # Thrust and torque of the rotors in still air, and the thrust that each loses to the inflow.
+        # Thrust and torque of the rotors in still air, and the thrust that each loses to the inflow. Sums are assigned
+        # anew, not added to in place, which would change the arrays that they begin with.
+        force_z = hull_force_z
         total_thrust = total_torque = 0.0
         thrust_moment_x = thrust_moment_y = 0.0
         for rotor_speed, (forward, right, thrust_fraction, signed_torque_fraction) in zip(
             rotors, rotor_effects, strict=True
         ):
             lost_thrust = rotor_speed * (inflow_z + inflow_p * right - inflow_q * forward)
-            force_z += lost_thrust
-            moment_x += right * lost_thrust
-            moment_y -= forward * lost_thrust
+            force_z = force_z + lost_thrust
+            moment_x = moment_x + right * lost_thrust
+            moment_y = moment_y - forward * lost_thrust
             thrust = (
                 thrust_fraction * (quadratic_thrust * rotor_speed + linear_thrust) * rotor_speed
             )
-            total_thrust += thrust
-            total_torque += (
-                signed_torque_fraction
+            total_thrust = total_thrust + thrust
+            total_torque = (
+                total_torque
+                + signed_torque_fraction
                 * (quadratic_torque * rotor_speed + linear_torque)
                 * rotor_speed
             )
-            thrust_moment_x -= right * thrust
-            thrust_moment_y += forward * thrust
+            thrust_moment_x = thrust_moment_x - right * thrust
+            thrust_moment_y = thrust_moment_y + forward * thrust
 
         north_force = nx * force_x + ny * force_y + nz * force_z
         east_force = ex * force_x + ey * force_y + ez * force_z
         down_force = dx * force_x + dy * force_y + dz * force_z
         # Euler's equations of a rigid body without products of inertia.
-        p_dot = (moment_x + thrust_moment_x + (iy - iz) * q * r) / ix
-        q_dot = (moment_y + thrust_moment_y + (iz - ix) * r * p) / iy
-        r_dot = (moment_z + total_torque + (ix - iy) * p * q) / iz
-        return Accelerations(
-            (
-                (north_force - nz * total_thrust) / mass,
-                (east_force - ez * total_thrust) / mass,
-                (down_force - dz * total_thrust) / mass + GRAVITY,
-            ),
-            (p_dot, q_dot, r_dot),
-            (north_force, east_force, down_force),
-            (moment_x, moment_y, moment_z),
+        return (
+            (north_force - nz * total_thrust) / mass,
+            (east_force - ez * total_thrust) / mass,
+            (down_force - dz * total_thrust) / mass + GRAVITY,
+            (moment_x + thrust_moment_x + roll_coupling * q * r) / ix,
+            (moment_y + thrust_moment_y + pitch_coupling * r * p) / iy,
+            (moment_z + total_torque + yaw_coupling * p * q) / iz,
+            north_force,
+            east_force,
+            down_force,
+            moment_x,
+            moment_y,
+            moment_z,
         )
 
     return accelerations
@@ -259,15 +321,6 @@ class State(NamedTuple):
 def physics_steps(cycle: float) -> int:
     """Returns how many equal steps of the physics, none over ``MAX_STEP_SECONDS``, make up a control cycle, s."""
     return ceil(cycle / MAX_STEP_SECONDS - 1e-9)
-
-
-class LaggedSpeeds(NamedTuple):
-    """Rotor speeds on their way to the speeds that are commanded, rad/s."""
-
-    half_step: Vector4
-    """Speeds half a step of the physics later."""
-    full_step: Vector4
-    """Speeds a whole step later."""
 
 
 class Body:
@@ -301,7 +354,7 @@ class Body:
     def apply_damage(self, condition: Damage) -> None:
         """Puts the vehicle in this ``condition`` from now on."""
         self.condition = condition
-        self.dynamics = vehicle_dynamics(self._vehicle, condition)
+        self._dynamics = _flat_dynamics(self._vehicle, condition)
 
     def settled_speeds(self, outputs: Vector4, battery: float) -> Vector4:
         """Returns the speeds that the rotors settle at when the motor outputs are held.
@@ -333,75 +386,111 @@ class Body:
             ]
         return tuple(map(mul, speeds, self.condition.speed))
 
-    def next_state(self, state: State, settled_speeds: Vector4, air: AirState) -> State:
-        """Returns the state one step later, by the midpoint rule.
+    def advanced(
+        self, state: State, settled_speeds: Vector4, air: AirState, steps: int = 1
+    ) -> State:
+        """Returns the state some steps later, by the midpoint rule.
 
-        The midpoint rule needs the state at the middle of the step. It is extrapolated with the accelerations of the
+        The midpoint rule needs the state at the middle of each step. It is extrapolated with the accelerations of the
         step before, so that the dynamics, which take most of the time, are evaluated once per step rather than twice.
         The rotors' lag is integrated exactly.
 
         Args:
-            state: State at the beginning of the step, with the accelerations of the step before.
+            state: State at the beginning, with the accelerations of the step before.
             settled_speeds: Speeds that the rotors tend to, rad/s.
-            air: The air during the step.
+            air: The air during the steps.
+            steps: Number of steps, one at least.
 
         Returns:
-            State at the end of the step, with the accelerations at its middle.
+            State at the end of the last step, with the accelerations at its middle.
         """
         # Written out in floats: functions of three numbers would take half of the time for their calls.
+        dynamics = self._dynamics
         step = self._step
         half = self._half_step
         quarter = half / 2
-        (
+        (north, east, down), (north_speed, east_speed, down_speed), (w, x, y, z), (p, q, r) = state[
+            :4
+        ]
+        rotors = state.rotors
+        north_change, east_change, down_change = state.accelerations.linear
+        p_change, q_change, r_change = state.accelerations.angular
+        for _ in range(steps):
+            middle_rotors, rotors = self._lagged_speeds(rotors, settled_speeds)
+            # The attitude at the middle: it turns by half of the step with the rates at the beginning, to first order
+            # (``rotated``); their own change would be of higher order.
+            half_roll, half_pitch, half_yaw = p * quarter, q * quarter, r * quarter
+            middle_attitude = (
+                w - x * half_roll - y * half_pitch - z * half_yaw,
+                x + w * half_roll + y * half_yaw - z * half_pitch,
+                y + w * half_pitch + z * half_roll - x * half_yaw,
+                z + w * half_yaw + x * half_pitch - y * half_roll,
+            )
+            (
+                north_change, east_change, down_change,
+                p_change, q_change, r_change,
+                north_force, east_force, down_force,
+                roll_moment, pitch_moment, yaw_moment,
+            ) = dynamics(
+                middle_attitude,
+                (
+                    north_speed + half * north_change,
+                    east_speed + half * east_change,
+                    down_speed + half * down_change,
+                ),
+                (p + half * p_change, q + half * q_change, r + half * r_change),
+                middle_rotors,
+                air,
+            )  # fmt: skip
+            # State at the end. Positions and angles change with the mean velocity and the mean rates of the step.
+            north = north + step * (north_speed + half * north_change)
+            east = east + step * (east_speed + half * east_change)
+            down = down + step * (down_speed + half * down_change)
+            half_roll = half * (p + half * p_change)
+            half_pitch = half * (q + half * q_change)
+            half_yaw = half * (r + half * r_change)
+            new_w = w - x * half_roll - y * half_pitch - z * half_yaw
+            new_x = x + w * half_roll + y * half_yaw - z * half_pitch
+            new_y = y + w * half_pitch + z * half_roll - x * half_yaw
+            new_z = z + w * half_yaw + x * half_pitch - y * half_roll
+            scale = 1.0 / sqrt(new_w * new_w + new_x * new_x + new_y * new_y + new_z * new_z)
+            w, x, y, z = new_w * scale, new_x * scale, new_y * scale, new_z * scale
+            north_speed = north_speed + step * north_change
+            east_speed = east_speed + step * east_change
+            down_speed = down_speed + step * down_change
+            p = p + step * p_change
+            q = q + step * q_change
+            r = r + step * r_change
+        return State(
             (north, east, down),
             (north_speed, east_speed, down_speed),
-            attitude,
+            (w, x, y, z),
             (p, q, r),
-            rotors,
-            ((north_change, east_change, down_change), (p_change, q_change, r_change), _, _),
-        ) = state
-        middle_rotors, rotors = self.lagged_speeds(rotors, settled_speeds)
-        # State at the middle. The attitude turns with the rates at the beginning; their own change would be of higher
-        # order.
-        accelerations = self.dynamics(
-            rotated(attitude, (p * quarter, q * quarter, r * quarter)),
-            (
-                north_speed + half * north_change,
-                east_speed + half * east_change,
-                down_speed + half * down_change,
+            tuple(rotors),
+            Accelerations(
+                (north_change, east_change, down_change),
+                (p_change, q_change, r_change),
+                (north_force, east_force, down_force),
+                (roll_moment, pitch_moment, yaw_moment),
             ),
-            (p + half * p_change, q + half * q_change, r + half * r_change),
-            middle_rotors,
-            air,
-        )
-        (north_change, east_change, down_change), (p_change, q_change, r_change), _, _ = (
-            accelerations
-        )
-        # State at the end. Positions and angles change with the mean velocity and the mean rates of the step.
-        half_angles = (
-            half * (p + half * p_change),
-            half * (q + half * q_change),
-            half * (r + half * r_change),
-        )
-        return State(
-            (
-                north + step * (north_speed + half * north_change),
-                east + step * (east_speed + half * east_change),
-                down + step * (down_speed + half * down_change),
-            ),
-            (
-                north_speed + step * north_change,
-                east_speed + step * east_change,
-                down_speed + step * down_change,
-            ),
-            normalised(rotated(attitude, half_angles)),
-            (p + step * p_change, q + step * q_change, r + step * r_change),
-            rotors,
-            accelerations,
         )
 
-    def lagged_speeds(self, speeds: Vector4, settled_speeds: Vector4) -> LaggedSpeeds:
-        """Returns the rotor speeds half a step and a step later, by the exact solution of their first-order lag.
+    def spun_up(self, rotors: Vector4, settled_speeds: Vector4, steps: int) -> Vector4:
+        """Returns the speeds of rotors some steps later, rad/s, whatever the vehicle does meanwhile.
+
+        Args:
+            rotors: Rotor speeds at the beginning, rad/s.
+            settled_speeds: Speeds that the rotors tend to, rad/s.
+            steps: Number of steps.
+        """
+        for _ in range(steps):
+            _, rotors = self._lagged_speeds(rotors, settled_speeds)
+        return tuple(rotors)
+
+    def _lagged_speeds(
+        self, speeds: Sequence[float], settled_speeds: Vector4
+    ) -> tuple[Sequence[float], Sequence[float]]:
+        """Returns the rotor speeds half a step and a step later, rad/s, by the exact solution of their first-order lag.
 
         The deviation from the settled speed decays as exp(−t/τ), with one time constant τ for rotors that speed up and
         another for those that slow down: a motor drives the rotor harder than the air brakes it.
@@ -423,4 +512,4 @@ class Body:
             else:
                 half_step.append(settled_speed + deviation * fall_half_step)
                 full_step.append(settled_speed + deviation * fall_step)
-        return LaggedSpeeds(tuple(half_step), tuple(full_step))
+        return half_step, full_step

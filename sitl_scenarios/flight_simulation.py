@@ -1,17 +1,20 @@
 """Simulation of a flight: advances a scenario cycle by cycle of its autopilot, and records every quantity."""
 
 from collections import deque
+from collections.abc import Sequence
+from itertools import chain
 from math import fsum, hypot, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sitl_scenarios.controller import ControlOutput
-from sitl_scenarios.damage import damage_history
-from sitl_scenarios.dynamics import NO_ACCELERATION, AirState, Body, State, physics_steps
+from sitl_scenarios.damage import Damage, damage_history
+from sitl_scenarios.dynamics import AirState, Body, State, disturbance_of_states, physics_steps
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.gyro import NO_ROTATION
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import Arrays, Motion
 from sitl_scenarios.parameter_controller import check_parameters, controller_for, gyro_for
 from sitl_scenarios.plan import (
     AFTER_SECONDS,
@@ -33,7 +36,18 @@ MAX_BODY_RATE = 200.0
 """Body rate above which a vehicle is out of control, rad/s: no vehicle turns faster."""
 
 Row = dict[str, Any]
-"""Values of the fields of ``Motion`` in one cycle, by name."""
+"""Values of the fields of ``Motion`` in one cycle, by name, but for those of the disturbance."""
+
+
+class DisturbedState(NamedTuple):
+    """What the disturbance of one cycle follows from besides the row of ``Motion``."""
+
+    air: AirState
+    """The air at the vehicle."""
+    condition: Damage
+    """Damage that acts on the vehicle."""
+    on_ground: bool
+    """Whether the ground holds the vehicle: then no disturbance is recorded."""
 
 
 def tumbles(state: State) -> bool:
@@ -159,13 +173,46 @@ class Simulation:
             ValueError: The vehicle tumbles.
         """
         rows = []
+        disturbed_states = []
         for _ in range(cycles):
             if self.finished:
                 break
-            rows.append(self._fly_cycle())
+            row, disturbed_state = self._fly_cycle()
+            rows.append(row)
+            disturbed_states.append(disturbed_state)
         # The rows become columns: one array for each field of the motion.
-        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        columns = {name: _column([row[name] for row in rows]) for name in rows[0]}
+        columns |= self._disturbance_columns(columns, disturbed_states)
+        columns["landed_state"] = columns["landed_state"].astype(np.uint8)
         return self.motion_type(**columns)
+
+    def _disturbance_columns(
+        self, columns: Arrays, disturbed_states: Sequence[DisturbedState]
+    ) -> Arrays:
+        """Returns the columns ``force`` and ``moment`` of the motion, computed for all rows at once.
+
+        Args:
+            columns: Columns of the motion in N cycles; attitude, velocity, rates and rotor speeds are used.
+            disturbed_states: Air, damage and contact with the ground in the same cycles.
+        """
+        force = np.zeros((len(disturbed_states), 3))
+        moment = np.zeros((len(disturbed_states), 3))
+        air = _column([disturbed.air for disturbed in disturbed_states])
+        flying_rows: dict[Damage, list[int]] = {}
+        for row, disturbed in enumerate(disturbed_states):
+            if not disturbed.on_ground:
+                flying_rows.setdefault(disturbed.condition, []).append(row)
+        for condition, rows in flying_rows.items():
+            force[rows], moment[rows] = disturbance_of_states(
+                self.scenario.vehicle,
+                condition,
+                columns["attitude"][rows],
+                columns["velocity"][rows],
+                columns["rates"][rows],
+                columns["rotor_speeds"][rows],
+                air[rows],
+            )
+        return {"force": force, "moment": moment}
 
     def _begin_flight(self, arming_cycle: int) -> None:
         """Begins another flight, which is armed in the cycle of this number."""
@@ -192,12 +239,12 @@ class Simulation:
         if self.armed and flight_cycle >= self._flight_cycles and self._on_ground:
             self.armed = False
 
-    def _fly_cycle(self) -> Row:
+    def _fly_cycle(self) -> tuple[Row, DisturbedState]:
         """Simulates one cycle of the autopilot: sense, control, record, and move the vehicle to the next cycle.
 
         Returns:
             The quantities at the cycle's beginning, with the motor outputs that are set for it, by the names and in the
-            units of ``Motion``'s fields.
+            units of ``Motion``'s fields; and what disturbs the vehicle then.
 
         Raises:
             ValueError: The vehicle tumbles.
@@ -212,14 +259,18 @@ class Simulation:
 
         # The autopilot sees the state through its sensors: the rates behind the gyro's filters, all with noise and
         # delay.
-        estimate = self._estimate(state._replace(rates=self._gyro.filtered_rates))
+        felt_state = State(
+            state.position, state.velocity, state.attitude, self._gyro.filtered_rates
+        )
+        estimate = self._estimate(felt_state)
         reference = self._reference(estimate)
         control = self._control_output(estimate, reference)
         row = self._row(air, battery, estimate, reference, control)
+        disturbed_state = DisturbedState(air, self._body.condition, self._on_ground)
 
         self._move(control.outputs, battery, air, reference)
         self._current_cycle += 1
-        return row
+        return row, disturbed_state
 
     @property
     def _flight_time(self) -> float:
@@ -270,12 +321,6 @@ class Simulation:
             control: Outputs and setpoints of the autopilot.
         """
         state = self._state
-        # On the ground, its reaction holds the vehicle: no disturbance is recorded.
-        accelerations = NO_ACCELERATION
-        if not self._on_ground:
-            accelerations = self._body.dynamics(
-                state.attitude, state.velocity, state.rates, state.rotors, air
-            )
         sticks: Vector3 = NO_ROTATION
         if reference.by_stick and self.armed:
             sticks = reference.attitude_demand
@@ -298,10 +343,8 @@ class Simulation:
             "rotor_speeds": state.rotors,
             "battery": battery,
             "wind": (air.north, air.east, air.down),
-            "force": accelerations.disturbance_force,
-            "moment": accelerations.disturbance_moment,
             "armed": self.armed,
-            "landed_state": np.uint8(self._landed_state(reference)),
+            "landed_state": self._landed_state(reference),
         }
 
     def _landed_state(self, reference: Reference) -> int:
@@ -390,9 +433,7 @@ class Simulation:
         Args:
             settled_speeds: Speeds that the rotors tend to with their lag, rad/s.
         """
-        rotors = self._state.rotors
-        for _ in range(self._steps):
-            rotors = self._body.lagged_speeds(rotors, settled_speeds).full_step
+        rotors = self._body.spun_up(self._state.rotors, settled_speeds, self._steps)
         self._state = self._state._replace(rotors=rotors)
         # Damaged propellers give a fraction of their thrust.
         thrust_fractions = self._body.condition.thrust
@@ -401,6 +442,16 @@ class Simulation:
             for speed, fraction in zip(rotors, thrust_fractions, strict=True)
         )
         self._on_ground = lift <= self._airframe.mass * GRAVITY
+
+
+def _column(values: Sequence[Any]) -> NDArray[Any]:
+    """Returns the values of one field in N cycles as an array: (N,), or (N, n) of tuples of n floats."""
+    first = values[0]
+    if isinstance(first, tuple):
+        # Read as one series of floats, which is several times as fast as from tuples.
+        flat = np.fromiter(chain.from_iterable(values), np.float64, len(values) * len(first))
+        return flat.reshape(len(values), len(first))
+    return np.array(values)
 
 
 def _at_rest_on_ground(state: State) -> State:

@@ -177,7 +177,7 @@ def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
     min_thrust = IDLE_COMMAND - lowest
     max_thrust = 1.0 - highest
     thrust = min(max(thrust, min_thrust), max_thrust)
-    return tuple(part + thrust for part in differential)
+    return tuple([part + thrust for part in differential])
 
 
 def pulse_width(command: float) -> float:

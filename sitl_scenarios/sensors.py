@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Iterator
 from math import cos, exp, pi, radians, sin, sqrt
-from operator import add
 
 import numpy as np
 from numpy.random import Generator
@@ -31,7 +30,8 @@ class GyroVibration:
     """Vibration of rotors and frame that the gyro measures on top of the body rates.
 
     Each rotor shakes once per revolution, by its imbalance, and once per blade passage. The force grows with the square
-    of its speed. The frame resonates with little damping, driven by white noise.
+    of its speed. The frame resonates with little damping, driven by white noise. ``is_felt`` says whether there is any
+    vibration.
     """
 
     def __init__(self, scenario: Scenario, step: float) -> None:
@@ -58,6 +58,7 @@ class GyroVibration:
         self._noise_sd = 0.0
         if self._spec.frame:
             self._noise_sd = self._spec.frame_gyro * sqrt(max(variance_ratio, 0.0))
+        self.is_felt = bool(self._spec.gyro or self._noise_sd)
         # Last two samples of the resonance about each of the three axes, rad/s.
         self._resonance = [(0.0, 0.0)] * 3
         self._noise = self._noise_samples(scenario.random(SHAKING))
@@ -159,34 +160,47 @@ class StateEstimator:
             self._states.extend([state] * (self._whole_cycles + 1))
         self._states.append(state)
         older, newer = self._states[0], self._states[1]
-        noise = next(self._noise)
-        position_noise, velocity_noise = noise[0:3], noise[3:6]
-        attitude_noise, rate_noise = noise[6:9], noise[9:12]
+        # Linear interpolation: the larger the delay, the nearer the delayed time is to the earlier cycle. It is written
+        # out, because a function of each vector would take twice as long.
+        old = self._cycle_fraction
+        new = 1.0 - old
+        old_north, old_east, old_down = older.position
+        new_north, new_east, new_down = newer.position
+        old_north_speed, old_east_speed, old_down_speed = older.velocity
+        new_north_speed, new_east_speed, new_down_speed = newer.velocity
+        old_w, old_x, old_y, old_z = older.attitude
+        new_w, new_x, new_y, new_z = newer.attitude
+        old_p, old_q, old_r = older.rates
+        new_p, new_q, new_r = newer.rates
+        (
+            north_noise, east_noise, down_noise,
+            north_speed_noise, east_speed_noise, down_speed_noise,
+            roll_noise, pitch_noise, yaw_noise,
+            p_noise, q_noise, r_noise,
+        ) = next(self._noise)  # fmt: skip
         half_roll, half_pitch = self._misalignment_half_angles
-        roll_noise, pitch_noise, yaw_noise = attitude_noise
-        half_angles = (half_roll + roll_noise, half_pitch + pitch_noise, yaw_noise)
-        w, x, y, z = self._interpolated(older.attitude, newer.attitude)
-        position = self._interpolated(older.position, newer.position)
-        velocity = self._interpolated(older.velocity, newer.velocity)
-        rates = self._interpolated(older.rates, newer.rates)
-        return State(
-            tuple(map(add, position, position_noise)),
-            tuple(map(add, velocity, velocity_noise)),
-            normalised(rotated((w, x, y, z), half_angles)),
-            tuple(map(add, rates, rate_noise)),
+        attitude = (
+            new * new_w + old * old_w,
+            new * new_x + old * old_x,
+            new * new_y + old * old_y,
+            new * new_z + old * old_z,
         )
-
-    def _interpolated(self, older: tuple[float, ...], newer: tuple[float, ...]) -> list[float]:
-        """Returns values at the delayed time, which lies between two neighbouring cycles, by linear interpolation.
-
-        Args:
-            older: Values of the earlier cycle, such as a position or a quaternion.
-            newer: Values of the later cycle.
-        """
-        # The larger the delay, the nearer it is to the earlier cycle.
-        older_weight = self._cycle_fraction
-        newer_weight = 1.0 - self._cycle_fraction
-        return [
-            newer_weight * newer_value + older_weight * older_value
-            for older_value, newer_value in zip(older, newer, strict=True)
-        ]
+        half_angles = (half_roll + roll_noise, half_pitch + pitch_noise, yaw_noise)
+        return State(
+            (
+                new * new_north + old * old_north + north_noise,
+                new * new_east + old * old_east + east_noise,
+                new * new_down + old * old_down + down_noise,
+            ),
+            (
+                new * new_north_speed + old * old_north_speed + north_speed_noise,
+                new * new_east_speed + old * old_east_speed + east_speed_noise,
+                new * new_down_speed + old * old_down_speed + down_speed_noise,
+            ),
+            normalised(rotated(attitude, half_angles)),
+            (
+                new * new_p + old * old_p + p_noise,
+                new * new_q + old * old_q + q_noise,
+                new * new_r + old * old_r + r_noise,
+            ),
+        )

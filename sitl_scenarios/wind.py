@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from functools import partial
 from math import cos, exp, log, pi
-from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -41,6 +40,9 @@ CORE_DIAMETERS = 6.0
 JET_SPREAD = 0.094
 """Half-width of a jet at half its axial speed, by the distance from its mouth (S. B. Pope, "Turbulent Flows", 2000)."""
 
+BLOCK_ROWS = 1000
+"""Rows of an array that are converted into floats at once."""
+
 Process = Callable[[float, float, int, Generator], Array]
 """Random process of variance 1, as a function of time constant (s), period (s), number of samples and generator."""
 
@@ -70,38 +72,6 @@ def jet_speed(jet: Jet, axial_distance: float, radial_distance: float) -> float:
     return speed_on_axis * exp(-log(2) * (radial_distance / half_width) ** 2)
 
 
-def _jet_wind(jet: Jet, height: float, turbulence: Array, position: Vector3) -> Vector3:
-    """Returns the velocity of the air in a jet at one position: its mean and its turbulence there.
-
-    The position is split into distances along the jet's axis and from it, which give the local mean speed. Turbulence
-    is proportional to that speed, so that it fades at the edge of the jet as the mean does.
-
-    Args:
-        jet: The jet, which blows horizontally.
-        height: Height of its axis, m: that of the hover.
-        turbulence: Deviations of the speed along the jet, across it to the right, and down, as fractions of the local
-            mean speed; (3,).
-        position: Position of the vehicle, NED, m.
-
-    Returns:
-        Velocity, NED, m/s.
-    """
-    axis_north, axis_east, _ = towards(jet.direction).tolist()
-    north, east, down = position
-    axial_distance = jet.distance + north * axis_north + east * axis_east
-    right_of_axis = east * axis_north - north * axis_east - jet.offset
-    below_axis = down + height
-    radial_distance = (right_of_axis * right_of_axis + below_axis * below_axis) ** 0.5
-    speed = jet_speed(jet, axial_distance, radial_distance)
-    along, across, downwards = turbulence.tolist()
-    axial_factor = 1.0 + along
-    return (
-        speed * (axial_factor * axis_north - across * axis_east),
-        speed * (axial_factor * axis_east + across * axis_north),
-        speed * downwards,
-    )
-
-
 def gust_speed(gust: Gust, time: Array) -> Array:
     """Returns the speed of a 1-cosine gust (MIL-F-8785C), v/2 (1 − cos(π x)) with x from 0 to 1 during its rise.
 
@@ -121,13 +91,65 @@ def gust_speed(gust: Gust, time: Array) -> Array:
     return np.array([gust.speed / 2 * (1 - cos(pi * part)) for part in fraction.tolist()])
 
 
-class JetTurbulence(NamedTuple):
-    """A jet and its turbulence in every cycle."""
+class RowsByBlock:
+    """Rows of an array as lists of floats, converted a block at a time: for single rows NumPy's calls are slow."""
 
-    jet: Jet
-    """The jet."""
-    turbulence: Array
-    """(N, 3) deviations along, across and down, by the mean speed at the vehicle."""
+    def __init__(self, values: Array) -> None:
+        """Takes ``values`` (N, n)."""
+        self._values = values
+        self._first = 0
+        self._block: list[list[float]] = []
+
+    def row(self, index: int) -> list[float]:
+        """Returns a row as n floats; rows are asked for one after another."""
+        if not self._first <= index < self._first + len(self._block):
+            self._first = index
+            self._block = self._values[index : index + BLOCK_ROWS].tolist()
+        return self._block[index - self._first]
+
+
+class JetFlow:
+    """Air of one horizontal jet: its mean and its turbulence in every cycle."""
+
+    def __init__(self, jet: Jet, height: float, turbulence: Array) -> None:
+        """Places the jet.
+
+        Args:
+            jet: The jet.
+            height: Height of its axis, m: that of the hover.
+            turbulence: Deviations of the speed along the jet, across it to the right, and down, as fractions of the
+                local mean speed; (N, 3).
+        """
+        self._jet = jet
+        self._height = height
+        self._axis_north, self._axis_east, _ = towards(jet.direction).tolist()
+        self._turbulence = RowsByBlock(turbulence)
+
+    def wind_at(self, cycle: int, position: Vector3) -> Vector3:
+        """Returns the velocity of the air in one cycle at one position, NED, m/s: its mean and its turbulence there.
+
+        The position is split into distances along the jet's axis and from it, which give the local mean speed.
+        Turbulence is proportional to that speed, so that it fades at the edge of the jet as the mean does.
+
+        Args:
+            cycle: Number of the cycle, from 0.
+            position: Position of the vehicle, NED, m.
+        """
+        axis_north = self._axis_north
+        axis_east = self._axis_east
+        north, east, down = position
+        axial_distance = self._jet.distance + north * axis_north + east * axis_east
+        right_of_axis = east * axis_north - north * axis_east - self._jet.offset
+        below_axis = down + self._height
+        radial_distance = (right_of_axis * right_of_axis + below_axis * below_axis) ** 0.5
+        speed = jet_speed(self._jet, axial_distance, radial_distance)
+        along, across, downwards = self._turbulence.row(cycle)
+        axial_factor = 1.0 + along
+        return (
+            speed * (axial_factor * axis_north - across * axis_east),
+            speed * (axial_factor * axis_east + across * axis_north),
+            speed * downwards,
+        )
 
 
 class Weather:
@@ -144,8 +166,7 @@ class Weather:
         samples = len(time)
         # One row for each cycle; columns are the fields of AirState.
         self._air = np.zeros((samples, len(AirState._fields)))
-        self._hover_height = scenario.height
-        self._jets: list[JetTurbulence] = []
+        self._jets: list[JetFlow] = []
         self._profile = scenario.profile
         self._time = time.tolist()
         # Each wind and moment has random numbers of its own: another one added does not change them.
@@ -155,7 +176,7 @@ class Weather:
                 # Noise along, across and down.
                 columns = [gaussian_noise(wind.s, dt, samples, noise) for _ in range(3)]
                 turbulence = wind.turbulence * np.column_stack(columns)
-                self._jets.append(JetTurbulence(wind, turbulence))
+                self._jets.append(JetFlow(wind, scenario.height, turbulence))
             else:
                 self._add_wind(scenario, wind, dt, time, noise)
         for number, moment in enumerate(scenario.moments):
@@ -163,6 +184,8 @@ class Weather:
             column = AirState._fields.index(moment.axis)
             moments = gaussian_noise(moment.s, dt, samples, noise)
             self._air[:, column] += moment.sd * moments
+        self._air_rows = RowsByBlock(self._air)
+        self._varies = bool(self._profile.model_fields_set)
 
     def _add_wind(
         self, scenario: Scenario, wind: Wind, dt: float, time: Array, noise: Generator
@@ -201,20 +224,19 @@ class Weather:
             position: Position of the vehicle, NED, m.
         """
         cycle = min(max(cycle, 0), len(self._air) - 1)
-        air = AirState(*self._air[cycle].tolist())
-        if self._profile.model_fields_set:
+        north, east, down, p, q, roll, pitch, yaw = self._air_rows.row(cycle)
+        if self._varies:
             height = -position[2]
             since_arming = max(self._time[cycle], 0.0)
             # Rotation by the profile's turn, and scaling by its growth with height.
             cosine, sine = self._profile.at(height, since_arming)
-            air = air._replace(
-                north=cosine * air.north - sine * air.east,
-                east=sine * air.north + cosine * air.east,
-            )
-        for jet, turbulence in self._jets:
-            north, east, down = _jet_wind(jet, self._hover_height, turbulence[cycle], position)
-            air = air._replace(north=air.north + north, east=air.east + east, down=air.down + down)
-        return air
+            north, east = cosine * north - sine * east, sine * north + cosine * east
+        for jet in self._jets:
+            jet_north, jet_east, jet_down = jet.wind_at(cycle, position)
+            north += jet_north
+            east += jet_east
+            down += jet_down
+        return AirState(north, east, down, p, q, roll, pitch, yaw)
 
 
 def _turbulent_air(

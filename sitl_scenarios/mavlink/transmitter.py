@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -337,15 +337,18 @@ class Transmitter:
         self.clock = float(clock[-1])
         messages = [*self._replies, *self._scheduled_messages(motion, clock)]
         # The sort is stable: within a row, messages keep the order of replies and streams.
-        messages.sort(key=attrgetter("row"))
+        messages.sort(key=itemgetter(0))
         self._replies = []
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
+        definitions = definitions_by_name()
+        times = motion.time.tolist()
+        sequence = self._sequence
         frames = []
         for row, name, content in messages:
-            frame = encode_frame(content, definitions_by_name()[name], sender, self._sequence)
+            frames.append((times[row], encode_frame(content, definitions[name], sender, sequence)))
             # The sequence number is one byte.
-            self._sequence = (self._sequence + 1) % 256
-            frames.append((float(motion.time[row]), frame))
+            sequence = (sequence + 1) % 256
+        self._sequence = sequence
         return frames
 
     def _scheduled_messages(self, motion: Motion, clock: Array) -> Iterator[OutgoingMessage]:
@@ -365,8 +368,10 @@ class Transmitter:
             if len(rows):
                 boot_microseconds = np.round(clock[rows] * 1e6).astype(np.int64)
                 payloads = message_payloads(name, motion[rows], boot_microseconds, self.autopilot)
-                for row, content in zip(rows.tolist(), payloads, strict=True):
-                    yield OutgoingMessage(row, name, content.tobytes())
+                size = payloads.itemsize
+                content = payloads.tobytes()
+                for number, row in enumerate(rows.tolist()):
+                    yield OutgoingMessage(row, name, content[number * size : (number + 1) * size])
 
 
 LINK_KEY = 0x6C696E6B
@@ -403,12 +408,14 @@ class LossyLink:
             The frames that arrive, with their times of arrival, s of the flight, ascending.
         """
         faults = self._faults
+        lost_share, delay, max_jitter = faults.loss, faults.delay, faults.jitter
+        has_outage = faults.outage is not None
         uniform_numbers = self._random.random((len(sent), 3)).tolist()
         for (time, frame), (loss, jitter, order) in zip(sent, uniform_numbers, strict=True):
-            if loss < faults.loss or self.is_lost(time):
+            if loss < lost_share or (has_outage and self.is_lost(time)):
                 continue
             # A link keeps its order: a frame cannot arrive before the one that was sent before it.
-            self._latest = max(time + faults.delay + faults.jitter * jitter, self._latest)
+            self._latest = max(time + delay + max_jitter * jitter, self._latest)
             if self._held is not None:
                 held_arrival, held_frame = self._held
                 self._held = None

@@ -40,8 +40,7 @@ def flown(steps):
     body = Body(VehicleSpec(model="iris"), CYCLE / steps)
     state = normed(begun())
     for cycle in range(CYCLES):
-        for _ in range(steps):
-            state = body.next_state(state, targets(cycle), GUSTY)
+        state = body.advanced(state, targets(cycle), GUSTY, steps)
     return np.concatenate(state[:5])
 
 

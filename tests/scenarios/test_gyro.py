@@ -32,7 +32,7 @@ HALVES = WHOLE / 2
 
 def sensed(gyro, *rates):
     """The rates of a gyro, after a step of a body that has these."""
-    body = partial_record(Body, next_state=lambda *arguments: State(rates=rates))
+    body = partial_record(Body, advanced=lambda *arguments: State(rates=rates))
     gyro.advance(body, State(), (), AirState(), 1)
     return gyro.filtered_rates
 

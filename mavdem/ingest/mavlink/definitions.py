@@ -5,6 +5,7 @@ it has PX4's newer messages too. Field order on the wire, truncation and extensi
 https://mavlink.io/en/guide/serialization.html.
 """
 
+import struct
 from collections.abc import Mapping
 from functools import cache
 from math import isfinite
@@ -31,6 +32,13 @@ from mavdem.ingest.vocabulary import mavlink_constant
 
 INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
 """NumPy types of integer parameters; in capitals, the ends of their names in MAV_PARAM_TYPE."""
+
+MARKER_V2_BYTE = bytes((MARKER_V2,))
+"""First byte of each frame of MAVLink 2."""
+
+HEADER_AFTER_MARKER = struct.Struct("<BBBBBBHB")
+"""The rest of its header: length of the payload, both flags, sequence, system, component, and the message's number of
+three bytes."""
 
 
 class MessageDefinition(NamedTuple):
@@ -228,17 +236,16 @@ def encode_frame(
     # MAVLink 2 cuts trailing zeros off, which the receiver adds again; at least one byte of the payload is sent.
     payload = payload.rstrip(b"\0") or b"\0"
     incompatibility_flags = compatibility_flags = 0
-    header = bytes(
-        (
-            MARKER_V2,
-            len(payload),
-            incompatibility_flags,
-            compatibility_flags,
-            sequence,
-            sender.system,
-            sender.component,
-        )
+    header = HEADER_AFTER_MARKER.pack(
+        len(payload),
+        incompatibility_flags,
+        compatibility_flags,
+        sequence,
+        sender.system,
+        sender.component,
+        definition.message_id & 0xFFFF,
+        definition.message_id >> 16,
     )
-    header += definition.message_id.to_bytes(3, "little")
-    checksum = frame_checksum(header[1:] + payload, definition.crc_extra)
-    return header + payload + checksum.to_bytes(CHECKSUM_BYTES, "little")
+    content = header + payload
+    checksum = frame_checksum(content, definition.crc_extra)
+    return MARKER_V2_BYTE + content + checksum.to_bytes(CHECKSUM_BYTES, "little")
