@@ -412,7 +412,7 @@ class Body:
         (north, east, down), (north_speed, east_speed, down_speed), (w, x, y, z), (p, q, r) = state[
             :4
         ]
-        rotors = state.rotors
+        rotors: Sequence[float] = state.rotors
         north_change, east_change, down_change = state.accelerations.linear
         p_change, q_change, r_change = state.accelerations.angular
         for _ in range(steps):
@@ -483,9 +483,10 @@ class Body:
             settled_speeds: Speeds that the rotors tend to, rad/s.
             steps: Number of steps.
         """
+        speeds: Sequence[float] = rotors
         for _ in range(steps):
-            _, rotors = self._lagged_speeds(rotors, settled_speeds)
-        return tuple(rotors)
+            _, speeds = self._lagged_speeds(speeds, settled_speeds)
+        return tuple(speeds)
 
     def _lagged_speeds(
         self, speeds: Sequence[float], settled_speeds: Vector4
