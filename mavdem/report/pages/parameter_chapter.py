@@ -2,9 +2,11 @@
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from math import ceil
 
 from mavdem.facts import Level
+from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Rated, Table
@@ -21,15 +23,31 @@ AXIS_COLUMNS = {"R": "roll", "P": "pitch", "Y": "yaw", "all": "all"}
 """Columns of the table of parameters, by the first letter of the axis in a parameter's name."""
 
 
+MEANINGS = {
+    re.compile(pattern): meaning
+    for pattern, meaning in load_adjacent_toml(__file__, "../parameter_meanings.toml").items()
+}
+"""Meanings of parameters by a pattern of their whole name, of which the first that fits counts."""
+
+
+@cache
+def meaning_of(name: str) -> str:
+    """Returns what a parameter means, in a few words; empty where ``parameter_meanings.toml`` does not have it."""
+    for pattern, meaning in MEANINGS.items():
+        if pattern.fullmatch(name):
+            return meaning
+    return ""
+
+
 def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
-    """Returns the chapter of parameters: those that changed in the flight, those of rate and attitude control, and all.
+    """Returns the chapter of parameters: changed in the flight, of rate and attitude control, not the default, and all.
 
     Changes that the autopilot makes by itself, such as counters and learned offsets, are only marked in the list of
     all.
 
     Args:
         telemetry: of the vehicle, with the parameters at the beginning and at the end of the log.
-        is_full: whether all parameters are listed, with the number of those that are not the autopilot's default.
+        is_full: whether all parameters are listed, and those that are not the autopilot's default with their meaning.
 
     Returns:
         The chapter; all parameters are in a table that readers can search.
@@ -54,19 +72,39 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     if is_full and changed_count:
         total = len(telemetry.parameters)
         blocks += render_section("parameter_defaults", count=changed_count, total=total)
+        rows = _changed_default_rows(telemetry)
+        if rows:
+            header = ["not the default", "value", "default", "meaning"]
+            blocks.append(Table(header, rows, words=True))
     searchable = _all_parameters(telemetry) if is_full and telemetry.parameters else None
     return Chapter("Parameters", blocks, searchable=searchable)
 
 
+def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
+    """Returns the rows of the table of parameters that are not the firmware's default, with their meaning if known.
+
+    Others, and what the autopilot sets by itself, such as calibrations, are left out.
+
+    Args:
+        telemetry: of the vehicle.
+    """
+    rows = []
+    for name, default in sorted(telemetry.changed_defaults.items()):
+        meaning = meaning_of(name)
+        if meaning and not AUTOPILOT_SET_PARAMETERS.search(name):
+            rows.append([name, f"{telemetry.parameters[name]:.7g}", f"{default:.7g}", meaning])
+    return rows
+
+
 def _all_parameters(telemetry: Telemetry) -> Table:
-    """Returns all parameters with their values at the end of the log.
+    """Returns all parameters with their values at the end of the log, and their meanings.
 
     Those that changed in flight are marked, and those that are not the default, where the log has defaults.
     """
     rows: list[list[str]] = []
     defaults = telemetry.changed_defaults
     for name, value in sorted(telemetry.parameters.items()):
-        row: list[str] = [name, f"{value:.7g}", ""]
+        row: list[str] = [name, f"{value:.7g}", "", meaning_of(name)]
         is_default_known = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
         remark = f"not the default, {defaults[name]:.7g}" if is_default_known else ""
         if name in telemetry.initial_parameters:
@@ -76,7 +114,7 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         else:
             row[2] = remark
         rows.append(row)
-    return Table(["parameter", "value", "remark"], rows, words=True)
+    return Table(["parameter", "value", "remark", "meaning"], rows, words=True)
 
 
 def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:

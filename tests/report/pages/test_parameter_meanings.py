@@ -1,0 +1,49 @@
+"""Meanings of parameters: by their whole name, and for what differs from the default in a table of their own."""
+
+from pytest import mark
+
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.report.pages.parameter_chapter import MEANINGS, meaning_of, parameters_chapter
+
+
+@mark.parametrize(
+    "name, words",
+    [
+        ("ATC_RAT_RLL_P", "proportional"),
+        ("MC_PITCHRATE_D", "derivative"),
+        ("INS_HNTC2_FREQ", "notch"),
+        ("BAT1_N_CELLS", "cells"),
+        ("LOG_BITMASK", "logged"),
+        # No pattern fits a part of a name alone.
+        ("XMC_ROLL_P", ""),
+        ("MC_ROLL_PX", ""),
+    ],
+)
+def test_a_parameter_is_known_by_its_whole_name(name, words):
+    meaning = meaning_of(name)
+    assert words in meaning
+    assert bool(meaning) == bool(words)
+
+
+def test_meanings_are_a_few_words_without_a_full_stop():
+    assert all(0 < len(meaning) < 90 and meaning[-1] != "." for meaning in MEANINGS.values())
+
+
+def test_what_differs_from_the_default_is_listed_with_its_meaning():
+    made = Telemetry(
+        system=1,
+        component=1,
+        vehicle="QUADROTOR",
+        autopilot="ARDUPILOTMEGA",
+        messages={},
+        parameters={"ATC_RAT_RLL_P": 0.2, "FRAME_TYPE": 1.0, "XYZZY": 3.0},
+        default_parameters={"ATC_RAT_RLL_P": 0.135, "FRAME_TYPE": 1.0, "XYZZY": 1.0},
+    )
+    chapter = parameters_chapter(made, is_full=True)
+    table = chapter.blocks[-1]
+    assert table.header[0] == "not the default"
+    assert table.rows == [["ATC_RAT_RLL_P", "0.2", "0.135", "rate controller: proportional gain"]]
+    assert [row[0] for row in chapter.searchable.rows] == ["ATC_RAT_RLL_P", "FRAME_TYPE", "XYZZY"]
+    small = parameters_chapter(made, is_full=False)
+    assert small.searchable is None
+    assert len(small.blocks) == len(chapter.blocks) - 2
