@@ -156,6 +156,13 @@ def _rotors_or_assumption(
     """Returns the rotors if the positions of all motors are known, else those of an X quadrotor, or none.
 
     An X quadrotor, by far the most common frame, is assumed of every vehicle with the motors 1 to 4.
+
+    Args:
+        rotors: Positions and spins by number of the motor, as far as the parameters have them.
+        motors: Numbers of the motors, from 1.
+
+    Returns:
+        The rotors, and where their positions come from.
     """
     if all(motor in rotors.positions for motor in motors):
         return rotors, PositionSource.PARAMETERS
@@ -186,6 +193,13 @@ def _ardupilot_wiring(vehicle: str, parameters: Parameters) -> _Wiring:
     """Reads from SERVOn_FUNCTION which channel drives which motor; of several channels of a motor, the lowest counts.
 
     Before ArduCopter 3.5 motors have no function, but a gimbal's channels have RCn_FUNCTION.
+
+    Args:
+        vehicle: MAV_TYPE without its prefix.
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        The channel of each motor, and the channels that drive something else.
     """
     channel_of_motor: dict[int, int] = {}
     non_motor_channels = set()
@@ -227,6 +241,10 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
     FRAME_CLASS is the kind of frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
     ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type.
 
+    Args:
+        vehicle: MAV_TYPE without its prefix.
+        parameters: The autopilot's parameters by name.
+
     Returns:
         The rotors on a circle of radius 1; none where the frame is not known.
     """
@@ -246,6 +264,13 @@ def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
 
     The table has a pair for each frame: the bearing of each motor, degrees, and a text with a sign for each motor, "+"
     for counterclockwise and "-" for clockwise.
+
+    Args:
+        frame_class: Number of the kind of frame, FRAME_CLASS.
+        frame_type: Number of its arrangement, FRAME_TYPE.
+
+    Returns:
+        Positions on a circle of radius 1, and spins, 1 for counterclockwise and -1 for clockwise, by motor from 1.
     """
     bearings: Numbers
     directions: str
@@ -285,6 +310,12 @@ def _px4_rotors(parameters: Parameters) -> _Rotors:
     """Reads the rotors from the geometry of PX4's control allocation, CA_ROTORn_PX, _PY and _KM.
 
     The allocation counts rotors from 0. KM, torque over thrust, is positive for a rotor that turns counterclockwise.
+
+    Args:
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        Positions (forward, right), m, and spins, by motor from 1, as far as the parameters have them.
     """
     rotors = _Rotors()
     count = min(int(parameters.get("CA_ROTOR_COUNT", 0)), MAX_PX4_ROTORS)
@@ -312,6 +343,9 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
         parameters: The autopilot's parameters by name.
         moving_channels: Channels, from 1, whose outputs change.
         bank_size: Number of channels of a bank; there are two banks.
+
+    Returns:
+        The channel of each motor, and driver and output of each channel.
     """
     wiring = _Wiring({}, ChannelSource.PX4_FUNCTIONS)
     # Before PX4 1.13, which has no *_FUNCn, the first bank is that of the main outputs, the second of the auxiliary.
@@ -341,7 +375,15 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
 
 
 def _px4_motor_outputs(parameters: Parameters, driver: str) -> dict[int, int]:
-    """Returns the output, from 1, of each motor, from 1, that a driver's parameters {driver}_FUNCn name."""
+    """Returns the output of each motor that a driver drives, by its parameters {driver}_FUNCn.
+
+    Args:
+        parameters: The autopilot's parameters by name.
+        driver: Name of the driver, such as "PWM_AUX".
+
+    Returns:
+        Outputs, from 1, by motor, from 1.
+    """
     outputs = {}
     for output in range(1, MAX_PX4_DRIVER_OUTPUTS + 1):
         function = int(parameters.get(f"{driver}_FUNC{output}", 0))

@@ -146,7 +146,7 @@ class MotorGeometry:
 
     @property
     def basis(self) -> Fact:
-        """The fact that says where channels and positions come from."""
+        """The fact that says where channels and positions of the motors come from: parameters, or which assumption."""
         return Fact(
             Source.MOTOR_BASIS,
             channels_by=self.channel_source,
@@ -234,6 +234,9 @@ def demand_geometry(axis: str) -> MotorGeometry:
     """Makes the geometry for a model whose one input is the controller's demand on an axis, not the motors.
 
     The demand acts like a single motor whose mixer row for this axis is 1.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
     """
     positions = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}
     return MotorGeometry(
@@ -264,6 +267,9 @@ def position_name(position: Position) -> str:
     """Returns the direction of a motor from the centre of mass, in words: ``front right``.
 
     The direction is rounded to the nearest multiple of 45°.
+
+    Args:
+        position: Distances forward and to the right of the centre, in any unit.
     """
     forward, right = position
     bearing = degrees(atan2(right, forward))

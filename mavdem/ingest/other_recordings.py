@@ -249,7 +249,17 @@ def _importance(chain: _Chain) -> int:
 
 
 def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
-    """Returns how long a byte of the log lasts, s: its median over the parts of the size of a cluster."""
+    """Returns the median duration of a byte of the log, s, over parts of the size of a cluster.
+
+    A cluster is the piece in which a memory card stores files; what is of another file begins and ends with one.
+
+    Args:
+        positions: Offsets (N,) of messages in the file, ascending.
+        time: Their stamps (N,), s.
+
+    Returns:
+        Seconds per byte; 0 where no part shows it.
+    """
     clusters = positions // CLUSTER_BYTES
     first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
     durations = np.diff(time[np.append(first_rows, len(time) - 1)])
@@ -270,6 +280,9 @@ def _runs(
         log_starts: Offsets of the definitions with which a log begins.
         boots: When the boot clock read 0, as far as UTC is known.
         rules: What the clock may do.
+
+    Returns:
+        The runs in the order of the file, each with its first and last time, and what is known of its boot.
     """
     positions, time, _ = messages
     steps = np.diff(time)
@@ -370,6 +383,10 @@ def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
 
     One of both is before the other in the file. The later one goes on in time, or is another boot: a log begins there,
     its clock begins near zero, or by UTC it began after the end of the first.
+
+    Args:
+        chain, kept: The chains: runs of messages, each of which continues the clock of the one before.
+        rules: What the clock may do.
     """
     first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:

@@ -36,7 +36,10 @@ class OutputScale:
     """Share of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
 
     def fraction(self, outputs: Array) -> Array:
-        """Converts outputs, of any shape, to shares of the range.
+        """Converts outputs to shares of the range.
+
+        Args:
+            outputs: Outputs of any shape, in the unit of the scale.
 
         Returns:
             0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some autopilots send less than
@@ -167,6 +170,9 @@ def _pulse_range(
         pulse_widths: Distinct outputs (N,) above 0, µs.
         parameters: The autopilot's parameters by name.
         drivers: PX4's output driver of each motor; empty for ArduPilot.
+
+    Returns:
+        Pulse width at no throttle, and at full throttle.
     """
     ranges = [_px4_range(drivers, parameters)]
     if not drivers:
@@ -194,6 +200,10 @@ def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Inter
     """Returns PX4's outputs at no and at full throttle, the mean over the motors.
 
     Both are 0 where the parameters do not have the range of every motor, or there are no drivers.
+
+    Args:
+        drivers: PX4's output driver of each motor.
+        parameters: The autopilot's parameters by name.
     """
     if not drivers:
         return 0.0, 0.0
@@ -211,6 +221,11 @@ def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
 
     An output has a parameter of its own since PX4 1.13 (PWM_MAIN_MIN1), where -1 means the driver's. The driver's is
     PWM_MAIN_MIN in PX4 1.12, and PWM_MIN, of the main outputs only, before.
+
+    Args:
+        driver: Driver and number of the output.
+        end: "MIN" or "MAX".
+        parameters: The autopilot's parameters by name.
     """
     names = [f"{driver.name}_{end}{driver.channel}", f"{driver.name}_{end}"]
     if driver.name == "PWM_MAIN":
@@ -231,6 +246,9 @@ def _ardupilot_stop(parameters: Parameters) -> float:
     The parameter is MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, a share of what is above THR_MIN, per
     mille of the range; and MOT_TCRV_MAXPCT, in percent, before. Source: ``AP_MotorsMulticopter`` and, before it,
     ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
+
+    Args:
+        parameters: The autopilot's parameters by name.
     """
     stop = 1.0
     idle = parameters.get("THR_MIN", 0.0) / 1000

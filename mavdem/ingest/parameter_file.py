@@ -26,6 +26,9 @@ _PARAMETER_NAME = re.compile(r"[A-Z]\w*")
 def read_parameters(path: PathName) -> Parameters:
     """Reads a parameter file of any ground station.
 
+    Args:
+        path: The file, or an archive of it.
+
     Returns:
         Finite values by name; of several lines of one parameter the last counts.
 
@@ -46,6 +49,9 @@ def _parameter_of_line(line: str) -> tuple[str, float]:
     """Returns name and finite value of the parameter in a line; an empty name where there is none.
 
     Both formats are read by the same rule: words are separated by commas or spaces, and leading numbers are skipped.
+
+    Args:
+        line: A line of Mission Planner ("MOT_SPIN_MIN,0.15") or QGroundControl ("1 1 MOT_SPIN_MIN 0.15 9").
     """
     words = re.split(r"[,\s]+", line.strip())
     if words[0].isdigit():

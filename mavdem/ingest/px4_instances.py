@@ -24,10 +24,16 @@ from mavdem.ingest.vocabulary import EstimatorRatio
 
 
 def sys_status(topics: Topics) -> Fields:
-    """SYS_STATUS.hpp: the first connected instance of battery_status, with the decimals the message cuts off.
+    """Makes SYS_STATUS (SYS_STATUS.hpp) of the first connected battery, with the decimals that the message cuts off.
 
     PX4 itself sends the connected battery with the least charge, which changes in flight. Beside the message's fields
     there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+
+    Args:
+        topics: The logged topics, by name and number of the instance; each battery is an instance of battery_status.
+
+    Returns:
+        Columns (N,) with ``time``, s; empty where no battery was logged.
     """
     batteries = _batteries(topics)
     if not batteries:
@@ -36,9 +42,12 @@ def sys_status(topics: Topics) -> Fields:
 
 
 def battery_status(topics: Topics) -> Fields:
-    """BATTERY_STATUS.hpp: the connected instances of battery_status, with the number of each, from 0, as ``id``.
+    """Makes BATTERY_STATUS (BATTERY_STATUS.hpp) of all connected batteries, with the number of each, from 0, as ``id``.
 
     It is made only where another battery than the first is connected, or several: else it would repeat SYS_STATUS.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, ``id``, ``voltages`` (N, 1), mV, that of the battery, ``cell_count``, and as far as logged
@@ -46,7 +55,8 @@ def battery_status(topics: Topics) -> Fields:
     """
     parts = []
     batteries = _batteries(topics)
-    if batteries.keys() <= {0}:
+    has_other_than_first = bool(batteries.keys() - {0})
+    if not has_other_than_first:
         return {}
     for battery_id, battery in batteries.items():
         columns = _battery_fields(battery)
@@ -58,7 +68,11 @@ def battery_status(topics: Topics) -> Fields:
 
 
 def _battery_fields(battery: Columns) -> Fields:
-    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``."""
+    """Translates one instance of battery_status to fields of SYS_STATUS, with the warning as ``charge_state``.
+
+    Args:
+        battery: Columns (N,) of battery_status.
+    """
     rule = TRANSLATION_RULES["SYS_STATUS"]
     fields = fields_by_rule(battery, rule)
     columns = {"time": battery["time"], **fields}
@@ -73,6 +87,9 @@ def _batteries(topics: Topics) -> dict[int, Columns]:
 
     The topic has the number as ``id``, from 1, of which 0 is that of no battery; else the number of the instance
     counts. Where no instance was ever connected, as old versions and simulators report it, all of them are returned.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
     """
     connected: dict[int, Columns] = {}
     all_batteries: dict[int, Columns] = {}
@@ -99,9 +116,15 @@ RATIO_FIELDS = {
 
 
 def estimator_status(topics: Topics) -> Fields:
-    """ESTIMATOR_STATUS.hpp: estimator_status of the instance that flies at each time.
+    """Makes ESTIMATOR_STATUS (PX4's ESTIMATOR_STATUS.hpp) of the estimator's instance that flies at each time.
 
     Where that instance was not logged, the first one that was stands in for it.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        Columns (N,) of estimator_status, in the order of time.
     """
     instances = _estimators(topics)
     parts: list[Columns] = []
@@ -116,6 +139,9 @@ def estimator_status(topics: Topics) -> Fields:
 
 def estimator_instances(topics: Topics) -> Fields:
     """Makes the table of all instances of estimator_status, where the log has more than the primary one.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, the number of the ``instance``, ``is_primary``, and the test ratios by the names of
@@ -143,7 +169,15 @@ def _estimators(topics: Topics) -> dict[int, Fields]:
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:
-    """Returns the number of the estimator instance that flies at each time (T,), s; 0 where no topic names it."""
+    """Returns the number of the estimator instance that flies at each time; 0 where no topic names it.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+        time: Times (T,) since boot, s.
+
+    Returns:
+        Numbers (T,), from 0.
+    """
     selector = first_instance(topics, "estimator_selector_status")
     primary = selector.get("primary_instance", np.zeros(0, np.int64))
     if not len(primary):
@@ -174,6 +208,9 @@ SENSOR_TOPICS = (
 
 def accelerometers(topics: Topics) -> Fields:
     """Makes the table of all accelerometers, of the mean force in vehicle_imu_status, where there are several.
+
+    Args:
+        topics: The logged topics, by name and number of the instance; each IMU is an instance.
 
     Returns:
         ``time`` (N,), s, the number of the IMU from 0 as ``instance``, and ``xacc``, ``yacc`` and ``zacc``, m/s².

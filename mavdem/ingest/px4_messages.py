@@ -61,11 +61,15 @@ BODY_RATE_FIELDS = ("rollspeed", "pitchspeed", "yawspeed")
 
 
 def attitude_quaternion(topics: Topics) -> Fields:
-    """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
+    """Makes ATTITUDE_QUATERNION (PX4's ATTITUDE_QUATERNION.hpp): attitude of vehicle_attitude, and the body rates.
 
-    PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
-    of the rates, by spherical linear interpolation (slerp), so that neither is late. Only an attitude too slow for that
-    keeps its own stamps, and the rates are interpolated there.
+    From PX4 1.10 on, the rates are in vehicle_angular_velocity. PX4 sends the rates that were last published. Here
+    attitude, the smoother of the two, is interpolated at the stamps of the rates, by spherical linear interpolation
+    (slerp), so that neither is late. Only an attitude too slow for that keeps its own stamps, and the rates are
+    interpolated there.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, quaternions w, x, y, z in ``q1`` to ``q4``, and body rates, rad/s. Rates in gaps of the
@@ -143,10 +147,13 @@ MIN_TURNS_PER_DRIVER = 2
 
 
 def servo_output_raw(topics: Topics) -> Fields:
-    """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off.
+    """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) of actuator_outputs: each instance of the topic is a port of 16.
 
-    An instance that two drivers publish in turn, each with its ``noutputs``, becomes two ports; that of the driver
-    whose first output changes most keeps the instance's number.
+    The decimals that the message cuts off are kept. An instance that two drivers publish in turn, each with its
+    ``noutputs``, becomes two ports; that of the driver whose first output changes most keeps the instance's number.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, ``port`` and the 16 outputs in the unit of the driver, in the order of time.
@@ -185,7 +192,7 @@ def _used_outputs(topic: Columns) -> Array:
 
 
 def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
-    """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
+    """Makes HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range, of actuator_motors, from PX4 1.13 on.
 
     The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
     a motor that is off, becomes 0.
@@ -223,10 +230,20 @@ THRUST_CHANNEL = 3
 
 
 def actuator_control_target(topics: Topics) -> Fields:
-    """ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
+    """Makes ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
 
-    From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
-    before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp until then).
+    It is made of vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or of the
+    actuator_controls_0 of PX4 before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp
+    until then).
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        ``time`` (N,), s, ``group_mlx``, 0 throughout, and ``controls`` (N, 8).
+
+    Raises:
+        KeyError: Neither topic was logged.
     """
     torque = first_instance(topics, "vehicle_torque_setpoint")
     if torque:
@@ -248,9 +265,12 @@ BODY_ANGLE_FIELDS = ("roll_body", "pitch_body", "yaw_body")
 
 
 def attitude_target_messages(topics: Topics) -> Fields:
-    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint.
+    """Makes ATTITUDE_TARGET (PX4's ATTITUDE_TARGET.hpp) of vehicle_attitude_setpoint and vehicle_rates_setpoint.
 
     Each topic makes messages of its own, in which ``type_mask`` marks the setpoint of the other topic as not sent.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, quaternions, and body rates, rad/s, in the order of time.
@@ -282,7 +302,18 @@ def in_time_order(parts: Sequence[Columns]) -> Fields:
 
 
 def renamed_message(topics: Topics, message: str) -> Fields:
-    """Makes a message of which only names and units change, from the first topic of its rule that was logged."""
+    """Makes a message of which only names and units change, from the first topic of its rule that was logged.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+        message: Name of MAVLink's message, a key of ``TRANSLATION_RULES``.
+
+    Returns:
+        Columns (N,) with ``time``, s; empty where none of the topics was logged.
+
+    Raises:
+        KeyError: The topic lacks a field that the message must have.
+    """
     rule = TRANSLATION_RULES[message]
     for topic_name in rule["topics"]:
         topic = first_instance(topics, topic_name)
@@ -293,7 +324,13 @@ def renamed_message(topics: Topics, message: str) -> Fields:
 
 
 def highres_imu(topics: Topics) -> Fields:
-    """HIGHRES_IMU.hpp: vehicle_acceleration, with the temperature of the first IMU, °C, of vehicle_imu_status."""
+    """Makes HIGHRES_IMU (PX4's HIGHRES_IMU.hpp) of vehicle_acceleration, with the temperature of the first IMU, °C.
+
+    The temperature is that of vehicle_imu_status, which comes less often: its last value counts, NaN before the first.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+    """
     fields = renamed_message(topics, "HIGHRES_IMU")
     status = first_instance(topics, "vehicle_imu_status")
     if fields and "temperature_accel" in status:
@@ -308,9 +345,12 @@ VIBRATION_IMUS = 3
 
 
 def vibration(topics: Topics) -> Fields:
-    """VIBRATION.hpp: vehicle_imu_status, the level of vibration and the clipped samples of each IMU.
+    """Makes VIBRATION (VIBRATION.hpp) of vehicle_imu_status: the level of vibration and the clipped samples by IMU.
 
     Each IMU is an instance of the topic with stamps of its own; all are interpolated at the stamps of the first.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s; ``vibration_z``, the level of the first IMU's acceleration, m/s²; a counter of clips for each
@@ -340,7 +380,10 @@ def system_time(topics: Topics) -> Fields:
 
 
 def injected_rates(topics: Topics) -> Fields:
-    """SIDD, the message of ArduPilot's logs with test signals, of the rates that PX4's autotune adds to the setpoint.
+    """Makes SIDD, ArduPilot's message with test signals, of the rates that PX4's autotune adds to the setpoint.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         Three rows per message of the topic, for roll, pitch and yaw: ``time``, s, the number of the ``axis`` as of
@@ -377,10 +420,11 @@ class SampleTopic(NamedTuple):
 
 
 def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
-    """Returns samples of a sensor before the filters.
+    """Returns samples of a sensor before the autopilot's filters.
 
-    A message of the FIFO topic holds up to 32 of them, ``dt`` µs apart, the last at ``timestamp_sample``, as integers
-    that ``scale`` converts to the unit. Where the topic was not logged, the means in sensor_combined are used.
+    A message of the FIFO topic, the sensor's own buffer, holds up to 32 of them, ``dt`` µs apart, the last at
+    ``timestamp_sample``, as integers that ``scale`` converts to the unit. Where the topic was not logged, the means in
+    sensor_combined are used.
 
     Args:
         topics: The logged topics.
@@ -428,7 +472,10 @@ ZERO_CELSIUS = 273.15
 
 
 def motor_speeds(topics: Topics) -> Fields:
-    """ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
+    """Makes ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, the number of the controller from 0 as ``Instance``, the size of its speed as ``RPM`` (some
@@ -450,8 +497,13 @@ def _is_online(topic: Columns, instance: int) -> Flags:
     """Returns for each message of esc_status (N,) whether a controller reports, by its flags or the number of them.
 
     Where neither was logged, one that ever turns reports throughout.
+
+    Args:
+        topic: Columns (N,) of esc_status.
+        instance: Number of the speed controller, from 0.
     """
     if "esc_online_flags" in topic:
+        # Bit n of the flags is that of controller n.
         return topic["esc_online_flags"].astype(np.int64) >> instance & 1 > 0
     if "esc_count" in topic:
         return np.asarray(topic["esc_count"] > instance)
@@ -493,9 +545,12 @@ def current_mode(topics: Topics) -> Fields:
 
 
 def manual_control(topics: Topics) -> Fields:
-    """MANUAL_CONTROL.hpp: the sticks of manual_control_setpoint.
+    """Makes MANUAL_CONTROL (PX4's MANUAL_CONTROL.hpp) of manual_control_setpoint: the sticks of the pilot.
 
     PX4 counts the throttle from -1 to 1 since 1.14, and from 0 to 1 before.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, the throttle ``z``, 0 (closed) to 1000, and as far as logged pitch ``x``, roll ``y`` and yaw
@@ -550,13 +605,16 @@ SETPOINT_TYPE_LAND = 4
 
 
 def extended_sys_state(topics: Topics) -> Fields:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
+    """Makes EXTENDED_SYS_STATE (PX4's EXTENDED_SYS_STATE.hpp): on the ground or in the air, by the land detector.
 
     There is a row whenever one of the topics came, and at the first message of each second: old PX4 logged the state at
     its changes only.
 
     The land detector says whether the vehicle is on the ground or in the air. In the air, an automatic mode whose
     target is of the type take-off or landing makes it one of these.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
 
     Returns:
         ``time`` (N,), s, and ``landed_state``, MAV_LANDED_STATE; empty where there was no land detector.
@@ -584,10 +642,13 @@ def extended_sys_state(topics: Topics) -> Fields:
 
 
 def local_position_ned(topics: Topics) -> Fields:
-    """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s.
+    """Makes LOCAL_POSITION_NED (PX4's LOCAL_POSITION_NED.hpp) of vehicle_local_position; m and m/s.
 
-    Beside the message's fields, ``valid``: whether its horizontal velocity and the heading are, and ``resets``,
-    ODOMETRY's counter of jumps.
+    Rows whose vertical speed is not valid are left out. Beside the message's fields there are ``valid``, whether
+    horizontal velocity and heading are valid, and ``resets``, ODOMETRY's counter of jumps.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
     """
     topic = first_instance(topics, "vehicle_local_position")
     columns = {field: topic[field] for field in ("time", "x", "y", "z", "vx", "vy", "vz")}

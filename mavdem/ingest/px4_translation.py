@@ -195,6 +195,10 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
     The majority counts, since single values may be damaged. Sources are vehicle_status.system_type and the parameter
     MAV_TYPE; without these vehicle_status.vehicle_type, and is_rotary_wing in old versions.
 
+    Args:
+        topics: The logged topics, by name and number of the instance.
+        parameters: The autopilot's parameters by name.
+
     Returns:
         MAV_TYPE; None where there is no source.
     """

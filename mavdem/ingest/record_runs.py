@@ -71,7 +71,8 @@ class RecordRuns:
         Returns:
             The run; None if no record begins at ``position``. The last record may go beyond ``end``.
         """
-        if not self._stretch.start <= position < self._stretch.stop <= end:
+        is_searched = self._stretch.start <= position < self._stretch.stop <= end
+        if not is_searched:
             self._search(slice(position, min(position + STRETCH_BYTES, end)))
         row = int(np.searchsorted(self._starts, position))
         if row == len(self._starts) or self._starts[row] != position:
@@ -84,7 +85,13 @@ class RecordRuns:
         self._stretch = slice(0, 0)
 
     def _search(self, stretch: slice) -> None:
-        """Finds the possible records of a stretch, and the last row of the run that each belongs to."""
+        """Finds the possible records of a stretch, and the last row of the run that each belongs to.
+
+        A run ends with a record behind which no other begins directly.
+
+        Args:
+            stretch: First offset, and the offset before which records begin.
+        """
         self._stretch = stretch
         self._starts, self._ends = self._find_records(stretch.start, stretch.stop)
         ends_run = np.ones(len(self._starts), dtype=np.bool_)

@@ -102,7 +102,7 @@ class Telemetry(ImmutableResult):
 
     @property
     def changed_defaults(self) -> Parameters:
-        """The defaults of those parameters whose last value is another one, by name.
+        """The default values of those parameters that have another value at the end of the log, by name.
 
         Values that agree as 32-bit floats, as autopilots store them, are the same.
         """
@@ -214,7 +214,7 @@ def concatenated_columns(parts: Sequence[Columns]) -> Fields:
     """Joins tables of the same message one after the other, with the columns that all of them have.
 
     Args:
-        parts: The tables, at least one. A single one is not copied.
+        parts: The tables (N_i rows each), at least one. The columns of a single one are not copied.
     """
     if len(parts) == 1:
         return dict(parts[0])

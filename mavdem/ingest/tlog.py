@@ -62,6 +62,9 @@ def tlog_stream(path: PathName) -> FrameStream:
     In an undamaged log 8 bytes of stamp lie before each frame. Where the distance to the frame before is different,
     some bytes are damaged, and the frame has no stamp. A file with hardly any frame for its size is something else.
 
+    Args:
+        path: The log, or an archive of it.
+
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
     """
@@ -74,6 +77,9 @@ def tlog_stream(path: PathName) -> FrameStream:
 
 def check_beginning(path: PathName) -> None:
     """Checks that the first ``CHECKED_BYTES`` of a file hold MAVLink frames, which takes a tenth of a second at most.
+
+    Args:
+        path: The file; it is not unpacked.
 
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.
@@ -172,6 +178,9 @@ def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
 
     It is recognised by every byte of the value of a line feed having a carriage return before it, which in a binary
     file does not happen by chance.
+
+    Args:
+        data: The bytes of the log.
 
     Returns:
         The bytes as they were recorded, and the repair if there was one.

@@ -153,6 +153,9 @@ def _status_texts(log: ULog) -> Columns:
 
     Their level is the ASCII character of a digit, 0 to 7, as in syslog; MAV_SEVERITY has the same numbers.
 
+    Args:
+        log: The log, as pyulog parsed it.
+
     Returns:
         Columns (N,) severity, text, ``time``, s, and ``boot``, 0 throughout.
     """
@@ -171,6 +174,9 @@ def _parameter_values(settings: list[ParameterSetting]) -> Columns:
     """Makes PARAM_VALUE of the parameters' values when the logger began, and of each that was set later.
 
     All are sent as float32, whatever the parameter's type, so that they are decoded without PX4's copying of bits.
+
+    Args:
+        settings: Stamp, name and value of each, in the order of the log.
 
     Returns:
         Columns (N,) of the N settings, ``time`` in s.
@@ -220,6 +226,9 @@ def _parameter_settings(
     """Returns the parameters when the logger began, and those that were set later, in the order of the log.
 
     Damage makes values that are no numbers; they are left out.
+
+    Args:
+        log: The log, as pyulog parsed it.
     """
     initial = []
     for name, value in log.initial_parameters.items():
@@ -237,6 +246,9 @@ def _default_parameters(log: ULog) -> dict[str, float]:
 
     PX4 logs the defaults of those parameters alone that have another value. What the airframe sets is no change of the
     user, so that the firmware's own default does not count where the log has the airframe's.
+
+    Args:
+        log: The log, as pyulog parsed it.
     """
     if not log.has_default_parameters:
         return {}

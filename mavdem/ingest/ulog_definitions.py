@@ -248,7 +248,11 @@ class RecordDefinitions:
         return Fit.UNUSED if topic.stamp_offset is None else Fit.SOUND
 
     def _fit_of_subscription(self, body: bytes) -> Fit:
-        """Compares a subscription with the definitions of messages."""
+        """Compares a subscription with the definitions of messages.
+
+        Args:
+            body: Number of the instance (one byte), number of the subscription (two bytes), and name of the message.
+        """
         name = body[3:]
         if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
             return Fit.DAMAGED
@@ -258,7 +262,11 @@ class RecordDefinitions:
         return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
     def learn(self, position: int) -> None:
-        """Enters a sound record that defines a message, or subscribes to one."""
+        """Enters a sound record that defines a message, or subscribes to one; other records change nothing.
+
+        Args:
+            position: Offset of the record.
+        """
         length, kind = self.header(position)
         body_start = position + HEADER.size
         body = self.content[body_start : body_start + length]
@@ -317,11 +325,16 @@ class RecordDefinitions:
         return self._layouts[name]
 
     def _layout_of_format(self, name: str) -> TopicLayout | None:
-        """Returns what the data records of a message look like.
+        """Returns what the data records of a message look like: its numbers and their offsets.
+
+        Padding at the end is not always logged, and is left out of the numbers.
+
+        Args:
+            name: Name of the message.
 
         Returns:
-            None where its definition is missing, contains one that is missing, contains itself, has a name twice, or
-            has more than ``MAX_FIELDS`` numbers.
+            The layout; None where the definition is missing, contains one that is missing, contains itself, has a name
+            twice, or has more than ``MAX_FIELDS`` numbers.
         """
         if name not in self._formats or not self._is_of_usual_size(name):
             return None
@@ -349,11 +362,14 @@ class RecordDefinitions:
 
         Messages may contain other messages and arrays of them, so that a short definition can announce any number of
         numbers. These are counted through all levels.
+
+        Args:
+            name: Name of the message, which is defined.
         """
 
         @cache
         def number_count(kind: str) -> int:
-            """Returns how many numbers a field of this type has: a message's type, or that of a number."""
+            """Returns the count of numbers in a field of this type: a message's type, or that of a number."""
             count = 0
             for field in self._formats.get(kind, ()):
                 count += field.elements * number_count(field.kind)
@@ -411,7 +427,11 @@ class _ParsedFormat(NamedTuple):
 
 
 def _parsed_format(body: bytes) -> _ParsedFormat | None:
-    """Parses the definition of a message, "name:type field;type[4] field;"; returns None for a damaged one."""
+    """Parses the definition of a message; returns None for a damaged one.
+
+    Args:
+        body: The definition, "name:type field;type[4] field;".
+    """
     name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
     if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
         return None

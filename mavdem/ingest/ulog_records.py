@@ -312,7 +312,14 @@ class _RecordScan:
         return not any(self._is_chain(start.start(), end) for start in inside)
 
     def _next_chain(self, start: int, end: int) -> int:
-        """Returns the first offset from ``start`` on at which a chain of records begins; ``end`` without any."""
+        """Returns the first offset at which a chain of records begins; ``end`` without any.
+
+        A chain is a number of records that fit the definitions, one behind the other: proof that they are no chance.
+
+        Args:
+            start: Offset from which on it is searched.
+            end: Offset at which the part of the file ends.
+        """
         for record_start in self.definitions.record_start_pattern().finditer(
             self.content, start, end
         ):
@@ -427,7 +434,11 @@ class _RecordScan:
         return max(first - last, 0) / MICROSECONDS
 
     def _stamps(self, offsets: Sequence[int]) -> list[int]:
-        """Returns the time stamps of some records, µs since boot; records without a stamp are passed over."""
+        """Returns the time stamps of some records, µs since boot; records without a stamp are passed over.
+
+        Args:
+            offsets: Offsets of the records.
+        """
         stamps = []
         for offset in offsets:
             body_start = offset + DATA_HEADER.size

@@ -151,7 +151,12 @@ def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: 
 
 
 def _latest_record(records: SoundRecords, data_offsets: Offsets) -> bytes:
-    """Returns the data record with the latest time stamp of those (N,) that begin at some offsets."""
+    """Returns the bytes of the data record with the latest time stamp.
+
+    Args:
+        records: The records of the file.
+        data_offsets: Where the N data records in question begin.
+    """
     content = np.frombuffer(records.content, dtype=np.uint8)
     stamp_starts = data_offsets + DATA_HEADER.size
     for row, number in enumerate(_subscriptions(content, data_offsets).tolist()):

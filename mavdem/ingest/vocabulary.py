@@ -158,8 +158,8 @@ def version_text(number: int) -> str:
             last is a value of FIRMWARE_VERSION_TYPE, or up to the next one: the number of a release candidate.
     """
     major, minor, patch, kind_number = number.to_bytes(4, "big")
-    # The first kind, from the highest number down, whose number is not above that of the version.
     text = f"{major}.{minor}.{patch}"
+    # The first kind, from the highest number down, whose number is not above that of the version.
     for kind in VERSION_KINDS:
         if kind_number >= mavlink_constant(f"FIRMWARE_VERSION_TYPE_{kind.upper()}"):
             break
@@ -208,6 +208,9 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
     """Returns the board's number from the texts that ArduPilot sends at boot ("CUAVv5Nano 001A002F 30395113 33333539").
 
     The number tells vehicles apart whose MAVLink ids are the same. The simulator has a text of another kind instead.
+
+    Args:
+        texts: The texts of the log, in any order.
 
     Returns:
         The number in hexadecimal, lower case; empty where no text has it.

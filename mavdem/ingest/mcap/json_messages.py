@@ -83,7 +83,10 @@ def _sequence_number(header: Any) -> int | None:
 def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
     """Returns the message (1,), as a structured array, in which no field was sent: zeros, and NaN where it has floats.
 
-    It is kept by definition, since it is needed for each message of a recording; callers must copy it.
+    It is cached, since it is needed for each message of a recording; callers must copy it.
+
+    Args:
+        definition: The definition of the message.
     """
     message = np.zeros(1, dtype=definition.wire)
     for name in definition.fields:
@@ -97,7 +100,11 @@ _PARSER = json.JSONDecoder(strict=False)
 
 
 def _parsed_json(body: bytes) -> Any:
-    """Parses a document; None where it is none."""
+    """Parses a JSON document; None where it is none.
+
+    Args:
+        body: The document, UTF-8.
+    """
     try:
         return _PARSER.decode(body.decode("utf-8", errors="replace"))
     except (ValueError, RecursionError):
@@ -142,6 +149,10 @@ def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any
 def _number(value: Any, wire_type: np.dtype[Any]) -> float:
     """Converts a number, an entry of an enumeration or a bitmask to the number in the payload.
 
+    Args:
+        value: The value in JSON: a number, a text, None, or an object with the number or names as "type" or "bits".
+        wire_type: Type of the field in the payload.
+
     Raises:
         TypeError, ValueError, OverflowError: It is none, or has decimals where the field is an integer.
     """
@@ -162,6 +173,9 @@ def _value_of_text(text: str) -> float:
     It is the name of an enumeration's entry, or several names of bits joined with "|", each of which may also be an
     integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".
 
+    Args:
+        text: The text.
+
     Raises:
         ValueError: It is none of these.
     """
@@ -179,7 +193,11 @@ def _value_of_text(text: str) -> float:
 
 
 def _text_bytes(value: Any) -> bytes:
-    """Returns a text's bytes; in JSON it is a string, or an array of its characters or of their codes, a byte each."""
+    """Returns a text's bytes.
+
+    Args:
+        value: The text in JSON: a string, an array of its characters or of their codes, a byte each, or None.
+    """
     if value is None:
         return b""
     if isinstance(value, str):

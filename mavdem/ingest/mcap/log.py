@@ -72,6 +72,9 @@ MAX_REPORTED_NAMES = 5
 def read_mcap(path: PathName) -> Log:
     """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
+    Args:
+        path: The recording, or an archive of it.
+
     Raises:
         Unreadable: It cannot be opened or contains neither.
         MissingExtra: It holds ROS 2 topics, and their reader is not installed.
@@ -155,6 +158,12 @@ def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:
 
     The first message of a channel shows whether it does. Each channel is a stream of its own: a frame may be split over
     two messages of one channel, and other channels' messages may lie between them.
+
+    Args:
+        recording: The recording, which is read by this.
+
+    Returns:
+        For each such channel its messages, with their position in the recording, in the order of the file.
     """
     pieces_of_channel: dict[int, list[_StreamPiece]] = {}
     other_channels = set()
@@ -186,6 +195,9 @@ def _recording_part(pieces: Sequence[_StreamPiece]) -> RecordingPart:
 
     Pieces are joined before frames are searched, so that a frame that was split over two messages is found too. It has
     position and time of the message in which it begins.
+
+    Args:
+        pieces: The messages of one channel, in the order of the file.
     """
     data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
     piece_ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
@@ -197,7 +209,11 @@ def _recording_part(pieces: Sequence[_StreamPiece]) -> RecordingPart:
 
 
 def _senders_in(parts: Sequence[RecordingPart]) -> set[FrameSender]:
-    """Returns the senders of all frames whose checksum matches."""
+    """Returns the senders of all frames whose checksum matches.
+
+    Args:
+        parts: The frames of each channel.
+    """
     senders: set[FrameSender] = set()
     for part in parts:
         matching = part.frames[part.frames.checksum == CHECKSUM_MATCHES]
@@ -223,6 +239,9 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
 
     Where both bridges were recorded, the same message is in two topics, ``mavlink/...`` of BlueOS and ``/mavlink/...``.
     BlueOS's is read, because only it has headers with sequence numbers.
+
+    Args:
+        recording: The recording, which was read, so that its channels are known.
 
     Returns:
         Sender and message of each such channel, by the channel's number.

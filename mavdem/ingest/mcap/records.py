@@ -173,6 +173,9 @@ class McapRecording:
 
         In a file with chunks all messages are in chunks. After damage, messages outside of them are the rest of a chunk
         that has lost its checksum, and are left out.
+
+        Args:
+            locations: The records outside of chunks, and the chunks, in the order of the file.
         """
         has_chunks = any(location.opcode == Opcode.CHUNK for location in locations)
         for location in locations:
@@ -188,6 +191,9 @@ class McapRecording:
 
         Chunks are unpacked here with a bound on their size, and not by the library, which unpacks whatever comes. The
         library then parses the unpacked records, and checks their checksum.
+
+        Args:
+            location: Where the chunk is in the file.
         """
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):
@@ -228,6 +234,10 @@ def _next_record(content: bytes, offset: int) -> int:
     By chance a byte often looks like the beginning of a record, but hardly ever with another one, or the magic bytes at
     the end of the file, where its length says that it ends.
 
+    Args:
+        content: The file.
+        offset: Where the search begins.
+
     Returns:
         The offset of the first of the two records; the end of the file where there are none.
     """
@@ -263,7 +273,11 @@ def _unpacked(compression: str, packed: bytes, max_size: int) -> bytes:
     records = bytearray()
     # RuntimeError comes from lz4; EOFError, where the records are cut off.
     with suppress(zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
-        while piece := reader.read(min(CHUNK_BYTES, max_size - len(records))):
+        while True:
+            # At the bound 0 bytes are read, which ends the loop as the end of the records does.
+            piece = reader.read(min(CHUNK_BYTES, max_size - len(records)))
+            if not piece:
+                break
             records += piece
     return bytes(records)
 
@@ -321,6 +335,9 @@ def _json_body(message: Any) -> JsonValues:
 
     The part "header" has the ids of sender and message and the sequence number, the part "message" the name of the
     message and its fields.
+
+    Args:
+        message: The decoded message.
     """
     header_values = (
         message.get_srcSystem(),
@@ -383,6 +400,9 @@ def _message_schema(message: Any) -> JsonValues:
     """Returns the JSON schema of one of pymavlink's classes of messages, in BlueOS's layout.
 
     An array length of 0 stands for a field that is no array; texts are arrays of the type ``char``.
+
+    Args:
+        message: pymavlink's class of the message.
     """
     header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}

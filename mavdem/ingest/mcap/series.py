@@ -150,6 +150,9 @@ def _messages(series: Mapping[str, Series]) -> Messages:
 
     Channels have the numbers 1, 2, … in the order of the topics. Messages of the same time are in the order of their
     channels.
+
+    Args:
+        series: By topic, times (T,), s, and columns (T,) by name.
     """
     bodies: list[str] = []
     times = [np.empty(0)]
@@ -296,7 +299,8 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
     summary += summary_offsets
     # The checksum covers the footer too, but for the checksum itself, which is its last four bytes.
     footer = _record_bytes(Footer(offset, offsets_start, 0))
-    checksum = zlib.crc32(footer[:-4], zlib.crc32(summary))
+    footer_without_checksum = footer[:-4]
+    checksum = zlib.crc32(footer_without_checksum, zlib.crc32(summary))
     return summary + _record_bytes(Footer(offset, offsets_start, checksum))
 
 
