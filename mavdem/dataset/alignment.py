@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Integers
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES, output_names_and_units
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
@@ -15,8 +16,8 @@ from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.flight import Flight
-from mavdem.ingest.mavlink.definitions import decoded_parameters, latest_parameters
-from mavdem.ingest.telemetry import Columns, Parameters, selected_rows
+from mavdem.ingest.mavlink.definitions import decoded_parameters
+from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 
 
@@ -178,14 +179,16 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     telemetry = signals.telemetry
     values_at_start = telemetry.initial_parameters
     if "PARAM_VALUE" in telemetry.messages:
-        parameter_messages = _changed_parameter_messages(signals)
-        is_before_start = (parameter_messages["boot"] < segment.boot) | (
-            (parameter_messages["boot"] == segment.boot)
-            & (parameter_messages["time"] <= segment.start)
+        latest_values: dict[str, float] = {}
+        changes = _changed_parameters(signals)
+        is_before_start = (changes.boot < segment.boot) | (
+            (changes.boot == segment.boot) & (changes.time <= segment.start)
         )
-        values_at_start = latest_parameters(
-            selected_rows(parameter_messages, is_before_start), telemetry.autopilot
-        )
+        for row in np.flatnonzero(is_before_start).tolist():
+            name, value = changes.names_and_values[row]
+            if isfinite(value):
+                latest_values[name] = value
+        values_at_start = latest_values
     earlier = {}
     for name, value in values_at_start.items():
         is_control_parameter = CONTROL_PARAMETERS.match(name)
@@ -196,8 +199,19 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     return earlier
 
 
+class ParameterMessages(NamedTuple):
+    """N messages that an autopilot sent of its parameters, in the order of the log."""
+
+    boot: Integers
+    """Number of the boot (N,) in which each was sent."""
+    time: Array
+    """When it was sent (N,), s since boot."""
+    names_and_values: tuple[tuple[str, float], ...]
+    """Name and value of the parameter in each."""
+
+
 @cached_per_vehicle()
-def _changed_parameter_messages(signals: Signals) -> Columns:
+def _changed_parameters(signals: Signals) -> ParameterMessages:
     """Returns the PARAM_VALUE messages of those parameters that did not always have their last value.
 
     An autopilot may send all of its thousand parameters in every boot, but few ever change. The search for what was
@@ -205,9 +219,6 @@ def _changed_parameter_messages(signals: Signals) -> Columns:
 
     Args:
         signals: signals of the vehicle, whose log has PARAM_VALUE.
-
-    Returns:
-        Columns of the messages, in the order of the log.
     """
     telemetry = signals.telemetry
     parameter_messages = telemetry.messages["PARAM_VALUE"]
@@ -216,5 +227,9 @@ def _changed_parameter_messages(signals: Signals) -> Columns:
     for name, value in names_and_values:
         if value != telemetry.parameters.get(name):
             changed_names.add(name)
-    is_changed = [name in changed_names for name, _ in names_and_values]
-    return selected_rows(parameter_messages, np.array(is_changed, dtype=bool))
+    rows = [row for row, (name, _) in enumerate(names_and_values) if name in changed_names]
+    return ParameterMessages(
+        parameter_messages["boot"][rows],
+        parameter_messages["time"][rows],
+        tuple(names_and_values[row] for row in rows),
+    )

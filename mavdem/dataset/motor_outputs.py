@@ -16,6 +16,7 @@ from mavdem.dataset.time_series import (
     float_columns,
     message_counts,
     names_by_preference,
+    rows_of_boot,
 )
 from mavdem.facts import Fact
 from mavdem.facts.learnability import MotorObstacle, Remedy
@@ -99,7 +100,7 @@ class MotorOutputs:
 
     def range_fractions(self, boot: int) -> TimeSeries:
         """Returns the outputs (N, k) of one boot as fractions of the range."""
-        rows = self.boot == boot
+        rows = rows_of_boot(self.boot, boot)
         fractions = self.scale.fraction(self.outputs[rows])
         return TimeSeries(self.time[rows], self.boot[rows], fractions)
 

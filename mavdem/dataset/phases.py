@@ -10,7 +10,7 @@ from math import inf, isinf
 
 import numpy as np
 
-from mavdem.arrays import Array, Flags
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import (
@@ -134,7 +134,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
     if not signals.tilts:
         return []
     climb_rate = series_of_boot(signals.climb_rate, boot)
-    tilts = [tilt.angle_series.select(tilt.boot == boot) for tilt in signals.tilts]
+    tilts = [tilt.angle_series.of_boot(boot) for tilt in signals.tilts]
     flights = without_grounded(_flights_in_air(signals, boot), signals, boot)
     # A vehicle that lies on its back has crashed.
     roll = tilts[0]
@@ -371,7 +371,7 @@ def max_collective(signals: Signals) -> float:
         return 0.0
     highest = []
     for boot in np.unique(collective.boot):
-        highest.append(moving_average(collective.select(collective.boot == boot)).max())
+        highest.append(moving_average(collective.of_boot(boot)).max())
     return max(highest)
 
 
@@ -466,10 +466,11 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bo
     if has_risen(signals, boot, flight) is not False:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
-        rows = (tilt.boot == boot) & in_intervals(tilt.time, [flight])
+        angle = tilt.angle_series.of_boot(boot)
+        angle = angle.select(in_intervals(angle.time, [flight]))
         for setpoint in signals.for_axis(axis).setpoints:
             if setpoint.unit == "rad" and _is_not_followed(
-                setpoint, boot, tilt.time[rows], tilt.angle[rows]
+                setpoint, boot, angle.time, angle.values
             ):
                 return True
     return False
@@ -553,7 +554,8 @@ def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
     """
     total = np.zeros(len(time))
     for tilt in signals.tilts:
-        squares = TimeSeries(tilt.time, tilt.boot, tilt.rate**2).select(tilt.boot == boot)
+        rate = tilt.rate_series.of_boot(boot)
+        squares = TimeSeries(rate.time, rate.boot, rate.values**2)
         if len(squares.time):
             total += np.interp(time, squares.time, moving_average(squares))
     return total
@@ -563,8 +565,8 @@ def series_of_boot(series: TimeSeries | None, boot: int) -> TimeSeries | None:
     """Returns the samples of one boot; None where there are none."""
     if series is None:
         return None
-    rows: Flags = series.boot == boot
-    return series.select(rows) if rows.any() else None
+    samples = series.of_boot(boot)
+    return samples if len(samples.time) else None
 
 
 def moving_average(series: TimeSeries) -> Array:

@@ -12,6 +12,7 @@ from mavdem.dataset.intervals import intersection, total_duration
 from mavdem.dataset.resampling import mean_rate, resample
 from mavdem.dataset.segments import Segment, recorded_spans, rows_of_segment
 from mavdem.dataset.signals import Signals, rate_between_outages
+from mavdem.dataset.time_series import rows_of_boot
 from mavdem.flight import Flight
 from mavdem.ingest.output_scale import UNKNOWN_SCALE, OutputScale
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
@@ -116,8 +117,8 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, inputs.boot):
         # Inputs that end early are no landing.
-        attitude_time = attitude.time[attitude.boot == boot]
-        input_time = inputs.time[inputs.boot == boot]
+        attitude_time = attitude.time[rows_of_boot(attitude.boot, boot)]
+        input_time = inputs.time[rows_of_boot(inputs.boot, boot)]
         recorded_start = min(attitude_time[0], input_time[0])
         recorded_end = max(attitude_time[-1], input_time[-1])
         flights = phases.free_flight_intervals(signals, int(boot))

@@ -14,7 +14,7 @@ from mavdem.dataset.intervals import Intervals, intersection, split_at_gaps
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.resampling import STAMP_RESOLUTION
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, rows_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 
@@ -165,11 +165,11 @@ def rows_of_segment(
         segment: The segment.
         slack: Seconds beyond its ends whose samples still belong to it.
     """
-    boot_start, boot_stop = np.searchsorted(stream.boot, [segment.boot, segment.boot + 1]).tolist()
-    time = stream.time[boot_start:boot_stop]
+    rows = rows_of_boot(stream.boot, segment.boot)
+    time = stream.time[rows]
     first = int(np.searchsorted(time, segment.start - slack))
     stop = int(np.searchsorted(time, segment.end + slack, side="right"))
-    return slice(boot_start + first, boot_start + stop)
+    return slice(rows.start + first, rows.start + stop)
 
 
 def _boots_with_both_streams(signals: Signals) -> list[int]:
@@ -195,8 +195,8 @@ def _sampled_segments(
         runs_without_gaps: Function that splits the stamps (N,) of a stream at its gaps.
     """
     attitude, inputs = signals.attitude_and_inputs
-    attitude_runs = runs_without_gaps(attitude.time[attitude.boot == boot])
-    input_runs = runs_without_gaps(inputs.time[inputs.boot == boot])
+    attitude_runs = runs_without_gaps(attitude.time[rows_of_boot(attitude.boot, boot)])
+    input_runs = runs_without_gaps(inputs.time[rows_of_boot(inputs.boot, boot)])
     segments = []
     for start, end in intersection(intersection(attitude_runs, input_runs), intervals):
         segment = Segment(boot, start, end)

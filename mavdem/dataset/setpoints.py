@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, MAX_BODY_RATE, TILT_AXES
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, rows_of_boot
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import Injection, euler_angles, mavlink_constant, wrapped_angle
 
@@ -119,14 +119,12 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
     series = setpoint.signal
     values = series.values.copy()
     for boot in np.unique(series.boot):
-        is_of_boot = series.boot == boot
-        is_measured = yaw.boot == boot
-        if not is_measured.any():
+        rows = rows_of_boot(series.boot, boot)
+        yaw_of_boot = yaw.of_boot(boot)
+        if not len(yaw_of_boot.time):
             continue
-        measured = np.interp(
-            series.time[is_of_boot], yaw.time[is_measured], yaw.values[is_measured]
-        )
-        values[is_of_boot] = measured + wrapped_angle(values[is_of_boot] - measured)
+        measured = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
+        values[rows] = measured + wrapped_angle(values[rows] - measured)
     return replace(setpoint, signal=replace(series, values=values))
 
 
@@ -141,10 +139,10 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
     Returns:
         (T,) values in the unit of the setpoint; NaN where none came within ``MAX_SETPOINT_AGE`` before.
     """
-    is_of_boot = setpoint.signal.boot == boot
+    signal = setpoint.signal.of_boot(boot)
     # A setpoint of NaN at -inf stands before the first one.
-    stamps = np.append(-np.inf, setpoint.signal.time[is_of_boot])
-    values = np.append(np.nan, setpoint.signal.values[is_of_boot])
+    stamps = np.append(-np.inf, signal.time)
+    values = np.append(np.nan, signal.values)
     last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1
     age = time - stamps[last_row]
     return np.where(age <= MAX_SETPOINT_AGE + STAMP_ROUNDING, values[last_row], np.nan)

@@ -246,7 +246,6 @@ class TrustedHeight(NamedTuple):
     """The barometer, or the autopilot's estimate."""
 
 
-@cached_per_vehicle()
 def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeight | None:
     """Returns the height (N,), m, above where the vehicle was at take-off, by a source that can be trusted.
 
@@ -262,23 +261,41 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
     Returns:
         None where neither was recorded.
     """
-    recorded_estimate = series_of_boot(signals.height, boot)
+    source = _trusted_source(signals, boot, take_off)
+    if source is None:
+        return None
+    height = _recorded_height(signals, boot, source)
+    if not isinf(take_off):
+        height = _above_take_off(height, take_off)
+    return None if height is None else TrustedHeight(height, source)
+
+
+def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeSeries | None:
+    """Returns the height by a source (N,), m, from wherever the source counts; None where it was not recorded."""
+    if source is HeightSource.ESTIMATE:
+        return series_of_boot(signals.height, boot)
+    return height_witnesses(signals, boot).barometer
+
+
+# The source alone is cached: a log of hours has a take-off for each of many flights, and their heights would take its
+# size in memory.
+@cached_per_vehicle()
+def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
+    """Returns what measured the height that ``trusted_height``, which has the same arguments, returns."""
+    recorded_estimate = _recorded_height(signals, boot, HeightSource.ESTIMATE)
     if isinf(take_off):
-        if recorded_estimate is None:
-            return None
-        return TrustedHeight(recorded_estimate, HeightSource.ESTIMATE)
+        return None if recorded_estimate is None else HeightSource.ESTIMATE
     estimate = _above_take_off(recorded_estimate, take_off)
-    barometer = _above_take_off(height_witnesses(signals, boot).barometer, take_off)
+    recorded_barometer = _recorded_height(signals, boot, HeightSource.BAROMETER)
+    barometer = _above_take_off(recorded_barometer, take_off)
     if barometer is None:
-        return None if estimate is None else TrustedHeight(estimate, HeightSource.ESTIMATE)
+        return None if estimate is None else HeightSource.ESTIMATE
     if estimate is None:
-        return TrustedHeight(barometer, HeightSource.BAROMETER)
+        return HeightSource.BAROMETER
     difference = np.interp(barometer.time, estimate.time, estimate.values) - barometer.values
     is_covered = (barometer.time >= estimate.time[0]) & (barometer.time <= estimate.time[-1])
     is_apart = is_covered & (abs(difference) > MAX_HEIGHT_DIFFERENCE)
-    if is_apart.any():
-        return TrustedHeight(barometer, HeightSource.BAROMETER)
-    return TrustedHeight(estimate, HeightSource.ESTIMATE)
+    return HeightSource.BAROMETER if is_apart.any() else HeightSource.ESTIMATE
 
 
 def _above_take_off(height: TimeSeries | None, take_off: float) -> TimeSeries | None:
