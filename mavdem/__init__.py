@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.assessment import Assessment, review
-    from mavdem.dataset import read_flight, read_segments
+    from mavdem.dataset.flights import read_flight, read_segments
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -63,8 +63,8 @@ _MODULES = {
     "hover": "motors.hover",
     "learn": "dem",
     "learn_many": "dem",
-    "read_flight": "dataset",
-    "read_segments": "dataset",
+    "read_flight": "dataset.flights",
+    "read_segments": "dataset.flights",
     "review": "assessment",
     "wind": "wind_velocity.from_log",
 }

@@ -7,6 +7,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import PlainSerializer, PlainValidator, WithJsonSchema
 
+SMALLEST_POSITIVE = np.finfo(np.float64).tiny
+"""Smallest normal float, 2e-308: added or used as a floor, it avoids division by zero and the logarithm of zero."""
+
 FLOAT_KINDS = "fiuO"
 """Kinds of ``numpy.dtype`` whose JSON lists are read as floating-point numbers.
 

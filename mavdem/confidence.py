@@ -6,9 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-# These are the functions behind scipy.stats, which itself takes half a second to import.
-from scipy.special import gammaln, ndtri, stdtrit
-
 Interval = tuple[float, float]
 """Lower and upper end of an interval, in the unit of the figure."""
 
@@ -54,6 +51,9 @@ def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
     upper_quantile = 0.5 + level / 2
+    # Imported here: scipy.special takes a fifth of a second to import, and scipy.stats twice that.
+    from scipy.special import ndtri, stdtrit
+
     factors = np.where(np.isinf(freedoms), ndtri(upper_quantile), stdtrit(freedoms, upper_quantile))
     return factors if freedoms.ndim else float(factors)
 
@@ -84,6 +84,8 @@ def student_t_log_density(values: NDArray[np.float64], freedom: float) -> NDArra
         values: where the density is asked for.
         freedom: degrees of freedom, finite.
     """
+    from scipy.special import gammaln
+
     log_normalization = (
         gammaln((freedom + 1) / 2) - gammaln(freedom / 2) - np.log(freedom * np.pi) / 2
     )

@@ -1,9 +1,8 @@
-"""Result files of a log or a fleet: which there are, and how the page, the document and the recordings are written."""
+"""Result files of a log: which there are, and how the page, the document and the recordings are written."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,15 +13,10 @@ from mavdem.containers import JsonValues, Names
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.extras import missing_modules, require_extra
-from mavdem.files import reporting_write_errors, writable_target, write_text_atomically
+from mavdem.files import reporting_write_errors, writable_target
 from mavdem.ingest import read_log
-from mavdem.report.blocks import Block
 
 if TYPE_CHECKING:
-    from mavdem.fleet.names import GivenNames
-    from mavdem.fleet.row import FlightRows
-    from mavdem.fleet.store import Store
-    from mavdem.report.vehicle_summary import VehicleSummary
     from mavdem.view import Target
 
 MODEL_FILE = "model.json"
@@ -46,12 +40,6 @@ as long as everything else that is done for a log of one minute."""
 
 RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, *RECORDINGS)
 """Names of all files that the results of a log may consist of."""
-
-INDEX_FILE = "index.html"
-"""Name of a fleet's index page."""
-
-PAGE_TOP_LENGTH = 1 << 16
-"""Characters at the beginning of a flight's page that are searched for its headline; pages can be much longer."""
 
 
 def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
@@ -179,105 +167,3 @@ def write_dashboard(target: Target, assessment: Assessment) -> None:
     from mavdem.view import write_recording
 
     write_recording(target, assessment)
-
-
-@dataclass(frozen=True)
-class FleetPages:
-    """The pages of a fleet that were written."""
-
-    index: Path
-    """Path of the index page."""
-    summaries: Sequence[VehicleSummary]
-    """What the index page shows of the flights under each name."""
-    names: GivenNames
-    """Names that were given to vehicles and flights."""
-
-
-def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> FleetPages:
-    """Writes the index page of a fleet, and updates the pages of its flights.
-
-    The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
-    added, and is updated on all pages of the vehicle. What the index shows of vehicles that were not judged since it
-    was last written is kept in the store.
-
-    Args:
-        store: The open store of the fleet.
-        changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
-
-    Raises:
-        Unreadable: A page cannot be written.
-    """
-    # Imported here, so that the results of a single log need nothing of fleets.
-    from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
-    from mavdem.fleet.names import read_names
-    from mavdem.fleet.page_parts import kept_charts, kept_summaries
-    from mavdem.fleet.stored_rows import read_brief_rows, read_rows
-    from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
-    from mavdem.report.vehicle_summary import (
-        SUMMARY_VERSION,
-        summary_adapter,
-        summary_of_vehicle,
-    )
-
-    folder = store.folder
-
-    def make_summary(vehicle: str) -> str:
-        """Returns the summary of a vehicle as JSON."""
-        summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
-        return summary_adapter().dump_json(summary).decode()
-
-    def charts(vehicle: str) -> str:
-        """Returns the charts of a vehicle as HTML."""
-        return kept_charts(store, vehicle, lambda name: vehicle_charts(read_rows(folder, name)))
-
-    outdated = outdated_vehicles(store)
-    for vehicle in outdated:
-        _update_flight_pages(folder, read_brief_rows(folder, vehicle))
-    texts = kept_summaries(store, SUMMARY_VERSION, outdated, make_summary)
-    summaries = [summary_adapter().validate_json(text) for text in texts]
-    names = read_names(store.db)
-    index = folder / INDEX_FILE
-    write_text_atomically(index, fleet_page(summaries, changes, charts, names))
-    mark_pages_updated(store, outdated)
-    return FleetPages(index, summaries, names)
-
-
-def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
-    """Updates the pages of a vehicle's flights.
-
-    Args:
-        folder: Folder of the fleet.
-        rows: Rows of the vehicle.
-
-    Raises:
-        Unreadable: A page cannot be written.
-    """
-    from mavdem.fleet.flights import flights_of, worst_row
-    from mavdem.fleet.workers import PAGES
-    from mavdem.report.pages.fleet_page import fleet_remark
-
-    for flight_rows in flights_of(row for row in rows if row.page):
-        path = folder / PAGES / Path(flight_rows[0].page or "").name
-        if path.is_file():
-            _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
-
-
-def _update_flight_page(path: Path, comparison: str) -> None:
-    """Replaces the comparison with other flights at the top of a flight's page.
-
-    Pages may be long, so that only their top is searched, and a page on which nothing changes is not written again.
-
-    Args:
-        path: Path of the page.
-        comparison: HTML of the comparison.
-
-    Raises:
-        Unreadable: The page cannot be written.
-    """
-    from mavdem.report.pages.fleet_page import with_fleet_remark
-
-    with path.open(encoding="utf-8", errors="replace") as file:
-        top = file.read(PAGE_TOP_LENGTH)
-        updated_top = with_fleet_remark(top, comparison)
-        if updated_top != top:
-            write_text_atomically(path, updated_top + file.read())

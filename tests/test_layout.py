@@ -42,7 +42,7 @@ FLOORS = (
     {"fleet", "live"},
     {"report"},
     {"documents", "export", "view"},
-    {"results"},
+    {"fleet_pages", "results"},
     {"experiments.paper"},
     {"__init__"},
     {"serve"},

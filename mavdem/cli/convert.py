@@ -4,9 +4,9 @@ from pathlib import Path
 
 import click
 
+from mavdem.cli.links import refuse_link
 from mavdem.cli.options import source_options
 from mavdem.cli.output import print_json, progress
-from mavdem.cli.sources import refuse_link
 from mavdem.cli.streams import escape_unprintable, print_to_stdout
 from mavdem.export.conversion import convert as convert_file
 from mavdem.ingest.formats import detect_format

@@ -7,11 +7,11 @@ from pathlib import Path
 import click
 
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
+from mavdem.cli.links import refuse_link
 from mavdem.cli.options import Command, file_option, json_option
 from mavdem.cli.output import json_text, print_result, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.result_folders import available_folder
-from mavdem.cli.sources import refuse_link
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference

@@ -1,33 +1,51 @@
 """Options that several commands share: which motion of which vehicle, which model, and which windows."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dem import Settings
-from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
-from mavdem.experiments.window import Length
+
+if TYPE_CHECKING:
+    from mavdem.dem import Settings
+    from mavdem.experiments.window import Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 """The function of a command, or the command that Click has made of it."""
 
-MODEL_ORDERS = {"real": range(2, 2 + Settings().p + 1), "paper": range(1, 11)}
-"""Numbers of states that --order accepts, by --preset.
 
-The prior of "real" has one state for each of its two outputs and at most p hidden states, where p is the embedding
-order of the outputs. "paper" ends at 10, since a fit with n states takes memory of order n⁴.
-"""
+class ModelOrders(NamedTuple):
+    """The numbers of states that --order accepts for one --preset."""
 
-MODEL_ORDER_TEXTS = {
-    preset: f"{orders[0]} to {orders[-1]}" for preset, orders in MODEL_ORDERS.items()
-}
-"""The ``MODEL_ORDERS`` in words, by --preset, for the help and for error messages."""
+    numbers: range
+    """The numbers."""
+
+    @property
+    def text(self) -> str:
+        """The numbers in words, for the help and for error messages."""
+        return f"{self.numbers[0]} to {self.numbers[-1]}"
+
+
+def model_orders() -> dict[str, ModelOrders]:
+    """Returns the numbers of states that --order accepts, by --preset.
+
+    The prior of "real" has one state for each of its two outputs and at most p hidden states, where p is the embedding
+    order of the outputs. "paper" ends at 10, since a fit with n states takes memory of order n⁴.
+    """
+    # Commands without a model need not wait for the import.
+    from mavdem.dem import Settings
+
+    return {
+        "real": ModelOrders(range(2, 2 + Settings().p + 1)),
+        "paper": ModelOrders(range(1, 11)),
+    }
 
 
 class NumberRange(click.FloatRange):
@@ -176,6 +194,7 @@ def model_options(command: Command) -> Command:
     The preset decides which orders there are. Click therefore handles it first (``is_eager``), and the callback of
     --order makes the settings of both.
     """
+    orders = model_orders()
     add_options = _combined(
         click.option(
             "--preset",
@@ -190,7 +209,7 @@ def model_options(command: Command) -> Command:
             "settings",
             type=int,
             callback=_settings_from_options,
-            help=f"Number of states, {MODEL_ORDER_TEXTS['real']}; for paper {MODEL_ORDER_TEXTS['paper']}. "
+            help=f"Number of states, {orders['real'].text}; for paper {orders['paper'].text}. "
             "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
         ),
     )
@@ -211,13 +230,16 @@ def _settings_from_options(
     Raises:
         click.BadParameter: The preset has no model of that order.
     """
+    from mavdem.dem import Settings
+
     preset = context.params.pop("preset")
     settings = Settings.paper() if preset == "paper" else Settings()
     if order is None:
         return settings
-    if order not in MODEL_ORDERS[preset]:
+    orders = model_orders()[preset]
+    if order not in orders.numbers:
         raise click.BadParameter(
-            f"{order} is not in {MODEL_ORDER_TEXTS[preset]}, the numbers of states of --preset {preset}.",
+            f"{order} is not in {orders.text}, the numbers of states of --preset {preset}.",
             param_hint="--order",
         )
     return replace(settings, order=order)
@@ -230,6 +252,8 @@ def window_options(train_default: str, test_help: str) -> Callable[[Command], Co
         train_default: Default of --train, in words for the command's help.
         test_help: Text on --test for the command's help, without its default.
     """
+    from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
+
     train_help = f"Training data: seconds (7s) or samples (700). [default: {train_default}]"
     test_help = f"{test_help} [default: {FORECAST_HORIZON_SECONDS:g}s]"
     return _combined(
@@ -251,6 +275,8 @@ def _length_from_text(
     Raises:
         click.BadParameter: The text is neither, or the length is zero.
     """
+    from mavdem.experiments.window import Length
+
     if text is None:
         return None
     is_valid = re.fullmatch(r"(\d{1,6}(?:\.\d{1,9})?s|\d{1,9})", text, re.ASCII) is not None

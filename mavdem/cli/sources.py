@@ -1,8 +1,5 @@
 """Sources of a command: reading, assessing and naming the logs that its SOURCE arguments name."""
 
-import os
-import re
-import shlex
 from collections.abc import Callable, Mapping, Sequence, Sized
 from pathlib import Path
 from typing import TypeVar
@@ -13,13 +10,13 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.axis import Options
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.record import Assessment
+from mavdem.cli.links import refuse_link
 from mavdem.cli.output import progress
 from mavdem.cli.streams import escape_unprintable, print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle, learnable_flight
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.facts.command import NamedSource
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.joined import join_logs
@@ -27,18 +24,6 @@ from mavdem.ingest.parameter_file import with_parameters
 
 Result = TypeVar("Result")
 """What a function makes of a flight."""
-
-LINK_PATTERN = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", re.IGNORECASE)
-"""The beginning of pymavlink's connection strings (``mavutil.mavlink_connection``)."""
-
-
-def refuse_link(source: str) -> None:
-    """Checks that a SOURCE may be a log; raises ``Unreadable`` for a MAVLink link and for standard input."""
-    if source == "-":
-        raise Unreadable(NamedSource.STANDARD_INPUT_IS_NO_LOG)
-    if LINK_PATTERN.match(source) and not os.path.isfile(source):
-        live_command = shlex.join(["mavdem", "live", source])
-        raise Unreadable(NamedSource.LINK_IS_NO_LOG, path=source, name=live_command)
 
 
 def read_source(source: str, params: Path | None = None) -> Log:

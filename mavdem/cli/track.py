@@ -1,24 +1,19 @@
 """``mavdem track``: a table of the flights of a fleet, and what changed from one flight of a vehicle to the next."""
 
 from pathlib import Path, PurePath
+from typing import TYPE_CHECKING
 
 import click
 
 from mavdem.cli.exit_codes import EXIT_ERROR, EXIT_UNSUPPORTED
+from mavdem.cli.links import refuse_link
 from mavdem.cli.options import NumberRange, jobs_option, json_option
 from mavdem.cli.output import print_blocks, print_json, progress, progress_bar
-from mavdem.cli.sources import refuse_link
 from mavdem.cli.streams import STDERR, print_to_stderr, print_to_stdout
 from mavdem.containers import Names
 from mavdem.dem.parallel import available_workers
-from mavdem.documents.fleet import track_document
 from mavdem.extras import missing_extra_fact
 from mavdem.fleet.cluster import Cluster
-from mavdem.fleet.difference import (
-    BaselineDifferences,
-    baseline_differences,
-    latest_flights,
-)
 from mavdem.fleet.judgement import judgement_lock
 from mavdem.fleet.names import (
     content_hash,
@@ -27,7 +22,6 @@ from mavdem.fleet.names import (
     plain_name,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRows
-from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.sources import find_logs
 from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import (
@@ -36,20 +30,27 @@ from mavdem.fleet.stored_rows import (
     read_rows_of_logs,
 )
 from mavdem.fleet.tracking import TrackedLogs, track
-from mavdem.fleet.workers import JobLimits, JobOutcome, WorkerPool
+from mavdem.fleet.workers import FunctionByName, JobLimits, JobOutcome, WorkerPool
+from mavdem.fleet_pages import FleetPages, write_fleet_pages
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Blocks, Sentence
-from mavdem.report.difference import baseline_blocks
 from mavdem.report.fleet_summary import fleet_blocks, fleet_counts
 from mavdem.report.numbers import counted
-from mavdem.report.pages.flight_page import flight_page
-from mavdem.results import FleetPages, write_fleet_pages
+
+if TYPE_CHECKING:
+    from mavdem.fleet.difference import BaselineDifferences
 
 MAX_LIMIT = 1_000_000
 """Largest --time-limit in seconds, eleven days, and largest --memory-limit in MB, a terabyte.
 
 More is no limit, so that a mistyped number is refused.
 """
+
+ROWS_OF_LOG = FunctionByName("mavdem.fleet.rows_of_log", "rows_of_log")
+"""Reads a log, in another process: this one does not import what that takes, which is most of mavdem."""
+
+FLIGHT_PAGE = FunctionByName("mavdem.report.pages.flight_page", "flight_page")
+"""Makes the page of a flight, in the same process."""
 
 BlocksByVehicle = dict[str, Blocks]
 """What changed since the baseline, as sentences, by the vehicle's name."""
@@ -153,9 +154,9 @@ def track_command(
     limits = JobLimits(time_limit, memory_limit)
     reader: Cluster | WorkerPool
     if scheduler is not None:
-        reader = Cluster(scheduler, limits, rows_of_log)
+        reader = Cluster(scheduler, limits, ROWS_OF_LOG)
     else:
-        reader = WorkerPool(jobs or available_workers(), limits, rows_of_log)
+        reader = WorkerPool(jobs or available_workers(), limits, ROWS_OF_LOG)
     tracked = _track_with_progress(out, logs, reader, baseline)
     blocks_by_vehicle: BlocksByVehicle = {}
     # Pages are updated by rows that no other run judges meanwhile: else an older remark might stay.
@@ -166,11 +167,12 @@ def track_command(
     ):
         differences: BaselineDifferences = {}
         if tracked.healthy:
-            latest = latest_flights(read_brief_rows(out), tracked.healthy)
-            latest_rows = read_rows_of_logs(out, {flight[0].file for flight in latest.values()})
-            differences = baseline_differences(latest_rows, tracked.healthy)
-        for vehicle, (latest_flight, difference) in differences.items():
-            blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
+            differences = _differences_from_baseline(out, tracked.healthy)
+            # As everything that only some runs need, it is imported where it is used.
+            from mavdem.report.difference import baseline_blocks
+
+            for vehicle, (latest_flight, difference) in differences.items():
+                blocks_by_vehicle[vehicle] = baseline_blocks(latest_flight, difference)
         unknown_name = _store_names(store, given_names)
         pages = write_fleet_pages(store, blocks_by_vehicle)
     counts = fleet_counts(pages.summaries)
@@ -178,6 +180,8 @@ def track_command(
     for problem in tracked.problems:
         print_to_stderr(f"mavdem: {problem.advised}")
     if as_json:
+        from mavdem.documents.fleet import track_document
+
         print_json(track_document(out, pages.index, tracked, counts, differences, names.vehicles))
     else:
         blocks_by_name = {
@@ -193,6 +197,20 @@ def track_command(
         context.exit(EXIT_ERROR)
     if not counts["flights"]:
         context.exit(EXIT_UNSUPPORTED)
+
+
+def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDifferences":
+    """Compares the latest flight of each vehicle with the baseline.
+
+    Args:
+        folder: Folder of the fleet.
+        healthy: Rows of the baseline.
+    """
+    from mavdem.fleet.difference import baseline_differences, latest_flights
+
+    latest = latest_flights(read_brief_rows(folder), healthy)
+    latest_rows = read_rows_of_logs(folder, {flight[0].file for flight in latest.values()})
+    return baseline_differences(latest_rows, healthy)
 
 
 def _track_with_progress(
@@ -231,7 +249,7 @@ def _track_with_progress(
                 elif count:
                     print_to_stderr(f"Reading {counted(count, 'new log')} …")
 
-            return track(folder, logs, reader, baseline, flight_page, progress=show_log)
+            return track(folder, logs, reader, baseline, FLIGHT_PAGE, progress=show_log)
     except KeyboardInterrupt:
         # Each log is stored as soon as it was read, so nothing is lost.
         print_to_stderr("What was read is kept: the same command continues.")

@@ -26,7 +26,7 @@ from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import is_fleet, read_rows
 from mavdem.fleet.workers import Job, JobOutcome, MakePage, WorkerPool
 from mavdem.ingest.motors import MotorGeometry
-from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.health import assess_motor_health
 from mavdem.motors.healthy_flights import HealthFigures
 from mavdem.motors.signatures import motor_signatures

@@ -17,15 +17,14 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ThreadPo
 from contextlib import ExitStack, chdir, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib import metadata
+from importlib import import_module, metadata
 from itertools import islice
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Event
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 from urllib.parse import urlsplit
 
-from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues, Names
 from mavdem.dem.parallel import (
     ProcessPool,
@@ -45,6 +44,10 @@ from mavdem.processes import (
     resource_use,
     signal_name,
 )
+
+if TYPE_CHECKING:
+    # The process that supervises the readers does not need what they do.
+    from mavdem.assessment import Assessment
 
 PAGES = "pages"
 """Name of the folder with the pages of flights, in the folder of the fleet."""
@@ -75,11 +78,34 @@ failed; it took too long or too much memory; or the process that read it died.""
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """The rows of a log, and the HTML of pages of its flights by the name of the file."""
 
-MakePage = Callable[[str, Assessment], str]
+MakePage = Callable[[str, "Assessment"], str]
 """Makes the HTML of a flight's page from the name of its log and its assessment."""
 
 ReadLog = Callable[[Path, str, MakePage | None], LogRows]
 """Reads a log, by its path and the key of its content, and makes its pages; a function of a module, which pickles."""
+
+
+@dataclass(frozen=True)
+class FunctionByName:
+    """A function of a module that only the process which calls it imports, and not the one that names it."""
+
+    module: str
+    """Name of the module."""
+    name: str
+    """Name of the function in it."""
+
+    def __call__(self, *args: Any) -> Any:
+        """Calls the function."""
+        return _function(self.module, self.name)(*args)
+
+    def __reduce__(self) -> tuple[Callable[[str, str], Any], tuple[str, str]]:
+        """Makes the function itself of it where another process receives it, which imports the module by then."""
+        return _function, (self.module, self.name)
+
+
+def _function(module: str, name: str) -> Any:
+    """Imports a module, and returns its function of this name."""
+    return getattr(import_module(module), name)
 
 
 class JobLimits(NamedTuple):

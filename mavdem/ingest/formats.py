@@ -3,6 +3,7 @@
 import os
 import re
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +11,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Source
 from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
-from mavdem.ingest.mavlink.framing import MARKERS
-from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log
-from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 from mavdem.log_formats import (
     COMPRESSED_ENDING,
     ENCRYPTED_ULOG_MAGIC,
@@ -25,6 +23,9 @@ from mavdem.log_formats import (
     Format,
 )
 from mavdem.machine import return_freed_memory
+
+if TYPE_CHECKING:
+    from mavdem.ingest.mavlink.vehicles import FrameStream
 
 
 # Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.
@@ -67,7 +68,7 @@ def read_log(path: AnyPath) -> Log:
     return log
 
 
-def read_stream(path: AnyPath) -> FrameStream:
+def read_stream(path: AnyPath) -> "FrameStream":
     """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
 
     Args:
@@ -84,6 +85,8 @@ def read_stream(path: AnyPath) -> FrameStream:
         return mcap_stream(name)
     if log_format is not Format.TLOG:
         raise Unreadable(Source.FORMAT_WITHOUT_FRAMES, path=name, name=log_format)
+    from mavdem.ingest.tlog import tlog_stream
+
     return tlog_stream(name)
 
 
@@ -113,6 +116,10 @@ def looks_like_log(path: AnyPath) -> bool:
         if refusal.code is Source.ARCHIVE_WITHOUT_ONE_LOG:
             return bool(refusal.figures["count"])
         return refusal.code is Source.ARCHIVE_DAMAGED and name.lower().endswith(ZIP_ENDING)
+    # The names of most logs say enough: then nothing of MAVLink is imported.
+    from mavdem.ingest.mavlink.framing import MARKERS
+    from mavdem.ingest.tlog import STAMP_BYTES
+
     stamp = int.from_bytes(beginning[:STAMP_BYTES], "big")
     if stamp in PLAUSIBLE_STAMPS and beginning.startswith(MARKERS, STAMP_BYTES):
         return True
@@ -166,6 +173,9 @@ def detect_format(path: AnyPath) -> tuple[str, Format]:
     for first_bytes, other_format in OTHER_FORMATS.items():
         if beginning.startswith(first_bytes):
             raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name=other_format)
+    from mavdem.ingest.mavlink.framing import MARKERS
+    from mavdem.ingest.tlog import STAMP_BYTES
+
     if beginning.startswith(MARKERS, STAMP_BYTES):
         return name, Format.TLOG
     log_format = _format_of_name(name)

@@ -23,9 +23,9 @@ import numpy as np
 from scipy.linalg import solve_toeplitz
 from scipy.special import softmax
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.containers import Numbers
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, one_thread
+from mavdem.dem.engine.linalg import one_thread
 from mavdem.loops.margins import Complex
 
 MAX_WINDOWS = 300

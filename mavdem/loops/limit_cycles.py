@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Flags, Indices
+from mavdem.arrays import SMALLEST_POSITIVE, Array, Flags, Indices
 from mavdem.containers import JsonValues
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.axes import TILT_AXES
@@ -24,7 +24,6 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.welch import half_overlapping_windows, resampled_signals, windowed_transforms
 
 WINDOW_LENGTHS = (4.0, 8.0)

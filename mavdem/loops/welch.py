@@ -10,12 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.dataset.intervals import intersection, split_at_gaps
 from mavdem.dataset.segments import Segments, rows_of_segment
 from mavdem.dataset.signals import MIN_STREAM_RATE, rate_between_outages
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.margins import Complex
 
 WELCH_SECONDS = 2.0

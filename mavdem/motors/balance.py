@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from mavdem.dataset.segments import Segment, in_segments, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import steady_intervals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.signatures import MotorSignatures, motor_signatures
 
 BLOCK_SECONDS = 3.0
@@ -35,26 +35,6 @@ Of 324 real logs, shorter ones showed gusts and corrections of the pilot.
 
 MAX_AUTOCORRELATION = 0.9
 """Upper bound of the autocorrelation of neighbouring blocks: an estimate of 1 would make all errors infinite."""
-
-
-class BalanceFigures(NamedTuple):
-    """Balance of the motors of a steady flight, in fractions of the mean command of all motors.
-
-    NaN stands for what the motors' geometry or the log does not say. Errors are standard errors.
-    """
-
-    mean: Array
-    """(3,) mean commands in roll, pitch and yaw."""
-    error: Array
-    """(3,) standard errors of ``mean`` at this lean, from the scatter of blocks."""
-    lean: Array
-    """(2,) mean roll and pitch, rad."""
-    lean_effect: Array
-    """(3, 2) change of the commands in roll, pitch and yaw by the roll and the pitch angle, 1/rad."""
-    lean_effect_error: Array
-    """(3, 2) standard errors of ``lean_effect``, 1/rad."""
-    seconds: float
-    """Duration of steady flight, s."""
 
 
 @dataclass(frozen=True, eq=False)

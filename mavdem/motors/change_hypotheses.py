@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.confidence import INTERVAL_QUANTILES, student_t_log_density
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.immutable import ImmutableResult
 from mavdem.motors.deviation import Deviation
 from mavdem.motors.signatures import MotorSignatures

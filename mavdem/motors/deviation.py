@@ -10,7 +10,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor
-from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.healthy_flights import HealthFigures, HealthFlights
 
 PRIOR_BALANCE_SD = np.array([0.010, 0.010, 0.008])

@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.containers import Names, group_by
 from mavdem.facts import Fact
 from mavdem.facts.motors import HealthUnknown
-from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.signatures import MotorSignatures
 
 MIN_HEALTHY_FLIGHTS = 2

@@ -18,9 +18,9 @@ from mavdem.ingest.motors import MotorGeometry, position_name
 from mavdem.motors.balance import (
     BLOCK_SECONDS,
     MIN_BLOCKS,
-    BalanceFigures,
     balance_of_steady_flight,
 )
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE, ChangeHypotheses
 from mavdem.motors.deviation import (
     PRIOR_BALANCE_FREEDOM,

@@ -17,14 +17,6 @@ from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import Drag
 
-TIER_WORDS = {
-    "a": "full model",
-    "b": "slow motion",
-    "c": "condition only",
-    "": "of unknown tier",
-}
-"""Names shown for the tiers."""
-
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",
     DragSource.PARAMETERS: "the autopilot's parameters",

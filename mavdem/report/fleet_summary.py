@@ -10,11 +10,18 @@ from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table
-from mavdem.report.condition import TIER_WORDS
 from mavdem.report.fleet import MAX_URGENT_RANK, truncated
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
+
+TIER_WORDS = {
+    "a": "full model",
+    "b": "slow motion",
+    "c": "condition only",
+    "": "of unknown tier",
+}
+"""Names shown for the tiers."""
 
 MAX_REASONS = 8
 """Reasons why logs were not used that are shown, the most frequent ones."""

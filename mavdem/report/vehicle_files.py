@@ -17,7 +17,7 @@ from mavdem.facts import NamedFacts
 from mavdem.loops.twin import Twin
 from mavdem.loops.twin_flight import RATE_BANDS
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
-from mavdem.report.pages.page import environment
+from mavdem.report.pages.environment import environment
 
 OMITTED_QUANTITIES = {
     ".json": "motor time constant, delay, damping of pitch and yaw apart from roll's, battery and controller gains",

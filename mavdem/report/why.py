@@ -3,7 +3,6 @@
 from mavdem.facts import Fact
 from mavdem.report.blocks import Sentence
 from mavdem.report.templates import render_section
-from mavdem.witnesses.statements import contradicting_statements, supporting_statements
 
 
 def why(fact: Fact) -> list[Sentence]:
@@ -12,6 +11,9 @@ def why(fact: Fact) -> list[Sentence]:
     A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement.
     A fact without witnesses has no such sentence.
     """
+    # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
+    from mavdem.witnesses.statements import contradicting_statements, supporting_statements
+
     witnesses = fact.figures.get("witnesses", ())
     return render_section(
         "why",

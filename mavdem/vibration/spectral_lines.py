@@ -13,9 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.vibration.spectra import Spectrum
 

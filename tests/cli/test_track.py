@@ -12,7 +12,7 @@ from standin_logs import fleet_of, make_logs, track
 
 from mavdem.fleet.store import open_store
 from mavdem.fleet.stored_rows import read_rows
-from mavdem.results import write_fleet_pages
+from mavdem.fleet_pages import write_fleet_pages
 
 
 @mark.slow

@@ -6,8 +6,8 @@ from standin_logs import fleet_of
 from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
 from mavdem.fleet.page_parts import kept_charts, kept_summaries
 from mavdem.fleet.store import open_store
+from mavdem.fleet_pages import write_fleet_pages
 from mavdem.report.vehicle_summary import summaries_of, summary_adapter
-from mavdem.results import write_fleet_pages
 
 
 def index_of(folder, *steps):

@@ -4,6 +4,8 @@ Most of these start processes. And sources: which logs names stand for, here and
 """
 
 import os
+import pickle
+import posixpath
 import resource
 import signal
 import socket
@@ -36,6 +38,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, find_logs
 from mavdem.fleet.stored_rows import STORE, read_rows
 from mavdem.fleet.workers import (
+    FunctionByName,
     Job,
     JobLimits,
     LogReader,
@@ -374,3 +377,14 @@ def test_a_process_of_low_priority_keeps_it(monkeypatch):
     nice.assert_called_once_with()
     lower_priority(15)
     nice.assert_called_with(15)
+
+
+def test_a_function_by_its_name_is_imported_where_it_is_called():
+    named = FunctionByName("posixpath", "basename")
+    assert named("a/b") == "b" and pickle.loads(pickle.dumps(named)) is posixpath.basename
+    # What reads logs takes a second to import, for which the process that supervises the readers does not wait.
+    code = "import sys, mavdem.cli.track; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    modules = loaded.stdout.split()
+    assert "mavdem.fleet.workers" in modules
+    assert {"mavdem.assessment", "mavdem.dem.engine.linalg", "scipy"}.isdisjoint(modules)

@@ -9,7 +9,7 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.facts.motors import Explanation, HealthUnknown, MotorsBetween
-from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import (
     DETECTABLE_RISE,
     FAULT_RISE,

@@ -6,7 +6,7 @@ from pytest import approx, mark
 
 from mavdem.facts.motors import Trim
 from mavdem.ingest.motors import PositionSource
-from mavdem.motors.balance import BalanceFigures
+from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_pattern

@@ -35,11 +35,11 @@ from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import read_brief_rows, read_rows
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
+from mavdem.fleet_pages import INDEX_FILE
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.fleet_summary import fleet_counts
 from mavdem.report.vehicle_summary import summaries_of
-from mavdem.results import INDEX_FILE
 
 # What processes have used is measured by the means of POSIX.
 assert sys.platform != "win32"

@@ -17,10 +17,7 @@ from numpy.random import default_rng
 from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
-from mavdem.arrays import Array, ArrayPair
-
-SMALLEST_POSITIVE = np.finfo(np.float64).tiny
-"""Smallest normal float, 2e-308: added or used as a floor, it avoids division by zero and the logarithm of zero."""
+from mavdem.arrays import SMALLEST_POSITIVE, Array, ArrayPair
 
 ROUNDING_TOLERANCE = 1e-9
 """Relative size, to the largest number of the same kind, below which a difference is taken for rounding.

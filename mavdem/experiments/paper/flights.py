@@ -11,7 +11,7 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
-from mavdem.dataset import read_flight
+from mavdem.dataset.flights import read_flight
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.scores import REFERENCE_RATE
 from mavdem.experiments.window import part_samples

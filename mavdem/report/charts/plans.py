@@ -1,22 +1,26 @@
 """Plans: drawings of a page with axes of their own: the vehicle from above, and the wind rose."""
 
+from __future__ import annotations
+
 import re
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
 
 from mavdem.arrays import Array
-from mavdem.assessment.condition import Condition
-from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Level
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.report.charts.chart import Plan
 from mavdem.report.numbers import listed
-from mavdem.report.pages.page import environment
+from mavdem.report.pages.environment import environment
 from mavdem.wind_velocity.compass import compass_text
-from mavdem.wind_velocity.estimation import WindVelocity
+
+if TYPE_CHECKING:
+    from mavdem.assessment.condition import Condition
+    from mavdem.dataset.motor_outputs import MotorOutputs
+    from mavdem.wind_velocity.estimation import WindVelocity
 
 RADIUS = 100.0
 """Radius of what is drawn, in units of the drawing: of the outermost motor, the largest petal, and half of the path."""

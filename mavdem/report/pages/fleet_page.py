@@ -22,7 +22,7 @@ from mavdem.report.fleet import HEALTH_LEVELS, MAX_URGENT_RANK, NOT_USED, Vehicl
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_parts
 from mavdem.report.flight_lines import COLUMNS, FlightLine
 from mavdem.report.numbers import listed
-from mavdem.report.pages.page import environment, render_page
+from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.vehicle_summary import MAX_BARS, LastFlight, VehicleSummary
 
 MAX_DRAWN = 20

@@ -27,8 +27,9 @@ from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
+from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.fleet_page import with_fleet_remark
-from mavdem.report.pages.page import PageEvent, environment, render_page
+from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""

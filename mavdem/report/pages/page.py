@@ -4,17 +4,11 @@ A page has a title, the result in sentences and tables, and then chapters with c
 of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains with ``charts.js``.
 """
 
-import platform
 import re
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.metadata import version
 from math import isfinite
 from types import MappingProxyType
-from typing import Any, NamedTuple
-
-from jinja2 import Environment, PackageLoader, Template
-from markupsafe import Markup, escape
+from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
@@ -26,7 +20,7 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.charts.chart import MAX_POINTS, Chart, Group, Plan
+from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
@@ -34,27 +28,15 @@ from mavdem.report.gain_changes import GainChanges
 from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
-from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
+from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.screen import conclusion, flight_title, model_screen
-from mavdem.report.template_cache import CompiledTemplates
 from mavdem.report.why import why_text
 
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
-_UNSAFE_CHARACTERS = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
-)
-"""Control characters, and marks that reverse the direction of text: the name of a file may contain them."""
-
-_SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
-"""A percent sign after a number, with the space before it if there is one."""
-
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
-
-_CODE = re.compile("`([^`]*)`")
-"""Text between backquotes, such as a command."""
 
 
 class PageLink(NamedTuple):
@@ -244,49 +226,6 @@ def render_document(
         points=max_points,
         has_charts=has_charts,
     )
-
-
-def render_page(template: Template, **values: Any) -> str:
-    """Renders a template as HTML, in which characters that could disguise text are replaced."""
-    return _UNSAFE_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
-
-
-@cache
-def environment() -> Environment:
-    """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
-
-    Templates can use the filter ``prose``, and the tests ``is table`` and ``is chart``.
-    """
-    jinja = Environment(
-        loader=PackageLoader("mavdem.report", ""),
-        bytecode_cache=CompiledTemplates(),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    jinja.globals |= {
-        "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
-        "ink": INK_ON_LIGHT,
-        "disturbance": DISTURBANCE,
-        "predicted": PREDICTED,
-    }
-    jinja.tests["table"] = lambda block: isinstance(block, Table)
-    jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
-    jinja.filters["prose"] = _prose
-    jinja.filters["why_text"] = why_text
-    return jinja
-
-
-def _prose(text: str) -> Markup:
-    """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign.
-
-    The text is escaped first, since it may come from a log. Where a backquote has no partner, all stay as they are.
-    """
-    html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
-    has_unpaired_backquote = html.count("`") % 2 == 1
-    if has_unpaired_backquote:
-        return Markup(html)
-    return Markup(_CODE.sub(r"<code>\1</code>", html))
 
 
 def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:

@@ -18,9 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag
 
-from mavdem.arrays import Array
+from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.dem.engine.kalman import KalmanFilter
-from mavdem.dem.engine.linalg import SMALLEST_POSITIVE, may_overflow
+from mavdem.dem.engine.linalg import may_overflow
 
 
 class DiscreteModel(NamedTuple):

@@ -1,0 +1,120 @@
+"""The pages of a fleet's folder: the index page is written, and the pages of its flights are updated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mavdem.files import write_text_atomically
+from mavdem.fleet.flights import flights_of, worst_row
+from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
+from mavdem.fleet.names import GivenNames, read_names
+from mavdem.fleet.page_parts import kept_charts, kept_summaries
+from mavdem.fleet.row import FlightRows
+from mavdem.fleet.store import Store
+from mavdem.fleet.stored_rows import read_brief_rows, read_rows
+from mavdem.fleet.workers import PAGES
+from mavdem.report.blocks import Block
+from mavdem.report.pages.fleet_page import (
+    fleet_page,
+    fleet_remark,
+    vehicle_charts,
+    with_fleet_remark,
+)
+from mavdem.report.vehicle_summary import (
+    SUMMARY_VERSION,
+    VehicleSummary,
+    summary_adapter,
+    summary_of_vehicle,
+)
+
+INDEX_FILE = "index.html"
+"""Name of a fleet's index page."""
+
+PAGE_TOP_LENGTH = 1 << 16
+"""Characters at the beginning of a flight's page that are searched for its headline; pages can be much longer."""
+
+
+@dataclass(frozen=True)
+class FleetPages:
+    """The pages of a fleet that were written."""
+
+    index: Path
+    """Path of the index page."""
+    summaries: Sequence[VehicleSummary]
+    """What the index page shows of the flights under each name."""
+    names: GivenNames
+    """Names that were given to vehicles and flights."""
+
+
+def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> FleetPages:
+    """Writes the index page of a fleet, and updates the pages of its flights.
+
+    The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
+    added, and is updated on all pages of the vehicle. What the index shows of vehicles that were not judged since it
+    was last written is kept in the store.
+
+    Args:
+        store: The open store of the fleet.
+        changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
+
+    Raises:
+        Unreadable: A page cannot be written.
+    """
+    folder = store.folder
+
+    def make_summary(vehicle: str) -> str:
+        """Returns the summary of a vehicle as JSON."""
+        summary = summary_of_vehicle(vehicle, read_brief_rows(folder, vehicle))
+        return summary_adapter().dump_json(summary).decode()
+
+    def charts(vehicle: str) -> str:
+        """Returns the charts of a vehicle as HTML."""
+        return kept_charts(store, vehicle, lambda name: vehicle_charts(read_rows(folder, name)))
+
+    outdated = outdated_vehicles(store)
+    for vehicle in outdated:
+        _update_flight_pages(folder, read_brief_rows(folder, vehicle))
+    texts = kept_summaries(store, SUMMARY_VERSION, outdated, make_summary)
+    summaries = [summary_adapter().validate_json(text) for text in texts]
+    names = read_names(store.db)
+    index = folder / INDEX_FILE
+    write_text_atomically(index, fleet_page(summaries, changes, charts, names))
+    mark_pages_updated(store, outdated)
+    return FleetPages(index, summaries, names)
+
+
+def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
+    """Updates the pages of a vehicle's flights.
+
+    Args:
+        folder: Folder of the fleet.
+        rows: Rows of the vehicle.
+
+    Raises:
+        Unreadable: A page cannot be written.
+    """
+    for flight_rows in flights_of(row for row in rows if row.page):
+        path = folder / PAGES / Path(flight_rows[0].page or "").name
+        if path.is_file():
+            _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
+
+
+def _update_flight_page(path: Path, comparison: str) -> None:
+    """Replaces the comparison with other flights at the top of a flight's page.
+
+    Pages may be long, so that only their top is searched, and a page on which nothing changes is not written again.
+
+    Args:
+        path: Path of the page.
+        comparison: HTML of the comparison.
+
+    Raises:
+        Unreadable: The page cannot be written.
+    """
+    with path.open(encoding="utf-8", errors="replace") as file:
+        top = file.read(PAGE_TOP_LENGTH)
+        updated_top = with_fleet_remark(top, comparison)
+        if updated_top != top:
+            write_text_atomically(path, updated_top + file.read())

@@ -1,0 +1,70 @@
+"""The environment of HTML templates: Jinja with the filters, tests and names that all pages share."""
+
+import platform
+import re
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, Template
+from markupsafe import Markup, escape
+
+from mavdem.report.blocks import Table
+from mavdem.report.charts.chart import Chart
+from mavdem.report.palette import DISTURBANCE, INK_ON_LIGHT, PREDICTED
+from mavdem.report.template_cache import CompiledTemplates
+from mavdem.report.why import why_text
+
+_UNSAFE_CHARACTERS = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]"
+)
+"""Control characters, and marks that reverse the direction of text: the name of a file may contain them."""
+
+_SPACE_BEFORE_PERCENT = re.compile(r"(?<=\d) ?%")
+"""A percent sign after a number, with the space before it if there is one."""
+
+_CODE = re.compile("`([^`]*)`")
+"""Text between backquotes, such as a command."""
+
+
+def render_page(template: Template, **values: Any) -> str:
+    """Renders a template as HTML, in which characters that could disguise text are replaced."""
+    return _UNSAFE_CHARACTERS.sub("\N{REPLACEMENT CHARACTER}", template.render(values))
+
+
+@cache
+def environment() -> Environment:
+    """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
+
+    Templates can use the filter ``prose``, and the tests ``is table`` and ``is chart``.
+    """
+    jinja = Environment(
+        loader=PackageLoader("mavdem.report", ""),
+        bytecode_cache=CompiledTemplates(),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    jinja.globals |= {
+        "made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}",
+        "ink": INK_ON_LIGHT,
+        "disturbance": DISTURBANCE,
+        "predicted": PREDICTED,
+    }
+    jinja.tests["table"] = lambda block: isinstance(block, Table)
+    jinja.tests["chart"] = lambda panel: isinstance(panel, Chart)
+    jinja.filters["prose"] = _prose
+    jinja.filters["why_text"] = why_text
+    return jinja
+
+
+def _prose(text: str) -> Markup:
+    """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign.
+
+    The text is escaped first, since it may come from a log. Where a backquote has no partner, all stay as they are.
+    """
+    html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
+    has_unpaired_backquote = html.count("`") % 2 == 1
+    if has_unpaired_backquote:
+        return Markup(html)
+    return Markup(_CODE.sub(r"<code>\1</code>", html))
