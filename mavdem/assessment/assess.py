@@ -112,7 +112,7 @@ def assess_signals(
 
     Args:
         log: the log.
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
         show_findings: receives what is known before models and loops.
     """
@@ -156,8 +156,8 @@ def _evidence_without_loops(
 
     Args:
         log: the log.
-        signals: of the vehicle.
-        analysis: of the vehicle, without a model.
+        signals: signals of the vehicle.
+        analysis: analysis of the vehicle, without a model.
         wind: the wind in m/s, or why it is not known.
     """
     # 1. What the autopilot reports, and what the motion shows. A reported crash counts only if sensors confirm it.

@@ -366,7 +366,7 @@ def knock_is_contact(scene: Scene, time: float) -> bool:
 
     Args:
         scene: sensors of the boot.
-        time: of the knock, s since boot.
+        time: time of the knock, s since boot.
     """
     height = scene.height_at(time)
     if height is None or height < ALOFT_HEIGHT:

@@ -39,7 +39,7 @@ def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[F
     """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         flight: start and end of the flight, s since boot.
 

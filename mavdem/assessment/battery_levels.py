@@ -45,8 +45,8 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     level that was set too low, or not at all, does not hide an empty battery.
 
     Args:
-        parameters: of the autopilot.
-        number: of the battery, from 1.
+        parameters: parameters of the autopilot.
+        number: number of the battery, from 1.
         cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
 
     Returns:
@@ -71,7 +71,7 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     fits, it is known.
 
     Args:
-        parameters: of the autopilot.
+        parameters: parameters of the autopilot.
         battery: with its voltages.
     """
     names = [name.format(battery.number) for name in CELL_COUNT_PARAMETERS]
@@ -96,7 +96,7 @@ def is_measured(parameters: Parameters, battery: Battery) -> bool:
     reports a low battery: nobody would have taken off with that.
 
     Args:
-        parameters: of the autopilot, with those levels.
+        parameters: parameters of the autopilot, with those levels.
         battery: with its voltages, V.
     """
     volts = battery.voltage.values
@@ -112,7 +112,7 @@ def batteries_worst_first(signals: Signals) -> list[Battery]:
     battery's highest voltage over ``FULL_CELL_VOLTAGE``.
 
     Args:
-        signals: of the vehicle, with its batteries and parameters.
+        signals: signals of the vehicle, with its batteries and parameters.
     """
     parameters = signals.telemetry.parameters
 

@@ -27,7 +27,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     ``LOST_ANGLE``: then the command came first.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         loss_time: when the vehicle was lost, s since boot.
 

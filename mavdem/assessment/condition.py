@@ -293,7 +293,7 @@ def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[Battery
     """Returns voltage and current of each battery in some segments, the emptiest battery first.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         segments: the time that counts; batteries that were not recorded in it are left out.
     """
     figures = []

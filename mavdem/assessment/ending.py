@@ -42,7 +42,7 @@ def ending_of(
     (:func:`mavdem.assessment.first_failure.first_failure`); a report of the autopilot on one motor is added to it.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         events: those of ``motion_events`` and ``reported_events``.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
 
@@ -115,7 +115,7 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         events: those of ``motion_events`` and ``reported_events``.
     """
     losses = [event for event in events if event.code in ENDINGS]
@@ -150,7 +150,7 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
     """Returns whether gyro, accelerometer or a height were recorded around a report of a crash, and can confirm it.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         report: the report.
     """
     interval = _interval_of_crash(report)
@@ -170,7 +170,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     """Returns what the sensors show around a report of a crash, as witnesses of it.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         report: the report.
         losses: events of the motion that lose a vehicle.
     """

@@ -132,7 +132,7 @@ def first_failure(
     :func:`_trouble_of_attitude`). A height estimate that diverged before outranks what they show.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         events: events of the flight.
         loss: the event of the motion with which the vehicle was lost.
         collective: mean output of all motors in the hover, as a share of their range.
@@ -216,7 +216,7 @@ def _trouble_of_attitude(error: AttitudeError, onset: float) -> _Trouble:
     The side to which the vehicle fell is the direction of the error at its end.
 
     Args:
-        error: of the attitude in the boot.
+        error: error of the attitude in the boot.
         onset: when the loss began, s since boot.
     """
     lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
@@ -244,7 +244,7 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
     Only in a mode in which the stick is the thrust does the vehicle fall from that.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         diverged: the height estimate that diverged before.
         onset: when the loss began, s since boot.
@@ -279,7 +279,7 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
     """Returns the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         events: events of the flight, with those that the autopilot reports.
         boot: number of the boot.
         cause: the fact that all motors went to idle, with its time.
@@ -327,7 +327,7 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
     The autopilot's critical voltage may be anywhere below the low one: what it is set to is not known from most logs.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         time: when the motors stopped, s since boot. What the voltage does afterwards is no cause.
 
@@ -353,8 +353,8 @@ def _events_at(
     """Returns the events of a code that last at a time.
 
     Args:
-        events: of the log.
-        code: of the events to return.
+        events: events of the log.
+        code: code of the events to return.
         boot: number of the boot.
         time: on the boot clock, s.
         delay: an event counts too that begins up to so many seconds later. ``LASTING_SECONDS`` is how long most events
@@ -377,7 +377,7 @@ def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
     that the change itself may be the failure.
 
     Args:
-        signals: of the vehicle, whose ``initial_parameters`` are those that were changed.
+        signals: signals of the vehicle, whose ``initial_parameters`` are those that were changed.
         names: names of the motors.
     """
     assert signals.motors is not None
@@ -432,7 +432,7 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
     (:func:`_weak_motor`), or that the output of one is frozen.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         trouble: while the attitude left its setpoint or the vehicle fell.
     """
@@ -499,10 +499,10 @@ def _sinking_at_full_throttle(
     Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         motors: its motors.
-        time: of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
+        time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
     """
     interval = (time - SINKING_SECONDS, time)
     stick = Scene(signals, boot).stick
@@ -548,7 +548,7 @@ def _frozen_output(
     ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         motors: its motors, k of them.
         commands: (N, k) as shares of the motors' range.
         idle: the least command in flight, as a share of the range.

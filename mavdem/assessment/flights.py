@@ -43,7 +43,7 @@ def segments_of_boots(
     """Returns the intervals of every boot as segments, as far as anything was recorded.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         intervals_of_boot: a function of :mod:`mavdem.dataset.phases`, which takes the signals and the number of a boot.
     """
     segments = []

@@ -109,7 +109,7 @@ def ground_contact(
 
     Args:
         scene: sensors of the boot.
-        error: of the attitude in this boot.
+        error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude that the flight did not recover from; None if there was none.
         reports: events that the autopilot reports.
@@ -528,7 +528,7 @@ class _Contact:
         Heights agree within ``LANDING_STEP``: the ground is not level, and heights drift in flight.
 
         Args:
-            height: of the contact above the take-off, m; None if it is not known.
+            height: height of the contact above the take-off, m; None if it is not known.
             rest: how the vehicle came to rest; None if the log ended before.
         """
         resting_height = None if rest is None else self.scene.height_at(rest.time)

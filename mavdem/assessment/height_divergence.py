@@ -171,7 +171,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
 
     Args:
         scene: sensors of the boot.
-        interval: of the divergence, s since boot.
+        interval: interval of the divergence, s since boot.
     """
     accelerometer = scene.accelerometer
     if accelerometer is None:
@@ -206,8 +206,8 @@ def _force_error(
 
     Args:
         scene: sensors of the boot.
-        accelerometer: of the boot.
-        interval: of the divergence, s since boot.
+        accelerometer: accelerometer of the boot.
+        interval: interval of the divergence, s since boot.
 
     Returns:
         None where barometer or attitude are not known, or there are no samples.
@@ -239,7 +239,7 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
 
     Args:
         scene: sensors of the boot.
-        interval: of the divergence, s since boot.
+        interval: interval of the divergence, s since boot.
 
     Returns:
         A statement with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was
@@ -266,7 +266,7 @@ def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
 
     Args:
         scene: sensors of the boot.
-        interval: of the divergence, s since boot.
+        interval: interval of the divergence, s since boot.
 
     Returns:
         A statement with the largest command of all motors, as a ``share`` of their range.

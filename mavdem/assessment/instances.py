@@ -164,7 +164,7 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
     """Returns the innovation ratios of each instance of the estimator, by its name.
 
     Args:
-        telemetry: of the vehicle.
+        telemetry: telemetry of the vehicle.
 
     Returns:
         Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. Where the log distinguishes

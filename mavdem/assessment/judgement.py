@@ -165,7 +165,7 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
     """Returns the fact of a light on loops with what was decided to do about the axes that it names.
 
     Args:
-        light: of tracking or margins. One that names no axis, or nothing that is wrong, is returned as it is.
+        light: light of tracking or margins. One that names no axis, or nothing that is wrong, is returned as it is.
         decisions: on the loops, by axis.
     """
     axis = light.figures.get("axis", "")
@@ -320,7 +320,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
     """Returns what to do next: repair what is wrong; else log what is missing; else improve the model.
 
     Args:
-        headline: of the judgement. If something is wrong, the next step is what it advises.
+        headline: headline of the judgement. If something is wrong, the next step is what it advises.
         lights: by name. If nothing is wrong, the next step is what would show more: the advice of the first light that
             is not good.
         model_step: what the model of the vehicle asks for, if there is a model: the next step of a vehicle that is
@@ -348,7 +348,7 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
     the suspect.
 
     Args:
-        headline: of the judgement, which is not that nothing is wrong.
+        headline: headline of the judgement, which is not that nothing is wrong.
         lights: the facts of all lights, by name.
     """
     related_lights = [Light.POWER]

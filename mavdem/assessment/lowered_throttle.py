@@ -32,7 +32,7 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     have opened the throttle again, but too late.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         onset: when the vehicle hit the ground, or lost its attitude just before, s since boot.
 

@@ -139,7 +139,7 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
     that is good.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         interval: start and end of the event, s since boot.
         limit: the event.
@@ -198,7 +198,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     at the idle, so that only what is below it by ``STOP_MARGIN`` is off.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         motors: its motors, k of them.
         boot: number of the boot.
         commands: (N, k) outputs of the motors in this boot, as shares of their range.

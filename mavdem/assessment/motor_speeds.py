@@ -73,7 +73,7 @@ def standing_motors(
 
     Args:
         scene: sensors of the boot, with the take-off of this flight.
-        error: of the attitude in this boot.
+        error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
 
@@ -114,9 +114,9 @@ def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> It
     It must have turned in this flight before, so that its controller measures. Its usual speed is the median of that.
 
     Args:
-        signals: of the vehicle.
-        speed: of the motor in flight (N,), 1/min.
-        command: of the motor at the same times (N,), as shares of its range.
+        signals: signals of the vehicle.
+        speed: speed of the motor in flight (N,), 1/min.
+        command: command of the motor at the same times (N,), as shares of its range.
     """
     is_commanded = command.values > min_airborne_collective(signals.telemetry.parameters)
     is_standing = is_commanded & _is_far_below_usual(speed.values)
@@ -130,7 +130,7 @@ def _is_far_below_usual(speeds: Array) -> Flags:
     slowly in the wind. Before ``MIN_USUAL_SAMPLES`` of them there is none, and nothing is low.
 
     Args:
-        speeds: of the motor in flight (N,), 1/min.
+        speeds: speeds of the motor in flight (N,), 1/min.
     """
     is_low = np.zeros(len(speeds), np.bool_)
     usual_speeds: list[float] = []
@@ -156,9 +156,9 @@ def _standstill(
 
     Args:
         scene: sensors of the boot.
-        error: of the attitude in this boot.
+        error: error of the attitude in this boot.
         reports: events that the autopilot reports.
-        controller: of the motor.
+        controller: controller of the motor.
         motor: index of the motor.
         interval: when the controller measured no rotation, s since boot; the end may be infinite.
     """
@@ -197,7 +197,7 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
     """Returns whether the command of a motor rose to make up for its lost thrust, as a witness for or against the loss.
 
     Args:
-        command: of the motor in the boot (N,), as shares of the range.
+        command: command of the motor in the boot (N,), as shares of the range.
         interval: when the motor stood still, s since boot.
 
     Returns:
@@ -217,7 +217,7 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
     """Returns whether the attitude left its setpoint while a motor stood still, as a witness for or against its loss.
 
     Args:
-        error: of the attitude in the boot.
+        error: error of the attitude in the boot.
         interval: when the motor stood still, s since boot.
 
     Returns:
@@ -275,7 +275,7 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
     or faster, did not: then its propeller is to blame.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         loss: the loss, with the motor as subject.
 
     Returns:
@@ -311,7 +311,7 @@ def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAro
     """Returns the samples in twice ``RECOVERY_SECONDS`` before an interval, and those in it; either may be empty.
 
     Args:
-        time: of the samples (N,), s since boot.
+        time: time of the samples (N,), s since boot.
         values: command or speed of a motor (N,).
         interval: start and end of the loss, s since boot.
     """

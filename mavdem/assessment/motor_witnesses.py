@@ -31,7 +31,7 @@ def with_motor_witnesses(
     """Returns losses of motors, each with its witnesses; facts that name no motor are returned as they are.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         losses: facts with the name of a motor as subject, and their ``boot``.
         reports: events that the autopilot reports.
     """
@@ -46,7 +46,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
     """Returns the witnesses of one loss, from its beginning for up to twice ``RECOVERY_SECONDS``.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         loss: that a motor was lost.
         reports: events that the autopilot reports.
     """
@@ -71,7 +71,7 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     """Returns the rise of the motor's command, or its excess over the others, as a witness; none if it was off.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         loss: that a motor was lost.
         interval: start and end, s since boot.
     """
@@ -98,7 +98,7 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
     Without a setpoint, half of the lean is taken for its error; then the statement has the whole lean.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         interval: start and end, s since boot.
     """
@@ -122,7 +122,7 @@ def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
     """Returns a witness for each height sensor by which the vehicle sank fast.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         interval: start and end, s since boot.
     """

@@ -50,8 +50,8 @@ def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContent
     """Returns what a log holds of a vehicle, as its analysis has it: for an inventory of the log.
 
     Args:
-        signals: of the vehicle.
-        analysis: of one of its axes.
+        signals: signals of the vehicle.
+        analysis: analysis of one of its axes.
     """
     return VehicleContents(
         signals.telemetry, analysis.learnability, analysis.condition, analysis.identity

@@ -191,9 +191,9 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     """Returns the height above where the latest flight began, m, by a source that can be trusted.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
-        flights: of the boot.
+        flights: flights of the boot.
         time: s since boot. Before all flights the vehicle is on the ground, at 0 m.
 
     Returns:
@@ -233,7 +233,7 @@ def _can_be(problem: Fact, signals: Signals) -> bool:
 
     Args:
         problem: what the autopilot reports.
-        signals: of the vehicle.
+        signals: signals of the vehicle.
     """
     if problem.code is not Reported.GPS_JUMPED:
         return True
@@ -253,12 +253,12 @@ def _event(
     """Returns one event, with its boot and the message that it rests on, named as in the source of the log.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         span: the recorded time of the boot.
         message: name of the message that reports the event.
-        code: of the fact.
+        code: code of the fact.
         time: on the boot clock, s.
-        level: of the fact; the usual one of the code, unless given.
+        level: level of the fact; the usual one of the code, unless given.
         figures: further figures, subject and end of the fact.
     """
     basis = (signals.telemetry.name_in_source(message),)
@@ -334,7 +334,7 @@ def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
     the take-off counts instead.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         flight: start and end of the flight, s since boot.
     """

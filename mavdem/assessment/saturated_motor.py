@@ -57,7 +57,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     """Returns the motors that saturated and did not hold the vehicle, before it was lost.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         events: events of the log, with those of motors at their limit.
         ending: how the flight was lost; None if it was not.
 
@@ -134,7 +134,7 @@ def _saturation_loss(
     - The vehicle leans towards the motor, or sinks.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         motors: its k motors.
         event: that one of them was at its limit.
         is_lost: whether the vehicle was lost after that.
@@ -178,7 +178,7 @@ def _outstanding_excess(
     it was near them before.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         motors: its k motors.
         event: that one of them was at its limit.
         interval: start and end of the event, s since boot; the end may be infinite.
@@ -208,7 +208,7 @@ def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
     """Returns the sensors of a boot, with heights above the take-off of the flight that holds a time.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
         time: s on the boot clock.
     """
@@ -236,7 +236,7 @@ def _leans_towards(
     What counts is the first second in which it leans: later a vehicle that is lost may turn over to any side.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         motors: its motors.
         number: Index of the motor.
         boot: Number of the boot.

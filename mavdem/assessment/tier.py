@@ -62,7 +62,7 @@ def tier_of(learnability: Learnability, condition: Condition) -> Tier:
 
     Args:
         learnability: whether a full model can be learned, and the rates, Hz.
-        condition: of the vehicle. Without settled flight or attitude there is no tier.
+        condition: condition of the vehicle. Without settled flight or attitude there is no tier.
 
     Returns:
         The tier and the one above it, with the reason why the log does not have that.

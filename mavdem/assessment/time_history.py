@@ -121,7 +121,7 @@ def time_history(
     """Returns the signals of the boot that was analysed, over time.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         settled: segments of settled flight; the boot is that of the first one or, without any, the one with the most
             samples of the attitude.
         wind: what is known of the wind.
@@ -154,7 +154,7 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
     """Returns the part of one boot from shortly before arming to shortly after disarming.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         settled: segments of settled flight; the boot is that of the first one or, without any, the one with the most
             samples of the attitude.
 
@@ -196,7 +196,7 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     The deviations from the mean of all motors show what steers the vehicle, without the common thrust.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         segment: part of the log.
     """
     motors = signals.motors
@@ -224,7 +224,7 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
     """Returns angle and rate of one axis within a segment, with their setpoints; None without an attitude.
 
     Args:
-        signals: of the vehicle, for this axis.
+        signals: signals of the vehicle, for this axis.
         segment: part of the log.
     """
     attitude = signals.attitude
@@ -295,7 +295,7 @@ def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, .
     The mode in which the segment begins may have been set before it, so that intervals are cut at the segment's ends.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         segment: part of the log.
     """
     changes = signals.mode_changes(segment.boot)

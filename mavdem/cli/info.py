@@ -98,10 +98,10 @@ def _print_analyses(
     """Prints a screen for each vehicle of a log: what was received, and whether a model can be learned.
 
     Args:
-        document: of the command.
+        document: document of the command.
         log: the log.
-        all_signals: of each vehicle, in the document's order.
-        analyses: of each vehicle, in the same order.
+        all_signals: signals of each vehicle, in the document's order.
+        analyses: analyses of each vehicle, in the same order.
     """
     senders = stream_contents(document)
     next_step = Sentence(
@@ -121,8 +121,8 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
     """Prints, for each vehicle of a log, all that was received, every instance, headline and next step.
 
     Args:
-        document: of the command.
-        assessments: of the vehicles, in the document's order.
+        document: document of the command.
+        assessments: assessments of the vehicles, in the document's order.
     """
     senders = stream_contents(document)
     for values, assessment in zip(document["vehicles"], assessments, strict=True):

@@ -41,7 +41,7 @@ def pilot_input(signals: Signals) -> PilotInput:
     PX4's manual control has the sticks without their channels; then the first four channels count as those.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
     """
     channels = _channels(signals)
     stick_channels = _stick_channels(signals.telemetry.parameters)

@@ -110,7 +110,7 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
     the two is the error of the heading only if the setpoint runs on in the same way.
 
     Args:
-        setpoint: of yaw, rad, of any turn.
+        setpoint: setpoint of yaw, rad, of any turn.
         yaw: the measured yaw, rad, without jumps by a turn.
 
     Returns:

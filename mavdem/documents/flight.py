@@ -531,7 +531,7 @@ def report_document(assessment: Assessment) -> JsonValues:
     If the wind in m/s is known as well, the values of the wind torque get the share of it that this wind explains.
 
     Args:
-        assessment: of one vehicle, with an analysis.
+        assessment: assessment of one vehicle, with an analysis.
 
     Returns:
         Values by key. The caller replaces two of them: ``seconds``, the time that the analysis took, is None, and

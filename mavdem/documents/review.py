@@ -226,7 +226,8 @@ def review_document(assessment: Assessment) -> JsonValues:
     """Returns the values of the document ``Review``: all that ``mavdem review`` found in a log.
 
     Args:
-        assessment: of one vehicle: judgement, control loops, wind, vibration spectra, and a model if one was learned.
+        assessment: assessment of one vehicle: judgement, control loops, wind, vibration spectra, and a model if one was
+            learned.
 
     Returns:
         Values by key. ``files`` is empty: the caller enters the files that it has written.
@@ -316,7 +317,7 @@ def _spectrum_document(spectrum: spectra.Spectrum, lines: tuple[SpectralLine, ..
     ``highest`` and ``windows`` are those of the full spectrum.
 
     Args:
-        spectrum: of a gyro, an accelerometer or a demand of the motors.
+        spectrum: spectrum of a gyro, an accelerometer or a demand of the motors.
         lines: its spectral lines, the strongest first.
     """
     is_acceleration = spectrum.unit == "m/s²"

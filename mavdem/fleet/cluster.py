@@ -47,16 +47,16 @@ class Cluster:
     What a worker that died had to do is given to others.
 
     Attributes:
-        address: of the scheduler.
-        limits: of each log.
+        address: address of the scheduler.
+        limits: limits of each log.
     """
 
     def __init__(self, address: str, limits: JobLimits, read: ReadLog) -> None:
         """Checks the address; the connection is made when the first log is read.
 
         Args:
-            address: of the scheduler, PROTOCOL://HOST:PORT.
-            limits: of each log.
+            address: address of the scheduler, PROTOCOL://HOST:PORT.
+            limits: limits of each log.
             read: the function that reads a log.
 
         Raises:

@@ -71,7 +71,7 @@ class Store:
     """The open store of a fleet. Its methods raise the errors of SQLite, which :func:`open_store` explains.
 
     Attributes:
-        folder: of the fleet.
+        folder: folder of the fleet.
         db: the connection, which belongs to one thread.
     """
 

@@ -327,7 +327,7 @@ class WorkerPool:
     """Reads logs on this machine, in several processes side by side.
 
     Attributes:
-        limits: of each log.
+        limits: limits of each log.
     """
 
     def __init__(self, processes: int, limits: JobLimits, read: ReadLog) -> None:
@@ -335,7 +335,7 @@ class WorkerPool:
 
         Args:
             processes: number of logs that are read at a time.
-            limits: of each log.
+            limits: limits of each log.
             read: the function that reads a log.
         """
         self.limits = limits

@@ -74,8 +74,8 @@ class GustDetector:
         compared with.
 
         Args:
-            estimate: of the latest sample. Its wind torque, rad/s², is that at ``wind_time``, s of the boot clock,
-                which is some time ago, since it is smoothed.
+            estimate: estimate of the latest sample. Its wind torque, rad/s², is that at ``wind_time``, s of the boot
+                clock, which is some time ago, since it is smoothed.
 
         Returns:
             One fact for each gust, with its beginning, s of the boot clock, duration and size.

@@ -221,7 +221,7 @@ class LiveHistory:
         Another begins with a new segment, and after ``GAP_SECONDS`` without a learned sample.
 
         Args:
-            time: of the sample, s of the timeline.
+            time: time of the sample, s of the timeline.
             is_new_segment: whether the sample is the first of its segment.
         """
         start = time
@@ -236,7 +236,7 @@ class LiveHistory:
         """Keeps an estimate's predictions, by horizon, until their time has come.
 
         Args:
-            time: of the row that the estimate is of, s of the timeline.
+            time: time of the row that the estimate is of, s of the timeline.
             outputs: the row's m measured outputs: the baseline predicts that they stay.
             estimate: has predicted outputs and half widths of their band, (K, m), for K times ahead.
         """

@@ -32,7 +32,7 @@ class LinkIntake:
     """Receives bytes from a link, records the frames in them, and sends frames; it opens a lost link again.
 
     Attributes:
-        recording: of the raw stream; None for none, and after it has failed.
+        recording: recording of the raw stream; None for none, and after it has failed.
         is_lost: whether the link is lost and not open again yet.
     """
 

@@ -207,7 +207,7 @@ class FlightLearning:
         Unexpected motion is reported when it begins, not with each of its samples.
 
         Args:
-            estimate: of the row; None where it was not learned from.
+            estimate: estimate of the row; None where it was not learned from.
         """
         if estimate is None:
             self.unlearned_rows += 1
@@ -261,7 +261,7 @@ class FlightLearning:
         is returned, and it is reported why.
 
         Args:
-            parameters: of the autopilot, whose gains are kept in the model.
+            parameters: parameters of the autopilot, whose gains are kept in the model.
 
         Raises:
             NotLearnable: there is none, and why.

@@ -105,7 +105,7 @@ def live_evidence(
     What only a whole log can show counts as not judged.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         condition: its figures; it counts as armed and airborne for as long as their duration.
         findings: events and loops; none unless given.
     """

@@ -67,7 +67,7 @@ class Milestones:
 
         Args:
             learning: has the latest estimates.
-            status: of the session, with the judgement of the model and the wind.
+            status: status of the session, with the judgement of the model and the wind.
             now: s of the boot clock.
         """
         physical = _latest_physical(learning)
@@ -87,7 +87,7 @@ class Milestones:
 
         Args:
             learning: has the latest estimates.
-            status: of the session, with the judgement of the final model and the wind.
+            status: status of the session, with the judgement of the final model and the wind.
             now: s of the boot clock.
             model: the final model, whose parameters are fitted where there was no time for that in flight; None
                 without one.
@@ -110,7 +110,7 @@ class Milestones:
 
         Args:
             learning: counts the rows that were learned from, and has the unit of the inputs.
-            status: of the session, with the judgement of the model and the wind.
+            status: status of the session, with the judgement of the model and the wind.
             now: s of the boot clock.
             physical: the latest physical parameters; None without any.
         """

@@ -95,7 +95,7 @@ class Presentation:
         Args:
             row: the row.
             row_format: has the boot whose clock the row's time is on, and the range of the motors.
-            estimate: of the learner; None of a row that was not learned from.
+            estimate: estimate of the learner; None of a row that was not learned from.
             wind: the latest; None before any.
         """
         wind_speed = nan
@@ -123,7 +123,7 @@ class Presentation:
         Args:
             row: the row.
             pose: the latest attitude with its setpoint.
-            estimate: of this row; None of a row that was not learned from.
+            estimate: estimate of this row; None of a row that was not learned from.
             learned: the learner's latest batch result.
             wind: the latest.
         """

@@ -35,7 +35,7 @@ class RateNegotiation:
             requested_rate: Hz; None to send nothing at all.
             awaits_greeting: whether the other side sends only after it has received something.
             intake: sends, and receives while rates are restored.
-            stream: of the vehicle.
+            stream: stream of the vehicle.
             log: is called with each fact about the rates.
         """
         self._requested_rate = requested_rate

@@ -43,7 +43,7 @@ class RecentMessages:
         Args:
             name: name of the message.
             time: s of the boot clock.
-            values: of its ``MESSAGE_FIELDS``, in their order.
+            values: values of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])
         if not rows or not _are_equal(rows[-1][1], values):
@@ -60,7 +60,7 @@ class RecentMessages:
         """Returns messages as the columns of a log, which the functions that judge logs take.
 
         Args:
-            names: of the messages; those of which none came are left out.
+            names: names of the messages; those of which none came are left out.
             start_time: messages before it are left out, s of the boot clock.
 
         Returns:

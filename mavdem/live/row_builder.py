@@ -39,7 +39,7 @@ class RowBuilder:
 
         Args:
             axis: "roll" or "pitch".
-            phase: of the present boot.
+            phase: phase of the present boot.
             report: is called with each fact about the rows.
         """
         self.axis = axis

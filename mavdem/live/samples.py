@@ -59,7 +59,7 @@ class SampleStream:
 
         Args:
             time: stamp, s of the boot clock.
-            values: of the sample, as many as of the others.
+            values: values of the sample, as many as of the others.
 
         Returns:
             False for a sample that is dropped: its stamp is there already, it comes too late, or it is not finite.

@@ -304,7 +304,7 @@ class LiveSession:
         """Reports what the flight has shown, unless that was reported at its landing.
 
         Args:
-            status: of the session, with the judgement of the final model.
+            status: status of the session, with the judgement of the final model.
             model: the final model; None without one.
         """
         self._milestones.report_end(self._learning, status, self.stream.now, model)

@@ -273,7 +273,7 @@ class Watchdog:
         report would appear as new when a later one that had superseded it leaves the minute.
 
         Args:
-            signals: of the last minute.
+            signals: signals of the last minute.
         """
         former_identities = self._reported
         facts = reported_events(signals)

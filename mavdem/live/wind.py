@@ -366,7 +366,7 @@ class LiveWind:
         that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.
 
         Args:
-            time: of the latest velocity, s of the boot clock.
+            time: time of the latest velocity, s of the boot clock.
         """
         motion = self._motion(time - FIRST_FIT_SECONDS, time)
         stamps = motion.time

@@ -240,7 +240,7 @@ def air_blocks(assessment: Assessment) -> Blocks:
     of it. The result is empty where the vehicle was not judged at all.
 
     Args:
-        assessment: of a log.
+        assessment: assessment of a log.
     """
     if assessment.evidence is None:
         return []

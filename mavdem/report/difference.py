@@ -295,8 +295,8 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """Yields a text for each kind of quantity, such as "share of motor 1 and motor 2 (± 2 %)".
 
     Args:
-        changes: of quantities that stayed the same. Those of one kind share a text, with the widest half width of their
-            90 % intervals, so that it holds for each.
+        changes: changes of quantities that stayed the same. Those of one kind share a text, with the widest half width
+            of their 90 % intervals, so that it holds for each.
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():

@@ -71,7 +71,7 @@ def gain_changes(
         log_name: name of the log, after which the files are named.
         vehicle: the vehicle that they are for.
         advice: gains that are advised by axis, or why there are none.
-        next_step: of the judgement.
+        next_step: next step of the judgement.
 
     Returns:
         The table with its files; None where no gain changes.

@@ -362,7 +362,7 @@ def _charts(
 
     Args:
         tried: the filter.
-        spectrum: of the gyro, if possible before its filters.
+        spectrum: spectrum of the gyro, if possible before its filters.
         peak: frequency of the strongest line, Hz.
         crossover: mark of the frequency at which the phase lag is stated.
         has_spectrum: whether the spectrum with another filter is known.
@@ -414,7 +414,7 @@ def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, highes
 
     Args:
         tried: the filter.
-        spectrum: of the gyro before its filters or, with the notch off, behind them.
+        spectrum: spectrum of the gyro before its filters or, with the notch off, behind them.
         peak: frequency of the strongest line, Hz.
         highest: highest frequency of the chart, Hz.
     """

@@ -38,7 +38,7 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     most important lines come last, where the user looks when everything has scrolled by.
 
     Args:
-        assessment: of the log.
+        assessment: assessment of the log.
         columns: characters of a line.
     """
     lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
@@ -125,8 +125,8 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
 
     Args:
         log: the log.
-        signals: of the vehicle.
-        analysis: of the vehicle, with its identity and how long it was armed.
+        signals: signals of the vehicle.
+        analysis: analysis of the vehicle, with its identity and how long it was armed.
     """
     sentences = render_section(
         "review",

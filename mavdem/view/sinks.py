@@ -91,7 +91,7 @@ def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Po
     is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
 
     Args:
-        options: of the program.
+        options: options of the program.
         ends_with_process: whether it ends with this process, for whatever reason this ends.
     """
     command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options]
@@ -152,7 +152,7 @@ class RecordingFile(Sink):
     memory by a megabyte a minute, so it is made at the end, within ``COMPLETION_SECONDS``.
 
     Attributes:
-        path: of the file.
+        path: path of the file.
         broken: whether something could not be written.
         complete_bytes: bytes up to the end of the last complete message.
     """

@@ -131,8 +131,8 @@ def _is_used(parameters: Parameters, number: int) -> bool | None:
     """Returns whether ArduPilot's parameters use an IMU: it is switched on, and a core of the estimator has it.
 
     Args:
-        parameters: of the autopilot.
-        number: of the IMU.
+        parameters: parameters of the autopilot.
+        number: number of the IMU.
 
     Returns:
         None where the parameters do not say it.
@@ -162,7 +162,7 @@ def _accelerometer_witness(
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        number: of the IMU.
+        number: number of the IMU.
         is_used: whether the parameters use it; None where they do not say it.
         force_of_log: specific force (N, 3) of all boots, m/s².
     """
@@ -211,7 +211,7 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
     lowest bit.
 
     Args:
-        signals: of the vehicle, with the log of the core in use and the parameters.
+        signals: signals of the vehicle, with the log of the core in use and the parameters.
         boot: number of the boot.
     """
     mask = _imu_mask(signals.telemetry.parameters)

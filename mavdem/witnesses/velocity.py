@@ -42,9 +42,9 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
     """Returns whether a vehicle lost most of its speed at once around a moment.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         boot: number of the boot.
-        time: of the moment, s since boot.
+        time: time of the moment, s since boot.
 
     Returns:
         None if nothing shows its velocity, or if it lost its speed between two samples that lie too far apart to show

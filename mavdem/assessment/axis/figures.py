@@ -112,7 +112,7 @@ def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[Interval]:
     """Returns the intervals in which a motor had lost thrust, s on the clock of the boot; they may overlap.
 
     Args:
-        alarms: of one boot.
+        alarms: alarms of one boot.
     """
     intervals = []
     for loss in alarms:
@@ -342,7 +342,7 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
     estimate is returned in all other cases in which there is one.
 
     Args:
-        signals: of the vehicle and the axis.
+        signals: signals of the vehicle and the axis.
         flights: settled flight of the axis.
 
     Returns:
@@ -372,7 +372,7 @@ def figures_of_axis(
     The wind torque is what remains of the total torque without that of the motors, so that it needs the parameters.
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle and axis.
         components: all components of the log, for the advice on rates where the log has too little.
         alarms: changes of the motors in flight; the wind torque is estimated anew after each, and there is none while a
             motor had lost thrust.

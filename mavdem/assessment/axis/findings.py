@@ -113,7 +113,7 @@ def findings_of(
     Args:
         learned: the model; without it there are only overrides.
         held_out: forecasts of windows that no model was trained on.
-        condition: of the vehicle.
+        condition: condition of the vehicle.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain.
         trim: how even the motors work.
@@ -208,7 +208,7 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
     Args:
         parameter: what was estimated, a key of ``MAX_RELATIVE_HALF_WIDTHS``.
         relative_half_width: half width of its 90 % interval over the estimate.
-        status: of the estimate.
+        status: status of the estimate.
     """
     if status == Status.NOT_IDENTIFIABLE:
         return Grade.NOT_IDENTIFIABLE
@@ -220,7 +220,7 @@ def _first_reason(reason: Fact | None) -> Fact:
     """Returns the one reason to show for an estimate that is not reported; of several doubts the first.
 
     Args:
-        reason: of an estimate that is not reported, which always has one: a doubt, or a list of several.
+        reason: reason of an estimate that is not reported, which always has one: a doubt, or a list of several.
     """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:

@@ -74,7 +74,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     AutoTune are left out: it flies gains that no parameter has. So are parts too short to learn from.
 
     Args:
-        signals: of the vehicle and axis, with the parameters of the log.
+        signals: signals of the vehicle and axis, with the parameters of the log.
         flights: settled flight of the axis.
 
     Returns:
@@ -232,7 +232,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     that AutoTune reported in its texts.
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle and axis.
         loop: the control loop of the axis, with which the margins of both sets of gains are rated; or why it is not
             known.
     """
@@ -307,8 +307,8 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
     text replaces an earlier one.
 
     Args:
-        texts: of AutoTune, on one axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". One with the word
-            "Angle" has a gain of the attitude loop, the others those of the rate loop.
+        texts: texts of AutoTune, on one axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". One with the
+            word "Angle" has a gain of the attitude loop, the others those of the rate loop.
         axis: "roll", "pitch" or "yaw".
     """
     gains = {}

@@ -101,8 +101,8 @@ def margins_of(
     spectrum of the rate, and the loop as measured by an injected signal.
 
     Args:
-        signals: of the vehicle.
-        segments: of settled flight in which responses are measured.
+        signals: signals of the vehicle.
+        segments: segments of settled flight in which responses are measured.
         loops: the identified loop of each axis, or why it is not known.
     """
     margins = []
@@ -147,7 +147,7 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
     Args:
         loop: the identified loop of the axis, or why it is not known.
         signals: signals of the vehicle, for the axis.
-        segments: of settled flight in which responses are measured.
+        segments: segments of settled flight in which responses are measured.
 
     Returns:
         The fact; None where the two agree, or cannot be compared.

@@ -52,7 +52,7 @@ def overrides_of(
     rates that do not match the angles, is a fault of the data and independent of the others.
 
     Args:
-        condition: of the vehicle; None if it is not known.
+        condition: condition of the vehicle; None if it is not known.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
         trim: how even the motors work; None if it is not known.

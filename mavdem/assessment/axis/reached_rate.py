@@ -68,7 +68,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
     setpoint of the flight.
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle and axis.
         segments: parts of the flight to judge.
 
     Returns:

@@ -131,7 +131,7 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
     """Returns how roll, pitch and yaw follow their setpoints, by axis.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
         segments: parts of the flight to judge.
     """
     return {axis: _axis_tracking(signals.for_axis(axis), segments) for axis in AXES}
@@ -227,7 +227,7 @@ def _tracking_rating(
     frequency.
 
     Args:
-        signals: of the vehicle and axis.
+        signals: signals of the vehicle and axis.
         segments: parts of the flight in which the angle is judged.
         error_level: level of the error of the angle.
         turn: the rate that was reached in turns; None where it is not known.
@@ -259,7 +259,7 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
     than ``YAW_JUMP`` and ends when the slowest vehicle has the new heading.
 
     Args:
-        setpoint: of yaw, rad, without jumps by a turn.
+        setpoint: setpoint of yaw, rad, without jumps by a turn.
         segments: parts of the flight to judge.
     """
     segments_without_turns = []
@@ -283,7 +283,7 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
     """Returns how much the setpoint of yaw moves: the RMS of its change in ``YAW_MOVEMENT_SECONDS``, rad.
 
     Args:
-        setpoint: of yaw, rad, without jumps by a turn.
+        setpoint: setpoint of yaw, rad, without jumps by a turn.
         segments: parts of the flight to judge.
     """
     # The one zero keeps the mean finite where no segment has a setpoint.
@@ -374,7 +374,7 @@ def _response_peak(
     is coherent with it (``MIN_COMPARED_COHERENCE``). At other frequencies wind and noise decide the ratio.
 
     Args:
-        setpoint: of the angle, rad.
+        setpoint: setpoint of the angle, rad.
         angle: the response, rad.
         segments: parts of the flight to judge.
 

@@ -101,7 +101,7 @@ def tuned(
     up for the phase that it costs.
 
     Args:
-        assessment: of the vehicle.
+        assessment: assessment of the vehicle.
         axes: "roll", "pitch" and "yaw".
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
         is_written: whether a file will have the gains.
@@ -203,7 +203,7 @@ def _gains_come_next(headline: Fact) -> bool:
     """Returns whether new gains are the next step: what heads the judgement asks for them, or is not bad.
 
     Args:
-        headline: of the judgement. One on loops has what was decided to do about them as its ``action``.
+        headline: headline of the judgement. One on loops has what was decided to do about them as its ``action``.
     """
     action = headline.figures.get("action")
     if action is not None:

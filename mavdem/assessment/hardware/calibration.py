@@ -64,7 +64,7 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
     """Returns which sensors are calibrated; to be watched where one that is used is not. None without parameters.
 
     Args:
-        telemetry: of the vehicle.
+        telemetry: telemetry of the vehicle.
     """
     sensors = list(sensors_of(telemetry))
     if not sensors:
@@ -83,7 +83,7 @@ def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
     """Yields the sensors that the autopilot's parameters name, kind by kind.
 
     Args:
-        telemetry: of the vehicle.
+        telemetry: telemetry of the vehicle.
     """
     if telemetry.autopilot == "PX4":
         yield from _px4_sensors(telemetry.parameters)
@@ -119,8 +119,8 @@ def _identifiers(
     """Returns the number in the name of a parameter, as text, by the device id that it has; the first of equal ones.
 
     Args:
-        parameters: of the autopilot.
-        name: of the parameter, with a place for the number.
+        parameters: parameters of the autopilot.
+        name: name of the parameter, with a place for the number.
         is_first_numbered: whether the name of the first has a number too; otherwise it has none.
     """
     suffixes: dict[int, str] = {}

@@ -203,7 +203,7 @@ def simulation_fact(signals: Signals) -> Fact | None:
     the names of a simulator, or by a gyroscope without noise.
 
     Args:
-        signals: of the vehicle.
+        signals: signals of the vehicle.
     """
     if signals.telemetry.parameters.get("SYS_HITL", 0) > 0:
         return Fact(LogLight.SIMULATED, kind=Simulator.HARDWARE)

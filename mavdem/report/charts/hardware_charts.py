@@ -52,7 +52,7 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
     """Returns the charts of each part of the hardware, and of setpoints and sticks, by the name of the part.
 
     Args:
-        evidence: of the vehicle.
+        evidence: what the log shows of the vehicle.
         timeline: charts of the flight over the same time, whose events are marked.
     """
     makers = {

@@ -218,7 +218,7 @@ def _numbered_events(events: Facts, timeline: Timeline | None) -> list[PageEvent
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
     Args:
-        events: of all boots of the autopilot.
+        events: events of all boots of the autopilot.
         timeline: charts of one of these boots, on whose clock events of other boots have no place.
     """
     page_events = []
@@ -419,8 +419,8 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
     tiers sentences on the condition say the same with less.
 
     Args:
-        analysis: of the axis that was asked for.
-        evidence: of the vehicle.
+        analysis: analysis of the axis that was asked for.
+        evidence: what the log shows of the vehicle.
         light: the fact of the light of the motors, which colours the drawing.
     """
     is_full_tier = analysis.tier.tier == "a"

@@ -26,7 +26,7 @@ def hardware_chapters(
     """Returns the chapters on the hardware, and on setpoints and sticks, folded; their sections open where not good.
 
     Args:
-        evidence: of the vehicle.
+        evidence: what the log shows of the vehicle.
         lights: the lights by name.
         timeline: charts of the flight; None without, so that the sections have no charts.
     """

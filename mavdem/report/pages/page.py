@@ -234,7 +234,7 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
     Args:
         name: name of the log, the title of the page.
         tuning: the advice for each axis.
-        evidence: of the vehicle, from which its twin is built.
+        evidence: what the log shows of the vehicle, from which its twin is built.
     """
     chapters = [Chapter("Margins and gains", tune_blocks(tuning))]
     trials = gain_trial_groups(evidence, tuning.axes)

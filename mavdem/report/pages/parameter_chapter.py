@@ -46,7 +46,7 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     all.
 
     Args:
-        telemetry: of the vehicle, with the parameters at the beginning and at the end of the log.
+        telemetry: telemetry of the vehicle, with the parameters at the beginning and at the end of the log.
         is_full: whether all parameters are listed, and those that are not the autopilot's default with their meaning.
 
     Returns:
@@ -86,7 +86,7 @@ def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
     Others, and what the autopilot sets by itself, such as calibrations, are left out.
 
     Args:
-        telemetry: of the vehicle.
+        telemetry: telemetry of the vehicle.
     """
     rows = []
     for name, default in sorted(telemetry.changed_defaults.items()):
