@@ -25,7 +25,7 @@ BEGINNING_BYTES = 1 << 16
 MAX_LOG_BYTES = 1 << 30
 """Largest file that is read into memory, and largest content of an archive: hours of the densest logs."""
 
-MIN_MAPPED_BYTES = 1 << 25
+MIN_MAPPED_BYTES = 1 << 26
 """Size from which on a file is mapped into memory instead of being read: a choice.
 
 Only what is looked at of a mapped file takes memory. But a program that shortens it meanwhile ends the process, so that

@@ -14,10 +14,16 @@ import numpy as np
 from mavdem.ingest.byte_rows import RESIDENT_BYTES, Offsets, release_pages
 from mavdem.ingest.contents import FileContent
 
-STRETCH_BYTES = 1 << 18
-"""Number of bytes of the file that are searched at once: a choice.
+MIN_STRETCH_BYTES = 1 << 16
+"""Number of bytes of the file that are searched at once at first, and after a definition: a choice.
 
-Its arrays fit into the cache of a processor. A stretch is searched anew after a subscription in it.
+A stretch is searched anew after each definition in it.
+"""
+
+MAX_STRETCH_BYTES = 1 << 20
+"""Number of bytes that are searched at once where no definitions come any more: a choice.
+
+Longer stretches cost fewer calls, but their arrays do not fit into the cache of a processor.
 """
 
 
@@ -57,6 +63,7 @@ class RecordRuns:
         # Number of bytes that were searched since pages of a mapped file were released.
         self._resident_bytes = 0
         self._stretch = slice(0, 0)
+        self._stretch_bytes = MIN_STRETCH_BYTES
         self._starts: Offsets = np.zeros(0, dtype=np.int64)
         self._ends: Offsets = self._starts
         self._last_rows: Offsets = self._starts
@@ -73,7 +80,8 @@ class RecordRuns:
         """
         is_searched = self._stretch.start <= position < self._stretch.stop <= end
         if not is_searched:
-            self._search(slice(position, min(position + STRETCH_BYTES, end)))
+            self._search(slice(position, min(position + self._stretch_bytes, end)))
+            self._stretch_bytes = min(2 * self._stretch_bytes, MAX_STRETCH_BYTES)
         row = int(np.searchsorted(self._starts, position))
         if row == len(self._starts) or self._starts[row] != position:
             return None
@@ -83,6 +91,7 @@ class RecordRuns:
     def forget_stretch(self) -> None:
         """Has the file searched anew, since what looks like a record has changed with a definition."""
         self._stretch = slice(0, 0)
+        self._stretch_bytes = MIN_STRETCH_BYTES
 
     def _search(self, stretch: slice) -> None:
         """Finds the possible records of a stretch, and the last row of the run that each belongs to.

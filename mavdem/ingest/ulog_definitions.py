@@ -11,11 +11,12 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.ingest.byte_rows import rows_of
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import PossibleRecords
 from mavdem.ingest.telemetry import MAX_FIELDS
@@ -25,6 +26,9 @@ HEADER = struct.Struct("<HB")
 
 DATA_HEADER = struct.Struct("<HBH")
 """Header of a data record, and the number of its subscription."""
+
+DATA_HEADER_FIELDS = np.dtype([("length", "<u2"), ("kind", "u1"), ("subscription", "<u2")])
+"""The same header as a structured type, for many records at once."""
 
 STAMP = struct.Struct("<Q")
 """Time stamp of a record, µs since boot."""
@@ -171,7 +175,7 @@ class RecordDefinitions:
         self.content = content
         self.topics: dict[int, TopicLayout] = {}
         self.instances: dict[int, int] = {}
-        self.lengths_by_number = np.zeros(1 << 16, dtype=np.int64)
+        self.lengths_by_number = np.zeros(1 << 16, dtype=np.uint16)
         self._formats: dict[str, Sequence[_Field]] = {}
         # Layouts of messages by name: each is asked for when a subscription is compared, and when it is learned.
         self._layouts: dict[str, TopicLayout | None] = {}
@@ -187,20 +191,23 @@ class RecordDefinitions:
         """Returns the offset at which the record at an offset ends, by its length."""
         return position + HEADER.size + self.header(position).length
 
-    def fit(self, position: int, end: int) -> Fit:
+    def fit(self, position: int, end: int, header: RecordHeader | None = None) -> Fit:
         """Compares the record at an offset with the definitions of the file.
 
         Args:
             position: Offset of the record.
             end: Offset at which its part of the file ends; a record that goes beyond does not fit.
+            header: Its header, where that was read before.
         """
-        length, kind = self.header(position)
+        length, kind = header or self.header(position)
         body_start = position + HEADER.size
         if body_start + length > end:
             return Fit.DAMAGED
         if kind == DATA:
             return self._fit_of_data(body_start, length)
         body = self.content[body_start : body_start + length]
+        if kind in (INFORMATION, PARAMETER):
+            return _fit_if(_is_key_and_value(body))
         if kind == FORMAT:
             parsed = _parsed_format(body)
             # A second definition of the same name would replace the first.
@@ -208,8 +215,6 @@ class RecordDefinitions:
             return Fit.UNUSED if is_repeated else _fit_if(parsed is not None)
         if kind == SUBSCRIPTION:
             return self._fit_of_subscription(body)
-        if kind in (INFORMATION, PARAMETER):
-            return _fit_if(_is_key_and_value(body))
         if kind in (PARTS, DEFAULT):
             # A byte of flags comes before the key.
             return _fit_if(_is_key_and_value(body[1:]))
@@ -307,15 +312,17 @@ class RecordDefinitions:
             first: Offset from which on the records begin.
             stop: Offset before which they begin; they may end behind it.
         """
+        # The headers that begin in the stretch, and no bytes behind the last one.
         content = np.frombuffer(self.content, dtype=np.uint8)
+        stretch = content[first : stop + DATA_HEADER.size - 1]
+        header_count = max(len(stretch) - DATA_HEADER.size + 1, 0)
         letter_offset = HEADER.size - 1
-        letters = content[first + letter_offset : stop + letter_offset]
-        starts = np.flatnonzero(letters == DATA) + first
-        starts = starts[starts + DATA_HEADER.size <= len(content)]
-        lengths = content[starts] + 256 * content[starts + 1].astype(np.int64)
-        numbers = content[starts + 3] + 256 * content[starts + 4].astype(np.int64)
-        is_data = (lengths > 0) & (self.lengths_by_number[numbers] == lengths)
-        starts = starts[is_data]
+        letters = stretch[letter_offset : letter_offset + header_count]
+        starts = np.flatnonzero(letters == DATA)
+        headers = rows_of(stretch, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
+        lengths = headers["length"]
+        is_data = (lengths > 0) & (self.lengths_by_number[headers["subscription"]] == lengths)
+        starts = starts[is_data] + first
         return PossibleRecords(starts, starts + HEADER.size + lengths[is_data])
 
     def _layout(self, name: str) -> TopicLayout | None:
@@ -426,6 +433,8 @@ class _ParsedFormat(NamedTuple):
     """Its fields."""
 
 
+# Each definition is parsed when it is compared with those before, and again when it is learned.
+@lru_cache(maxsize=1)
 def _parsed_format(body: bytes) -> _ParsedFormat | None:
     """Parses the definition of a message; returns None for a damaged one.
 

@@ -24,6 +24,7 @@ from mavdem.ingest.ulog_definitions import (
     DATA,
     DATA_HEADER,
     FLAG_BITS,
+    FORMAT,
     HEADER,
     STAMP,
     SUBSCRIPTION,
@@ -226,19 +227,21 @@ class _RecordScan:
         run_start = position = start
         records_before_run = len(offsets)
         while position < end:
-            if self.definitions.header(position).kind == DATA:
+            header = self.definitions.header(position)
+            if header.kind == DATA:
                 data_run = self._data_runs.run_at(position, end)
                 if data_run is not None:
                     offsets.frombytes(data_run.starts.tobytes())
                     position = data_run.end
                     continue
-            fit = self.definitions.fit(position, end)
-            next_position = self.definitions.next_position(position)
+            fit = self.definitions.fit(position, end, header)
+            next_position = position + HEADER.size + header.length
             if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(position, end):
                 fit = Fit.DAMAGED
             if fit is Fit.SOUND:
-                self.definitions.learn(position)
-                if self.definitions.header(position).kind == SUBSCRIPTION:
+                if header.kind in (FORMAT, SUBSCRIPTION):
+                    self.definitions.learn(position)
+                if header.kind == SUBSCRIPTION:
                     # Places that looked like nothing before may now be records of this subscription.
                     self._data_runs.forget_stretch()
                 offsets.append(position)
