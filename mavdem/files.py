@@ -150,6 +150,9 @@ def is_writable(folder: Path) -> bool:
     """Returns whether files can be created in a folder.
 
     It creates and removes one, because on some file systems the folder's mode does not say.
+
+    Args:
+        folder: The folder, which exists.
     """
     with suppress(OSError), TemporaryDirectory(dir=folder, prefix=UNFINISHED_PREFIX):
         return True

@@ -311,6 +311,9 @@ def _checked_time(values: ArrayLike) -> Array:
 
     Whether they are uniform is checked later (``_uniform_step``): arrays with gaps are cut first.
 
+    Args:
+        values: The time stamps, s.
+
     Raises:
         ValueError: There are none, they have another shape, or one is not finite.
     """

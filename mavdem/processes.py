@@ -41,6 +41,9 @@ def resource_use(process_id: int) -> ResourceUse:
 
     Its memory is what the process has allocated, where the system counts that: Windows as "private", Linux as "data".
     Elsewhere it is the resident memory.
+
+    Args:
+        process_id: number of the process.
     """
     import psutil
 
@@ -110,7 +113,11 @@ def lower_priority(niceness: int) -> None:
 
 
 def kill_with_children(process_id: int) -> None:
-    """Kills a process and all that it has started, also where they hang; one that has ended already is no error."""
+    """Kills a process and all that it has started, also where they hang; one that has ended already is no error.
+
+    Args:
+        process_id: number of the process.
+    """
     import psutil
 
     with suppress(psutil.NoSuchProcess):

@@ -306,6 +306,9 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
     report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
     each other within ``REPEAT_SECONDS``. The merged fact has the number of reports as ``count``, and ends with the last
     of them.
+
+    Args:
+        facts: facts that report messages of the autopilot, in any order.
     """
     merged: list[Fact] = []
     # The positions in ``merged`` of facts with the same boot, code and quoted text.
@@ -334,6 +337,10 @@ def _is_repetition(earlier: Fact, later: Fact) -> bool:
 
     It does if it follows within ``REPEAT_SECONDS`` and is about the same subject, such as "motor 2". A report that
     names no subject may be about that of the other one.
+
+    Args:
+        earlier: the first report.
+        later: the one that may repeat it.
     """
     subjects_agree = earlier.subject == later.subject or not earlier.subject or not later.subject
     return subjects_agree and (later.time or 0.0) - _last_time(earlier) <= REPEAT_SECONDS

@@ -180,6 +180,9 @@ class Evidence:
         """Returns the intervals of a boot in free flight, s, until the vehicle was lost.
 
         Of a vehicle that is no multirotor they are those in which it operates (``phases.airborne_intervals``).
+
+        Args:
+            boot: number of the boot.
         """
         for event in self.events:
             if event.code is MotionEvent.NOT_FLOWN and event.figures["boot"] == boot:

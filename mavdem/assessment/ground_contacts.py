@@ -584,7 +584,11 @@ class _Contact:
         return height_before - height > LANDING_DESCENT
 
     def _leans(self, time: float) -> bool:
-        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, whatever the setpoint was."""
+        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, whatever the setpoint was.
+
+        Args:
+            time: the time, s since boot.
+        """
         for tilt in self.scene.signals.tilts:
             angle = series_of_boot(tilt.angle_series, self.scene.boot)
             if angle is not None:

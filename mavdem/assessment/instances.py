@@ -367,6 +367,9 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
     """Returns the vibration of each IMU in flight (N,), m/s², by its number from 1; none where it is not reported.
 
     The levels have the columns of the axes of the first IMU, then those of the second, and so on.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     vibration = reported_vibration(evidence.signals)
     if vibration is None:

@@ -235,7 +235,13 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
-    """Returns the errors that a controller counted in an interval or a second before, as a witness; or nothing."""
+    """Returns the errors that a controller counted in an interval or a second before, as a witness; or nothing.
+
+    Args:
+        controller: the speed controller of the motor, which may count its errors.
+        boot: number of the boot.
+        interval: start and end, s since boot.
+    """
     errors = series_of_boot(controller.error_count, boot)
     if errors is None:
         return ()

@@ -118,6 +118,9 @@ def _is_reaction(report: Fact) -> bool:
 
     ``GPS_LOST`` is such a report only where the autopilot itself sent it, as an error code or a text. Where it was
     concluded from the receiver's messages, it is no second witness beside ``NO_FIX``, which states the same.
+
+    Args:
+        report: an event that the autopilot reported, or that was concluded from messages.
     """
     if report.code is Reported.GPS_LOST:
         return "error_code" in report.figures or "text" in report.figures

@@ -147,6 +147,9 @@ def reported_events(signals: Signals) -> Facts:
     Each fact has the figures ``boot``, ``basis`` (names of the messages that it rests on) and ``height`` in metres
     above where its flight began, None where the height is not known. No fault is bad while the vehicle is disarmed: it
     may be carried around, or its parts may be unplugged.
+
+    Args:
+        signals: signals of the vehicle.
     """
     problems = reported_problems(signals.telemetry)
     events = []

@@ -181,7 +181,12 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
 
 
 def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
-    """Returns the samples of a signal within a segment; None if these are less than two, or it was not recorded."""
+    """Returns the samples of a signal within a segment; None if these are less than two, or it was not recorded.
+
+    Args:
+        signal: samples of the whole log; None where the signal was not recorded.
+        segment: boot, start and end.
+    """
     if signal is None:
         return None
     is_inside = in_segments(signal, segment, slack=0)
@@ -211,7 +216,12 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
 
 
 def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None]:
-    """Returns the voltages of the batteries within a segment, V, by name; a single battery has no number."""
+    """Returns the voltages of the batteries within a segment, V, by name; a single battery has no number.
+
+    Args:
+        signals: signals of the vehicle.
+        segment: boot, start and end.
+    """
     batteries = signals.batteries
     if len(batteries) == 1:
         return {"battery": _within(batteries[0].voltage, segment)}

@@ -178,6 +178,10 @@ def samples(
 def _telemetry(log: str, vehicle: str | None) -> Telemetry:
     """Reads a log, and returns the messages of one vehicle.
 
+    Args:
+        log: Path of the log.
+        vehicle: "system" or "system:component", where the log holds several vehicles; None for the only one.
+
     Raises:
         ToolError: The log cannot be read, or has several vehicles and none was chosen.
     """

@@ -161,6 +161,9 @@ def looks_like_log_name(argument: str) -> bool:
     """Returns whether an argument names an existing file or folder, or has the ending of a log.
 
     A log that does not exist counts too, so that the error says so instead of "No such command".
+
+    Args:
+        argument: The argument, as the user gave it.
     """
     if os.path.exists(argument):
         return True
@@ -302,6 +305,9 @@ def _exit_code(args: list[str], as_json: bool) -> int:
 
 def _invoke(args: list[str]) -> None:
     """Parses the arguments after ``mavdem`` and runs the command that they name.
+
+    Args:
+        args: The arguments, the name of the command first.
 
     Raises:
         click.ClickException: The arguments are wrong.

@@ -54,7 +54,11 @@ def _days(context: click.Context, parameter: click.Parameter, text: str | None) 
 
 
 def _days_option(side: str) -> Callable[[Command], Command]:
-    """Returns a decorator that adds the option for the days of a side, "a" or "b"."""
+    """Returns a decorator that adds the option for the days of a side, "a" or "b".
+
+    Args:
+        side: Name of the side, "a" or "b".
+    """
     return click.option(
         f"--days-{side}",
         metavar="FIRST..LAST",

@@ -160,7 +160,11 @@ def fly_command(
 
 
 def _list_scenarios(as_json: bool) -> None:
-    """Prints name and description of each scenario that mavdem brings, one a line or as a JSON document."""
+    """Prints name and description of each scenario that mavdem brings, one a line or as a JSON document.
+
+    Args:
+        as_json: Whether to print a JSON document.
+    """
     descriptions = {name: load(name).description for name in names()}
     if as_json:
         scenarios = [

@@ -131,7 +131,11 @@ class Dashboard:
         return self.view
 
     def report(self, status: SessionStatus) -> None:
-        """Shows the status of the session, and prints each new problem of the view once on standard error."""
+        """Shows the status of the session, and prints each new problem of the view once on standard error.
+
+        Args:
+            status: State of the session.
+        """
         if self.view is None:
             return
         self.view.status(status)

@@ -69,7 +69,11 @@ class StatusLines:
             print_to_stderr(watched_quantities(changed_facts))
 
     def _print_new(self, sentences: list[str]) -> None:
-        """Prints the sentences of a status that the status before did not have, as one line."""
+        """Prints the sentences of a status that the status before did not have, as one line.
+
+        Args:
+            sentences: The sentences of the status, in the order in which they are printed.
+        """
         new_sentences = [
             sentence for sentence in sentences if sentence not in self._printed_sentences
         ]

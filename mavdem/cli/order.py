@@ -100,7 +100,12 @@ def _same_input_count() -> Callable[[str, Flight], Flight]:
     required_count: int | None = None
 
     def checked_flight(name: str, flight: Flight) -> Flight:
-        """Returns the flight if it has as many inputs as the first one that this function was given."""
+        """Returns the flight if it has as many inputs as the first one that this function was given.
+
+        Args:
+            name: name of the log, for the error.
+            flight: the flight of that log.
+        """
         nonlocal required_count
         count = flight.inputs.shape[1]
         if required_count is None:

@@ -77,6 +77,10 @@ def _is_available(document_path: Path, sources: Mapping[str, str]) -> bool:
 def chosen_recordings(rrd: bool, mcap: bool) -> Names:
     """Returns the names of the recordings that --rrd and --mcap ask for.
 
+    Args:
+        rrd: Whether --rrd was given.
+        mcap: Whether --mcap was given.
+
     Raises:
         MissingExtra: --rrd asks for a recording that needs a package which is not installed.
     """

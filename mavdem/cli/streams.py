@@ -82,6 +82,9 @@ def escape_unprintable(text: object) -> str:
 
     Names of files and texts from logs may contain line breaks, escape sequences that terminals obey, and marks that
     reverse the direction of writing.
+
+    Args:
+        text: what is to be printed; it is converted to a string.
     """
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode()

@@ -173,6 +173,10 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     Where a log has no messages with parameters, their first values stand for those at the start of the segment.
     Parameters that the autopilot sets itself do not count.
 
+    Args:
+        signals: signals of the vehicle.
+        segment: boot, start and end.
+
     Returns:
         Their values at the start of the segment, by name.
     """

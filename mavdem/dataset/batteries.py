@@ -212,6 +212,9 @@ def _volts(columns: Columns) -> Array | None:
     """Returns the voltage (N,), V, NaN where it is not known; None where the message has no voltage.
 
     BATTERY_STATUS has the voltage of each cell, or of several cells, in up to 14 elements, whose sum is the battery's.
+
+    Args:
+        columns: Columns (N,) of a message with the voltage of a battery.
     """
     if "voltage_battery" in columns:
         millivolts = float_column(columns, "voltage_battery")
@@ -224,7 +227,11 @@ def _volts(columns: Columns) -> Array | None:
 
 
 def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
-    """Returns the elements (N, k) of BATTERY_STATUS with voltages, mV; NaN where one is not in use."""
+    """Returns the elements (N, k) of BATTERY_STATUS with voltages, mV; NaN where one is not in use.
+
+    Args:
+        columns: Columns (N,) of BATTERY_STATUS.
+    """
     cells = np.array(float_column(columns, "voltages"), ndmin=2)
     cells[cells == UINT16_UNKNOWN] = np.nan
     if "voltages_ext" not in columns:

@@ -134,7 +134,12 @@ JAMMING = HardwareQuantity(
 
 
 def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSeries | None:
-    """Returns a quantity (N,) in its unit from the first of its sources that measures it; None without any."""
+    """Returns a quantity (N,) in its unit from the first of its sources that measures it; None without any.
+
+    Args:
+        signals: signals of the vehicle.
+        quantity: the quantity, with its sources in the order of preference.
+    """
     for source in quantity.sources:
         series = recorded_series(signals.telemetry, source.message, source.field)
         if series is None:

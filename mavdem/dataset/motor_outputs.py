@@ -110,6 +110,9 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
 
     Several messages can hold them. The most preferred one that has the outputs of all motors is taken.
 
+    Args:
+        telemetry: Messages of the vehicle.
+
     Returns:
         The outputs; where no message has them, the obstacle (``MotorObstacle``) of the most preferred message.
     """

@@ -230,6 +230,13 @@ def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is armed, airborne and not held by the ground.
 
     Of a vehicle that is no multirotor they are those in which it operates.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        Start and end of each interval, s since boot.
     """
     airborne = airborne_intervals(signals, boot)
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
@@ -241,6 +248,13 @@ def airborne_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing.
 
     Of a vehicle that is no multirotor they are those in which it operates.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        Start and end of each interval, s since boot.
     """
     if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return _operating_intervals(signals, boot)

@@ -98,6 +98,9 @@ def settled_segments(signals: Signals) -> Segments:
     segment, since ground stations change the rates in flight. Only where that leaves no segment at all, any rate is
     allowed, and steps of three usual ones; learnability then decides.
 
+    Args:
+        signals: signals of the vehicle.
+
     Returns:
         Segments of one boot each, the longest first.
     """

@@ -63,6 +63,9 @@ class SpeedController:
 
         Where the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and
         in PX4 where channels count the motors.
+
+        Args:
+            geometry: number and channel of each motor.
         """
         numbers = geometry.channels if self.motor is None else geometry.motors
         wanted = self.number if self.motor is None else self.motor
@@ -108,7 +111,11 @@ def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> 
 
 
 def _logged(telemetry: Telemetry) -> Iterator[SpeedController]:
-    """Yields the controllers of the table ESC, which has a row for each of them at each time."""
+    """Yields the controllers of the table ESC, which has a row for each of them at each time.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
     columns = telemetry.messages.get("ESC", {})
     if "Instance" not in columns:
         return
@@ -138,6 +145,9 @@ def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
 
     Both have four controllers from ``index`` on. Controllers beyond the ``count`` of ESC_INFO do not exist; where that
     is not known, those that never turn are left out.
+
+    Args:
+        telemetry: messages of the vehicle.
     """
     status = telemetry.messages.get("ESC_STATUS", {})
     information = telemetry.messages.get("ESC_INFO", {})
@@ -182,6 +192,9 @@ def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
 
     ArduPilot sends a speed of 0 of a controller that is silent. Its counter of messages stands still then, so that such
     samples are left out.
+
+    Args:
+        telemetry: messages of the vehicle.
     """
     for first in FIRST_NUMBERS:
         last = first + CONTROLLERS_PER_MESSAGE - 1

@@ -574,6 +574,9 @@ class Learned(ImmutableResult, ForecasterBase):
     def from_json(cls, text: str) -> Learned:
         """Reads a result from the text of its JSON document, as :meth:`to_json` returns it; not from a file's name.
 
+        Args:
+            text: Text of the document.
+
         Raises:
             Unreadable: The text is no such document; the message names what is wrong in it.
         """

@@ -372,6 +372,9 @@ def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
 
     A signal's handler runs in the main thread between any two of its instructions, on every operating system. No signal
     is sent: Python only calls the handler.
+
+    Args:
+        pause_receiver: End of the pipe through which the parent process asks for pauses.
     """
     global _is_paused
     # The pipe ends with the parent.

@@ -101,6 +101,9 @@ def is_integer(value: object) -> TypeGuard[int]:
     """Returns whether a value is one integer that fits 64 bits, of Python's or numpy's.
 
     ``True`` and ``False`` are none, although Python counts them as integers. A larger number would overflow in arrays.
+
+    Args:
+        value: Anything that a caller gave.
     """
     return (
         isinstance(value, int | np.integer)

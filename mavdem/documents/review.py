@@ -255,7 +255,11 @@ def review_document(assessment: Assessment) -> JsonValues:
 
 
 def _changed_defaults(assessment: Assessment) -> list[JsonValues]:
-    """Returns the values of the documents ``ChangedDefault`` of the vehicle that was assessed, by name."""
+    """Returns the values of the documents ``ChangedDefault`` of the vehicle that was assessed, by name.
+
+    Args:
+        assessment: assessment of the vehicle.
+    """
     if assessment.evidence is None:
         return []
     telemetry = assessment.evidence.signals.telemetry
@@ -271,6 +275,9 @@ def _axis_values(assessment: Assessment) -> JsonValues:
     The loop is known from a model, with its stability margins, or there is a refusal with the reason. Responses are
     measured directly from setpoints and motion, and need no model; where an axis has none, the headline of the flight
     says why. The measured response of the rate stands both in ``rate`` and in ``step_response``.
+
+    Args:
+        assessment: assessment of the vehicle.
 
     Returns:
         Values by the name of the axis and by key.

@@ -397,6 +397,9 @@ class Override(Document):
 
         Such a fact takes the place of the usual headline, so that the record has both a short sentence, for the
         headline, and the full one with its remedy.
+
+        Args:
+            override: the fact, with its remedy.
         """
         return {
             "kind": override.code,

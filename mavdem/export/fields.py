@@ -159,6 +159,10 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
 def _columns_of(telemetry: Telemetry, message: str) -> Columns:
     """Returns the columns of a message by its name in MAVLink, or else by its name in the log.
 
+    Args:
+        telemetry: Messages of the vehicle.
+        message: Name of the message, such as "ATTITUDE" or, in a DataFlash log, "ATT".
+
     Raises:
         ValueError: The log has no such message.
     """

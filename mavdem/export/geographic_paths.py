@@ -78,6 +78,9 @@ def valid_name(name: str) -> str:
     r"""Returns the name of a file with escapes, such as ``\x01``, for what no map may contain.
 
     XML has no control characters, and UTF-8 has no characters for the bytes of a name that is not valid Unicode.
+
+    Args:
+        name: name of the file.
     """
     characters = []
     for character in name:

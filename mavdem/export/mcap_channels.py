@@ -59,6 +59,9 @@ def json_keys(names: Sequence[str]) -> list[str]:
 
     Characters other than letters, digits and underscores would need quotes there. Where two names would become the same
     key, all get a number at their end.
+
+    Args:
+        names: names of signals, all different.
     """
     keys = [re.sub(r"\W+", "_", without_remark(name)).strip("_") for name in names]
     if len(set(keys)) < len(keys):

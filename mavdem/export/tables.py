@@ -53,6 +53,10 @@ def column_name(name: str, unit: str) -> str:
 
     >>> column_name("motor 1 (front left)", "µs")
     'motor_1_us'
+
+    Args:
+        name: name of the signal.
+        unit: its unit; empty for none.
     """
     text = f"{without_remark(name)} {unit}".replace("µ", "u")
     return "_".join(re.findall(r"[^\W_]+", text.lower()))
@@ -157,6 +161,9 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
 def to_pandas(flight: Flight) -> pandas.DataFrame:
     """Returns a flight as a data frame.
 
+    Args:
+        flight: the flight.
+
     Returns:
         One row for each sample, by its time on the boot clock, s. The columns are those of :func:`columns`; the
         sampling step and the provenance are in ``attrs``.
@@ -173,6 +180,9 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
 
 def to_xarray(flight: Flight) -> xarray.Dataset:
     """Returns a flight as a data set.
+
+    Args:
+        flight: the flight.
 
     Returns:
         Variables ``inputs (time, input)``, ``outputs (time, output)``, and where the flight has them ``setpoints

@@ -157,6 +157,9 @@ class Cluster:
     def _check_workers(self, client: Any) -> None:
         """Checks that there are workers, and that all have the same versions as this process.
 
+        Args:
+            client: Dask's client, which is connected to the scheduler.
+
         Raises:
             Unreadable: there is no worker, or one has another version of mavdem, of its columns, or of Python.
         """

@@ -29,6 +29,9 @@ Flights = Sequence[AxisRows]
 def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Groups rows by flight.
 
+    Args:
+        rows: rows of the table, one for each axis of each flight.
+
     Returns:
         The rows of each flight, its axes in the order of ``AXIS_ORDER``. Flights are sorted by date, those without one
         last, then by vehicle and file.
@@ -50,6 +53,9 @@ def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
     """Returns the flights of each vehicle as :func:`flights_of` does, by the vehicles' names in alphabetical order.
 
     Rows without a flight are left out.
+
+    Args:
+        rows: rows of the table, one for each axis of each flight.
     """
     flights = flights_of(row for row in rows if row.has_flight)
     by_vehicle = group_by(flights, lambda flight: flight[0].vehicle)

@@ -155,6 +155,9 @@ def _balance_columns(signals: Signals) -> JsonValues:
     """Returns the columns of the motors' balance in steady flight, by name; empty where it is not known.
 
     A column of the table is flat: the effects of lean, (3, 2), are six numbers, row by row.
+
+    Args:
+        signals: signals of the vehicle.
     """
     balance = balance_of_steady_flight(signals)
     if balance is None:
@@ -248,6 +251,9 @@ def _mean_columns(analysis: LogAnalysis) -> JsonValues:
 
     The model of a healthy flight predicts other flights of the vehicle from the change of these means
     (``mavdem.fleet.tracking.residual_mean``). Without a model there are no such columns.
+
+    Args:
+        analysis: what the log shows of the axis, with the model where there is one.
     """
     if analysis.learned is None:
         return {}
@@ -258,6 +264,9 @@ def _mean_columns(analysis: LogAnalysis) -> JsonValues:
 
 def file_text(path: Path) -> str:
     """Returns the text of a file.
+
+    Args:
+        path: the file.
 
     Raises:
         OSError: it cannot be read, or it is a pipe or a device, which may never end.

@@ -126,6 +126,9 @@ def source_of(path: str) -> LogSource:
     """Returns a file of this machine as a source, whether it exists or not.
 
     Its version is the time of its last change, ns.
+
+    Args:
+        path: path of the file.
     """
     absolute_path = os.path.abspath(path)
     try:
@@ -141,6 +144,9 @@ def remote_logs(url: str) -> Iterator[LogSource]:
 
     fsspec knows the file system of the URL. Files in a folder are chosen by the endings of their names, since their
     first bytes would have to be fetched.
+
+    Args:
+        url: the URL, of any protocol that fsspec knows.
 
     Raises:
         MissingExtra: fsspec is not installed.
@@ -192,6 +198,10 @@ def version_of(details: Mapping[str, Any]) -> str:
 
 def fetch(url: str, copy: Path) -> None:
     """Copies the file behind a URL to this machine.
+
+    Args:
+        url: the URL of the file.
+        copy: the file of this machine to write.
 
     Raises:
         MissingExtra: fsspec is not installed.

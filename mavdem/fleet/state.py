@@ -121,6 +121,9 @@ def state_of(
 def state_of_log(path: Path) -> VehicleState:
     """Returns the flights of all vehicles of a log, with the document of its review.
 
+    Args:
+        path: the log.
+
     Raises:
         Unreadable: the log cannot be read.
     """
@@ -144,6 +147,10 @@ def of_common_vehicle(
 
     Two states of one vehicle each may be compared even where their vehicles differ. With several vehicles, only the one
     that both have can be meant.
+
+    Args:
+        before: flights and parameters of the one state.
+        after: flights and parameters of the other.
 
     Raises:
         NotLearnable: the states have no vehicle in common, or several.

@@ -52,6 +52,9 @@ IS_LOST_SQL = "log not in (select log from logs)"
 def open_store(folder: Path) -> Iterator[Store]:
     """Opens the store of a fleet's folder, both of which are made if they do not exist.
 
+    Args:
+        folder: folder of the fleet.
+
     Raises:
         Unreadable: the store cannot be written, or is damaged.
     """
@@ -139,6 +142,10 @@ class Store:
         """Returns whether a log need not be read: it is unchanged, and another reading would end as the last one did.
 
         A log without a version, such as a pipe, always counts as changed.
+
+        Args:
+            source: the log, with its version, such as the time of its last change.
+            limits: time and memory that its reading may take: with larger ones a reading that failed is repeated.
         """
         query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
             :size in ({UNKNOWN_SIZE}, size) and {IS_FINAL_SQL}"""
@@ -155,6 +162,10 @@ class Store:
 
         That a source cannot be reached now says nothing of its content. Where the reading ended otherwise before the
         content was known, the earlier reading holds unless the source has changed.
+
+        Args:
+            source: the log, with its version.
+            outcome: how the present reading ended.
         """
         if outcome.key:
             return False
@@ -344,7 +355,12 @@ class Store:
 
 
 def _query_values(source: LogSource, limits: JobLimits) -> JsonValues:
-    """Returns the values of the named parameters in queries for a log."""
+    """Returns the values of the named parameters in queries for a log.
+
+    Args:
+        source: the log.
+        limits: time and memory that its reading may take.
+    """
     return {
         **source._asdict(),
         **limits._asdict(),

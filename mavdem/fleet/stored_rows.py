@@ -109,6 +109,10 @@ def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
 def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
     """Returns the rows of the logs with these names in the table of a fleet.
 
+    Args:
+        folder: folder of the fleet.
+        files: names of the logs, as the table has them.
+
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
@@ -118,6 +122,11 @@ def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
 
 def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
     """Returns the rows that a query with named ``values`` finds in the store of a fleet, in their order.
+
+    Args:
+        folder: folder of the fleet.
+        query: an SQL query that yields rows.
+        values: values of its named parameters.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.

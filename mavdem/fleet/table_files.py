@@ -187,7 +187,11 @@ def write_file(path: Path, rows: Iterable[StoredRow], folder: Path) -> None:
 
 
 def has_current_columns(path: Path) -> bool:
-    """Returns whether there is a file of a table, with the columns of this version."""
+    """Returns whether there is a file of a table, with the columns of this version.
+
+    Args:
+        path: the Parquet file.
+    """
     import pyarrow
     from pyarrow import parquet
 
@@ -205,6 +209,9 @@ def has_current_columns(path: Path) -> bool:
 def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
     """Yields rows as tables of pyarrow with ``ROWS_PER_GROUP`` rows each, in their order.
 
+    Args:
+        rows: rows as they are stored.
+
     Raises:
         sqlite3.DatabaseError: a row is damaged.
     """
@@ -219,6 +226,9 @@ def _arrow_table(rows: Sequence[StoredRow]) -> Any:
     """Returns stored rows as a ``pyarrow.Table`` with the columns of this version.
 
     Arrow reads the JSON itself: a table of thousands of rows is written while Python would have parsed a few hundred.
+
+    Args:
+        rows: rows as they are stored.
 
     Raises:
         sqlite3.DatabaseError: a row is damaged.
@@ -242,6 +252,10 @@ def _arrow_table(rows: Sequence[StoredRow]) -> Any:
 
 def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
     """Returns texts of JSON objects, one for each row, as a ``pyarrow.Table`` with the columns of a schema.
+
+    Args:
+        texts: texts of JSON objects.
+        schema: pyarrow's schema, with names and types of the columns.
 
     Raises:
         sqlite3.DatabaseError: a text is no such object.

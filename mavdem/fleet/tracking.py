@@ -251,6 +251,9 @@ def track(
 def _checked_baseline(rows: FlightRows) -> FlightRows:
     """Returns the rows of a baseline.
 
+    Args:
+        rows: rows of the table, of the flights that the user named as healthy.
+
     Raises:
         Unreadable: there is no flight with figures among them.
     """

@@ -345,6 +345,9 @@ class WorkerPool:
     def outcomes(self, jobs: Iterator[Job]) -> Generator[JobOutcome]:
         """Yields the outcomes of jobs in the order in which they come; a job is taken when a process is free.
 
+        Args:
+            jobs: logs to read, each with its limits.
+
         Raises:
             Unreadable: no process can be started.
         """
@@ -494,6 +497,9 @@ def _local_file(path: str) -> Iterator[Path]:
 
     The name of the folder of copies has the number of this process, by which the copies are found and removed if the
     process is killed.
+
+    Args:
+        path: path or URL of the log.
 
     Raises:
         Unreadable: it is no plain file, or it cannot be fetched.

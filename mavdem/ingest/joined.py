@@ -235,7 +235,11 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns what shows that two logs are not of the same vehicle; None where nothing does."""
+    """Returns what shows that two logs are not of the same vehicle; None where nothing does.
+
+    Args:
+        earlier, later: The vehicle by each log, in the order of time.
+    """
     if (earlier.system, earlier.component) != (later.system, later.component):
         return Separation.OTHER_SYSTEM
     if earlier.translated_from != later.translated_from:
@@ -309,6 +313,9 @@ def _is_flown_on(earlier: Recording, later: Recording) -> bool:
 
     The vehicle is armed at the end of the one and soon after the beginning of the other, whose clock either runs on or
     has begun anew so shortly before that nobody can have armed the vehicle on the ground.
+
+    Args:
+        earlier, later: The recordings in the order of time.
     """
     heartbeats_before = _heartbeats(earlier.vehicle, earlier.last_boot)
     heartbeats_after = _heartbeats(later.vehicle, later.first_boot)

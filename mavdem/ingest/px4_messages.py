@@ -182,6 +182,9 @@ def _used_outputs(topic: Columns) -> Array:
 
     Outputs from number ``noutputs`` on are not in use, and may hold old values; they are set to 0. Where ``noutputs``
     is 0 or was not logged, all outputs are kept.
+
+    Args:
+        topic: Columns (N,) of actuator_outputs.
     """
     zeros = np.zeros(len(topic["time"]))
     columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]

@@ -216,6 +216,9 @@ class BootClock:
 
         Its stamp is taken at the multiple of its wrap period that brings it nearest to the latest attitude.
 
+        Args:
+            message: the message, with a stamp of the boot clock.
+
         Returns:
             The time, s of the boot clock; None before any attitude, or where the stamp is farther off than
             ``MAX_STAMP_DEVIATION``, as that of another clock is.

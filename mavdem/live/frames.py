@@ -106,6 +106,10 @@ def _announced_length(data: bytes, start: int) -> int:
 
     The first three bytes are enough for both versions of MAVLink. Where fewer have come, it is the largest possible
     length, so that the caller waits for more.
+
+    Args:
+        data: bytes of the stream.
+        start: offset of the possible header.
     """
     header = data[start : start + 3]
     if len(header) < 3:

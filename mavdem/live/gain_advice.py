@@ -97,7 +97,11 @@ class GainAdviser:
         self._pending = executor.submit(advise_gains, self._recording, vehicle)
 
     def _result(self, pending: Future[Facts]) -> Facts:
-        """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it; the fact that it failed if there is none."""
+        """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it; the fact that it failed if there is none.
+
+        Args:
+            pending: the advice that an executor computes.
+        """
         try:
             return pending.result(MAX_WAIT_SECONDS)
         except Exception as error:

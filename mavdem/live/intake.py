@@ -101,6 +101,9 @@ class LinkIntake:
 
         Where it stays lost, it waits, so that the session's loop does not spin: at most ``timeout`` s, and at most
         ``LOST_LINK_SLEEP_SECONDS``.
+
+        Args:
+            timeout: longest time to wait, s.
         """
         if not self._link.reopen():
             clock.sleep(min(timeout, LOST_LINK_SLEEP_SECONDS))

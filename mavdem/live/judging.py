@@ -89,6 +89,9 @@ class ModelJudging:
         """Takes a judgement of the executor, if it is done.
 
         One that failed is dropped, and the judgement before it stays: the next one may succeed.
+
+        Args:
+            pending: the judgement that an executor computes, with the findings on the model.
         """
         if not pending.done():
             return

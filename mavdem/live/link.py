@@ -457,6 +457,9 @@ class Link:
 
         Beyond ``MAX_PEERS`` the address that was not heard for longest is forgotten: anyone can send to a UDP port, and
         the memory must stay bounded.
+
+        Args:
+            address: host and port of the sender.
         """
         if address not in self._peers and len(self._peers) >= MAX_PEERS:
             del self._peers[min(self._peers, key=self._peers.__getitem__)]
@@ -525,6 +528,9 @@ class Link:
 
         A name that cannot be resolved and a connection that times out have error classes of their own; all else is
         distinguished by the error number.
+
+        Args:
+            error: why the system could not open the link.
         """
         host, port = self._address
         if isinstance(error, socket.gaierror):
@@ -553,6 +559,9 @@ def _parse_name(name: str) -> _LinkAddress:
 
     What is no network address must be the absolute path of a serial device, or a name as COM3. Whether it is one shows
     when it is opened.
+
+    Args:
+        name: the connection string, such as "udp:0.0.0.0:14550" or "/dev/ttyUSB0".
 
     Returns:
         Kind, host and port; empty host and port 0 of a serial port.
@@ -604,6 +613,9 @@ def _enable_probes(connection: socket.socket) -> None:
 
     The first probe is sent after ``CONNECT_SECONDS`` of silence, others every ``RETRY_SECONDS``. When ``MAX_TRIES`` of
     them have no reply, reading fails, and the link counts as lost.
+
+    Args:
+        connection: the TCP connection, as a socket.
     """
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     settings = {

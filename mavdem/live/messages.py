@@ -160,6 +160,9 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
 
     A quaternion becomes roll, pitch and yaw, rad. Impossible is what lies beyond ``MAX_ANGLE`` or ``MAX_BODY_RATE``,
     as in a damaged message whose checksum matches by chance.
+
+    Args:
+        message: a decoded message of one of these two types.
     """
     if message.name == "ATTITUDE":
         roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = message.values
@@ -185,6 +188,9 @@ def tilt_setpoint(message: Message) -> tuple[float, float]:
     """Returns the roll and pitch, rad, that an ATTITUDE_TARGET sets; NaN where it sets no attitude.
 
     In its type mask a set bit says that the attitude is to be ignored, as where only body rates are commanded.
+
+    Args:
+        message: a decoded ATTITUDE_TARGET.
     """
     mask, quaternion = message.values
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
@@ -201,6 +207,9 @@ def port_and_outputs(message: Message) -> tuple[int, Numbers]:
     Autopilots with more outputs than a message has channels send it once for each port (SERVO_OUTPUT_RAW). Messages
     without ports have all outputs in one array, and count as port 0. Outputs that the autopilot marks as unused become
     0, which means "no output" everywhere in live flights.
+
+    Args:
+        message: a decoded message with motor outputs.
     """
     if not MOTOR_MESSAGES[message.name].is_ported:
         return 0, tuple(message.values[-1].tolist())

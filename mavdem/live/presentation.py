@@ -204,6 +204,9 @@ def _kind(fact: Fact) -> tuple[object, ...]:
     """Returns what repeated reports of the same thing have in common: code, subject, and a detail.
 
     The detail is the text of a message from the autopilot, or the alarm of another vehicle; else None.
+
+    Args:
+        fact: what is reported.
     """
     detail = fact.figures.get("text")
     if fact.code is Watch.OTHER_VEHICLE_ALARM:

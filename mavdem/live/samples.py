@@ -108,6 +108,9 @@ class SampleStream:
         """Returns the mean rate of the samples in the ``DECISION_SECONDS`` before ``now``, s of the boot clock, in Hz.
 
         Gaps between samples lower the rate. It is 0 with fewer than two samples.
+
+        Args:
+            now: the present time, s of the boot clock.
         """
         count = self.recent_count(now)
         if count < 2:

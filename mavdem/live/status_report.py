@@ -88,6 +88,9 @@ class StatusReport:
         """Why there is no new model of a vehicle whose rows come; None while all is well.
 
         Only free flight is learned from. In free flight the learner itself may lack something, such as motion.
+
+        Args:
+            is_flying: whether the vehicle is in free flight.
         """
         if not is_flying:
             return Fact(Session.NOT_FLYING)

@@ -244,6 +244,9 @@ class VehicleReview:
 
         The watchdog reviews the vehicle without a model. It judges battery and vibration in flight only, and only in
         its thorough reviews, since that takes longer.
+
+        Args:
+            _: unused; all parts of a review have the same arguments.
         """
         assert self._telemetry is not None
         now = self._review_time
@@ -264,6 +267,9 @@ class VehicleReview:
 
         The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
         user sees in one list what is watched and what is not, which the watchdog keeps.
+
+        Args:
+            _: unused; all parts of a review have the same arguments.
         """
         for fact in self.watchdog.finish_review(self._motion):
             self._report(fact)

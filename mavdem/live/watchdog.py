@@ -366,6 +366,10 @@ class Watchdog:
 
         Messages may be missing; and on the ground only warnings of the autopilot are watched. The motors' balance is
         left out, since another part of the review knows about it.
+
+        Args:
+            review: what is known of the vehicle at this review.
+            motion: the motion of the last minute; None where too little was received.
         """
         obstacles = self._message_obstacles(review.now, motion)
         for kind in Watched:

@@ -406,6 +406,9 @@ class LiveWind:
         """Raises ``NotLearnable`` where yaw or a horizontal velocity never changes: then nothing measures it.
 
         Measured values always have some noise; a constant, mostly 0, takes the place of what an autopilot lacks.
+
+        Args:
+            motion: attitude and velocity over ground, by which the wind is to be estimated.
         """
         yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
         velocity_is_constant = (np.ptp(motion.velocity[:, :2], axis=0) == 0).any()

@@ -468,6 +468,9 @@ def logged_gains(loop: Loop) -> dict[str, float]:
 
     These are P, I and D of the rate controller and the gain of the attitude controller, as far as the log has them. A
     gain of 0 is left out: that term of the controller is switched off, and no factor changes 0.
+
+    Args:
+        loop: rate and attitude loop of one axis, with the parameters of the log.
     """
     parameters = loop.controller.parameters
     gains = {}

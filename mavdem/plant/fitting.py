@@ -120,6 +120,9 @@ class LogPosterior(NamedTuple):
         It is that of :meth:`full_expansion`, except at the bound of the delay. Where the delay is 0 and
         the density would rise below, the delay stays (active-set method: Nocedal and Wright, Numerical Optimization,
         2nd ed., sec. 16.5). Otherwise each step would move the other parameters as if the delay fell with them.
+
+        Args:
+            at: parameters θ (k,).
         """
         expansion = self.full_expansion(at)
         index = self.model.delay_index
@@ -142,6 +145,9 @@ class LogPosterior(NamedTuple):
         Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
         errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
         −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
+
+        Args:
+            at: parameters θ (k,), which are moved into the bounds of the model.
 
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.

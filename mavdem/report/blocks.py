@@ -85,6 +85,9 @@ def _block_as_text(block: Block) -> str:
     """Returns a block as plain text: a sentence after its lead, or a table with columns as wide as their widest cells.
 
     The first column, and all columns of words, are aligned on the left, numbers on the right.
+
+    Args:
+        block: a sentence with its lead, or a table.
     """
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
@@ -111,6 +114,9 @@ def _block_as_markdown(block: Block) -> str:
     The second line of a Markdown table sets the alignment of each column: "---" aligns left, "---:" right. The first
     column holds the names of the rows and is always aligned left. The others are aligned right, as numbers are, unless
     the table is one of words.
+
+    Args:
+        block: a sentence with its lead, or a table.
     """
     if isinstance(block, Sentence):
         # A command such as "Run `mavdem info LOG`." gets a code block of its own. The Rerun Viewer, which shows this
@@ -129,6 +135,10 @@ def shortened(text: str, columns: int) -> str:
 
     Remarks in brackets are dropped first, then clauses from the end. Where the clauses that fit would fill less than
     half of the columns, the text is cut after a word, with "…".
+
+    Args:
+        text: one sentence or more, in plain text.
+        columns: number of characters that there is room for.
     """
     if len(text) > columns:
         text = _BRACKETS.sub("", text)

@@ -72,6 +72,9 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
 def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
     """Groups the names of a vehicle's periodic messages by their rounded rate, the fastest first.
 
+    Args:
+        vehicle: what a log contains of the vehicle, by the keys of the inventory.
+
     Returns:
         Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are together. A name is followed by what the log
         itself calls the message, where that differs.
@@ -167,6 +170,10 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     """Returns the mean wind of the autopilot while the wind was estimated: "size", m/s, and "origin", degrees.
 
     It is None where the autopilot has no estimate of that time.
+
+    Args:
+        evidence: what the log shows of the wind, with the autopilot's own estimate.
+        wind: the estimate of mavdem, for its time.
     """
     series = evidence.autopilot_estimate
     if series is None:

@@ -243,6 +243,9 @@ def _is_weaker(change: QuantityChange) -> bool:
     """Returns whether a change means a weaker motor.
 
     A motor that became weaker either takes a larger share of the output to hold the vehicle level, or has less effect.
+
+    Args:
+        change: change of one quantity, such as a motor's share of the output.
     """
     # Quantities of the whole vehicle, such as margins, have the motor 0.
     if change.quantity.motor == 0:
@@ -266,6 +269,10 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
     Shares and effects of motors have no value before and after. For the other quantities both values are shown, and
     then the change with the half width of its 90 % interval; that of quantities compared as ratios is in percent.
+
+    Args:
+        change: change of one quantity.
+        difference: what changed of the vehicle, for the names of its motors.
     """
     quantity = change.quantity
     shown = SHOWN_QUANTITIES[quantity.kind]

@@ -89,6 +89,9 @@ def badge(flights: Flights) -> str:
     """Returns how the latest of a vehicle's flights went in one word, with its level.
 
     It is the health of the motors where they are in trouble, otherwise the level of the flight's headline.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date.
     """
     latest = flights[-1][0]
     if not latest.has_flight:
@@ -157,7 +160,11 @@ def vehicle_words(flights: Flights) -> VehicleWords:
 
 
 def _latest_reason(flights: Flights) -> str:
-    """Returns the latest reason for a health, or why a log was not read; empty without any."""
+    """Returns the latest reason for a health, or why a log was not read; empty without any.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date.
+    """
     for flight in reversed(flights):
         for row in flight:
             reason = row.health_reason if row.is_read else row.status

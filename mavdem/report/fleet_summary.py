@@ -87,6 +87,9 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     A flight has a row for each axis; it counts by its better tier and its worse health, and once where several logs
     have it.
 
+    Args:
+        summaries: what is known of the flights under each name.
+
     Returns:
         Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
         ``tiers`` and ``health``, flights by tier and by health; and ``failed``, the file, status and code of the status
@@ -146,7 +149,11 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
 
 
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
-    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight."""
+    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight.
+
+    Args:
+        summaries: what is known of the flights under each name.
+    """
     flown = [summary.flown for summary in summaries if summary.flown.flights]
     if not flown:
         return None

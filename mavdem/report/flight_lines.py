@@ -42,7 +42,11 @@ class FlightLine(NamedTuple):
 
 
 def flight_line(flight: AxisRows) -> FlightLine:
-    """Returns the line of a flight, with the names that its log has for the flight and its vehicle."""
+    """Returns the line of a flight, with the names that its log has for the flight and its vehicle.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
+    """
     row = flight[0]
     seconds = None if row.date is None else row.date.timestamp()
     # Colons are quoted: what stands before one would be taken for the scheme of an address.
@@ -97,6 +101,9 @@ def _warning_lights(flight: AxisRows) -> str:
     """Returns the lights of a flight that are bad or to be watched, such as "motors bad, vibration watch".
 
     A light is the judgement of one part of the vehicle. The rows of all axes have the same lights.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
     """
     texts = []
     for light in Light:
@@ -116,6 +123,9 @@ def _notes(flight: AxisRows) -> str:
     """Returns what is reported about a flight, one sentence a line, the most important first, each once.
 
     The headline of the log comes first, then the reason for the health of the motors, then warnings.
+
+    Args:
+        flight: rows of one flight in the fleet's table, one for each axis.
     """
     # A log without a flight has one note: why it was not used.
     first_row = flight[0]

@@ -124,6 +124,9 @@ def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
 
     A next step does not state the gains itself. The advice is a fact among its figures, or among those of such a fact,
     so that all of them are searched.
+
+    Args:
+        fact: a next step, or any fact that may hold such advice.
     """
     if fact.code in LOWERING:
         for name, now, new in fact.figures["changes"]:

@@ -28,7 +28,11 @@ class Labels(NamedTuple):
 
     @classmethod
     def of(cls, learned: Learned) -> Labels:
-        """Returns the labels of a model's training data; numbered names where these have none."""
+        """Returns the labels of a model's training data; numbered names where these have none.
+
+        Args:
+            learned: the model.
+        """
         record = learned.record
         input_count = record.inputs.shape[1]
         output_count = record.outputs.shape[1]
@@ -85,6 +89,9 @@ class AxisCommand(NamedTuple):
 
         The directions of the inputs say which way each motor turns the vehicle, and how much. They are scaled so that
         the command of these inputs, w · m, is 1.
+
+        Args:
+            learned: the model.
         """
         labels = Labels.of(learned)
         directions = input_directions(learned)

@@ -145,6 +145,9 @@ def _texts_of_next_step(tuning: Tuning) -> set[str]:
 
     These are its sentence and the remedies of its reasons. The empty text is among them: a fact without a remedy has
     nothing to repeat.
+
+    Args:
+        tuning: advice on the gains of each axis, with the next step.
     """
     next_step = tuning.judgement.next_step
     reasons = [next_step.figures.get("because"), *next_step.figures.get("also", ())]
@@ -216,7 +219,13 @@ def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator
 
 
 def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
-    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN."""
+    """Returns a figure of a loop with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
+
+    Args:
+        loop: rate or attitude loop of the estimated plant and of draws.
+        attribute: name of the figure, such as "phase_margin".
+        scale: factor from the unit of the figure to the shown one.
+    """
     value = rounded(scale * getattr(loop, attribute))
     low, high = (rounded(scale * end) for end in getattr(loop, f"{attribute}_interval"))
     # An interval that is narrower than the last digit shown says nothing.

@@ -74,6 +74,9 @@ def abbreviated_list(names: Sequence[str]) -> str:
     """Returns the first names as a list in words, and how many more there are, such as "a, b, c, d and 2 more".
 
     A single name beyond ``MAX_LISTED_NAMES`` is listed, too, because "1 more" is not shorter.
+
+    Args:
+        names: the names, in the order in which they are listed.
     """
     more = len(names) - MAX_LISTED_NAMES
     if more <= 1:
@@ -116,6 +119,10 @@ def plus_minus(value: float, half_width: float) -> str:
 
     >>> plus_minus(3.5123, 1.149), plus_minus(1234.0, 32.0)
     ('3.5 ± 1.1', '1230 ± 30')
+
+    Args:
+        value: the estimate.
+        half_width: half width of its interval, in the same unit.
     """
     if not (isfinite(value) and isfinite(half_width)):
         return "-"
@@ -156,6 +163,10 @@ def rounded(value: float, digits: int = 2) -> str:
 
     >>> rounded(1234.5), rounded(0.01234), rounded(3.0)
     ('1234', '0.012', '3.0')
+
+    Args:
+        value: the number.
+        digits: least number of significant digits.
     """
     if not isfinite(value):
         return "infinite" if value > 0 else "-"

@@ -148,6 +148,10 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
     """Yields the lines of a text, of at most so many ``columns``.
 
     A command between backquotes stays on one line, so that it can be copied.
+
+    Args:
+        text: the text, without line breaks.
+        columns: largest number of characters of a line.
     """
     unbroken = re.sub("`.*?`", lambda command: command[0].replace(" ", HARD_SPACE), text)
     for line in wrap(unbroken, columns, break_long_words=False, break_on_hyphens=False):
@@ -159,6 +163,10 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
 
     Where the autopilot restarted between two of them, so that its clock began anew, a row says so: their times are not
     in order then.
+
+    Args:
+        assessment: assessment of the log.
+        columns: number of characters of a line of the terminal.
     """
     former_boot = None
     for event in assessment.events:

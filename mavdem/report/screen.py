@@ -84,6 +84,9 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
     Tier "a" is a log of which a full model can be learned. Without such a model the sentences on the tier and on the
     vehicle's condition take its place.
+
+    Args:
+        assessment: assessment of the log.
     """
     analysis = assessment.analysis
     conclusion_blocks = conclusion(assessment.judgement)
@@ -107,7 +110,11 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:
-    """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged."""
+    """Returns the tables of what can be trusted, and of every instance, as far as a vehicle was judged.
+
+    Args:
+        assessment: assessment of the log.
+    """
     blocks: Blocks = []
     evidence = assessment.evidence
     if evidence is None:
@@ -120,7 +127,11 @@ def instance_blocks(assessment: Assessment) -> Blocks:
 
 
 def _learned_blocks(analysis: LogAnalysis) -> Blocks:
-    """Returns the report of a log's model or, without one, the reason where there is one."""
+    """Returns the report of a log's model or, without one, the reason where there is one.
+
+    Args:
+        analysis: what the log shows of the axis, with the model or the reason why there is none.
+    """
     if analysis.learned is None:
         if analysis.reason is None:
             return []
@@ -153,7 +164,11 @@ def _model_blocks(
 
 
 def purpose_tables(findings: Findings) -> Blocks:
-    """Returns a table with the grade of a model for each purpose, and the reason; nothing without a model."""
+    """Returns a table with the grade of a model for each purpose, and the reason; nothing without a model.
+
+    Args:
+        findings: what was found on the model, with its grade for each purpose.
+    """
     rows: list[list[str]] = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
         for purpose, grade, reason in findings.purposes
@@ -164,7 +179,11 @@ def purpose_tables(findings: Findings) -> Blocks:
 
 
 def conclusion(judgement: Judgement) -> Blocks:
-    """Returns the headline first, then each other light that is bad or to be watched, and the next step last."""
+    """Returns the headline first, then each other light that is bad or to be watched, and the next step last.
+
+    Args:
+        judgement: headline, lights and next step.
+    """
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
         for name, fact in judgement.lights.items()
@@ -247,6 +266,9 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     """Returns columns of a table of motors by header: trim, its deviation, headroom, and time at the limits.
 
     The lower limit has a column only if a motor was there at all.
+
+    Args:
+        hover: how hard each motor works in settled flight.
     """
     trim_header = f"trim ({hover.unit})" if hover.unit else "trim"
     # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
@@ -268,6 +290,10 @@ def _effectiveness_column(physical: Physical, labels: Labels) -> dict[str, list[
 
     It is the angular acceleration per unit of the motor's output, °/s² per unit, with the half width of its 90 %
     interval.
+
+    Args:
+        physical: physical parameters of the axis.
+        labels: names and units of the motors.
     """
     half_widths = physical.interval().effect
     cells = [
@@ -290,6 +316,9 @@ def torque_blocks(learned: Learned) -> Blocks:
 
     The largest gust is named with the time at which it began. A wind torque whose scale has a wide interval, since it
     is computed with the effect of the motors, is called uncertain.
+
+    Args:
+        learned: the model.
     """
     physical = learned.physical
     wind = learned.resolved_wind_torque
@@ -401,6 +430,9 @@ def _axis_cells(figures: AxisFigures) -> list[str]:
 
     Estimates have the half widths of their 90 % intervals, and a remark where closed-loop control biases them. The wind
     torque is its standard deviation. Units are those of :func:`_axis_header`.
+
+    Args:
+        figures: figures of the axis.
     """
     physical = figures.physical
     if physical is None:
@@ -458,6 +490,9 @@ def detail_blocks(learned: Learned) -> Blocks:
 
     Learning is described by the gain of the free energy over its iterations, nats, both of DEM and, where there was
     one, of the fit by simulation that followed.
+
+    Args:
+        learned: the model.
     """
     energy = learned.free_energy
     fit = learned.simulation_fit

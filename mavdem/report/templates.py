@@ -88,6 +88,9 @@ def sentences_for(medium: Medium) -> Iterator[None]:
 
     Sentences differ by medium: the terminal names a command where a page has a table. The setting is a context
     variable, so that other threads are not affected.
+
+    Args:
+        medium: where the sentences are shown.
     """
     token = MEDIUM.set(medium)
     try:
@@ -202,7 +205,11 @@ def _compiled(code: Code, part: str) -> Template:
 
 @cache
 def _section_templates(name: str) -> list[dict[str, Template]]:
-    """Compiles the paragraphs of a section, or loads them compiled: templates by "text", "lead" and "always"."""
+    """Compiles the paragraphs of a section, or loads them compiled: templates by "text", "lead" and "always".
+
+    Args:
+        name: name of the section, such as "why".
+    """
     templates = []
     for number, paragraph in enumerate(_section_paragraphs(name)):
         templates.append(
@@ -329,6 +336,10 @@ def rounded_below(value: float, limit: float) -> str:
     """Formats a ``value`` below a ``limit`` with so many decimals that the text, too, is below the limit.
 
     4.97 below 5 is "4.97", since "5.0" would contradict the sentence. A single decimal that is 0 is left out.
+
+    Args:
+        value: the number.
+        limit: the limit, in the same unit.
     """
     text = f"{value:.6g}"
     for decimals in range(1, MAX_DECIMALS_BELOW_LIMIT + 1):
@@ -356,6 +367,9 @@ def as_clause(text: object) -> str:
     """Returns a sentence as a clause inside another one: with a small first letter and without its full stop.
 
     An acronym, a class or a parameter at its beginning ("GPS", "BrokenProcessPool", "MC_ROLL_P") stays as it is.
+
+    Args:
+        text: the sentence; it is converted to a string.
     """
     clause = without_full_stop(str(text))
     if _IDENTIFIER.match(clause):

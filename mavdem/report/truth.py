@@ -45,6 +45,9 @@ def _row(parameter: ComparedParameter) -> list[str]:
     """Returns the row of a parameter: name, estimate, truth, error in percent, unit, and whether it is inside.
 
     "Inside" means that the 90 % interval of the estimate holds the truth. Times are shown in ms, angles in degrees.
+
+    Args:
+        parameter: estimate and truth of one parameter.
     """
     unit = DisplayUnit("ms", 1e3) if parameter.unit == "s" else display_unit(parameter.unit)
     estimate = unit.scale * parameter.estimate

@@ -248,7 +248,12 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
 
 
 def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
-    """Returns what is known of a vehicle from its flights, at least one, in order of date."""
+    """Returns what is known of a vehicle from its flights, at least one, in order of date.
+
+    Args:
+        name: name of the vehicle.
+        flights: rows of its flights.
+    """
     last = flights[-1][0]
     word = badge(flights)
     return VehicleFlights(

@@ -10,6 +10,9 @@ def why(fact: Fact) -> list[Sentence]:
 
     A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement.
     A fact without witnesses has no such sentence.
+
+    Args:
+        fact: the fact, which may have ``witnesses`` among its figures.
     """
     # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
     from mavdem.witnesses.statements import contradicting_statements, supporting_statements

@@ -226,6 +226,9 @@ class Api:
     def delete_flight(self, request: HttpRequest) -> Response:
         """Deletes a flight with its log, its results and the columns that were read from it; the answer has no body.
 
+        Args:
+            request: the request, with the id of the flight in its path.
+
         Raises:
             Refusal: the sender may not change flights, or there is no such flight.
         """
@@ -303,6 +306,9 @@ class Api:
     def _log_of_fields(self, request: HttpRequest) -> tuple[Entry, Path]:
         """Returns a flight, and the path of its log.
 
+        Args:
+            request: the request, with the id of the flight in its path.
+
         Raises:
             Refusal: the sender may not have the log, or it is not there.
         """
@@ -320,6 +326,9 @@ class Api:
         """Opens the recording of a flight in a viewer on this machine, and answers with the viewer's address.
 
         A recording that does not exist yet is made first; until it is complete, each call answers with its progress.
+
+        Args:
+            request: the request, with the id of the flight in its path.
 
         Raises:
             Refusal: the sender may not start programs here, there is no such flight, or it has no recording.

@@ -151,6 +151,9 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
 
     Columns have no types and the default '': SQLite keeps values as they are, and :func:`entry_from_row` turns empty
     ones into the defaults of the fields.
+
+    Args:
+        db: the fleet's SQLite file.
     """
     missing_columns = {name: f"{name} default ''" for name in COLUMNS}
     db.execute(f"create table if not exists entries ({', '.join(missing_columns.values())})")
@@ -179,6 +182,9 @@ def entry_from_row(row: sqlite3.Row) -> Entry:
 
     Empty columns get the defaults of the fields. A digest that is no SHA-256 is dropped: it becomes part of paths, and
     must not lead out of the library's folder even if somebody has altered the index.
+
+    Args:
+        row: a row of the table ``entries``.
     """
     values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
     entry = Entry(**values)

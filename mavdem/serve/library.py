@@ -127,6 +127,9 @@ class Library:
 
         A log with a digest is always in the library's own folder. The path in the index is not trusted there, since
         somebody may have altered the index.
+
+        Args:
+            entry: the flight.
         """
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
@@ -299,6 +302,9 @@ class Library:
     def entry(self, id: str) -> Entry:
         """Returns the entry with this id, the last part of the flight's link.
 
+        Args:
+            id: the id.
+
         Raises:
             Refusal: there is no such entry.
         """
@@ -385,6 +391,10 @@ class Library:
     def name_flight(self, entry: Entry, name: str) -> None:
         """Gives a name to a flight; an empty one takes it away.
 
+        Args:
+            entry: the flight.
+            name: its new name.
+
         Raises:
             Refusal: the content of the log is not known, since it is outside the library and was added long ago.
         """
@@ -442,6 +452,9 @@ class Library:
         """Deletes a flight: its entry, given name, log, results and rows in the fleet's store.
 
         A log outside the library's folder stays on the disk.
+
+        Args:
+            id: id of the flight.
 
         Raises:
             Refusal: there is no such flight, or the disk is full.

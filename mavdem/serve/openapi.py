@@ -83,6 +83,9 @@ def _operation_object(operation: Operation) -> JsonValues:
 
     It has the parameters, the body of the request, the answer of a success, and for all other statuses the document
     ``Error``.
+
+    Args:
+        operation: the operation: method, path, and what it takes and answers.
     """
     # The progress is the only operation that answers with a stream of events.
     media_type = "text/event-stream" if operation.name == "progress" else "application/json"
@@ -110,6 +113,9 @@ def _parameter_objects(operation: Operation) -> list[JsonValues]:
     """Returns the OpenAPI descriptions of an operation's parameters, first those in the path, then in the query.
 
     Parameters in the path are the names in braces, and are required; those in the query never are.
+
+    Args:
+        operation: the operation.
     """
     locations = dict.fromkeys(re.findall(r"{(\w+)}", operation.path), "path")
     locations |= dict.fromkeys(operation.query, "query")

@@ -112,6 +112,9 @@ class Pages:
 
         What the request asks for is checked by the visible library: a visitor without the right to read sees only
         public flights, and neither names of vehicles nor troubles with motors.
+
+        Args:
+            request: the request, whose query may have a search.
         """
         result = self._visible.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible.visitor_values(request)
@@ -139,6 +142,9 @@ class Pages:
 
         While the log is being read, or where it cannot be read, the answer is a page that says so, with the plots that
         are drawn so far. The query ``vehicle`` chooses another vehicle of the log.
+
+        Args:
+            request: the request, with the id of the flight in its path.
 
         Raises:
             Refusal: there is no such flight, or the visitor may not see it.
@@ -170,6 +176,9 @@ class Pages:
 
         The page itself has no recording. While it is visible, its script asks the server every half minute to keep the
         viewer running, or to start it again.
+
+        Args:
+            request: the request, with the id of the flight in its path.
 
         Raises:
             Refusal: the visitor may not read, there is no such flight, or it has no recording.
@@ -285,6 +294,9 @@ class Pages:
 
         The query ``name`` is the vehicle's name. Logs may have several vehicles, so that rows are filtered by it again.
 
+        Args:
+            request: the request, with the name of the vehicle in its query.
+
         Raises:
             Refusal: the visitor may not read, or the library has no flight of such a vehicle.
         """
@@ -315,6 +327,9 @@ class Pages:
 
         It has what changed of the vehicle, by the fleet's rows of both flights, and which parameters were set anew, by
         the gains in the index.
+
+        Args:
+            request: the request, with both ids in its query.
 
         Raises:
             Refusal: the visitor may not read, or there is no such flight.

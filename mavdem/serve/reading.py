@@ -252,7 +252,11 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 
 
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
-    """Returns the columns of the index that an assessment has: its sentences and the levels of its lights."""
+    """Returns the columns of the index that an assessment has: its sentences and the levels of its lights.
+
+    Args:
+        assessment: assessment of the log.
+    """
     return {
         "headline": str(assessment.headline),
         "level": str(assessment.headline.level),

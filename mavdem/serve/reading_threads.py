@@ -183,7 +183,11 @@ class ReadingThreads:
                     return
 
     def _publish_table(self, reader: LogReader | Cluster) -> None:
-        """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs."""
+        """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs.
+
+        Args:
+            reader: what reads logs: a process of this machine, or the workers of a cluster.
+        """
         # A job opens and closes its file. When a process closes SQLite's file, POSIX drops its locks on it, so the job
         # names the server's file instead.
         job = Job(str(self._library.folder / SERVERS / self._library.name))

@@ -144,7 +144,11 @@ def _add_recordings(library: RecoverableLibrary, server: str) -> None:
 
 
 def _restore_digests(db: sqlite3.Connection) -> None:
-    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index."""
+    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index.
+
+    Args:
+        db: the fleet's database.
+    """
     # In the path logs/DIGEST/NAME the digest has 64 characters, from the sixth.
     db.execute(
         """update entries set digest = substr(path, 6, 64)

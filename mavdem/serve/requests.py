@@ -86,6 +86,10 @@ def query_decimal(request: HttpRequest, name: str, default: float) -> float:
 def query_integer(request: HttpRequest, name: str) -> int | None:
     """Returns a whole number in the query of a URL; None where there is none.
 
+    Args:
+        request: the request.
+        name: name of the number in the query.
+
     Raises:
         Refusal: what is there is no whole number.
     """

@@ -77,6 +77,9 @@ class Rights:
         """Returns whether a request has a secret that is wrong, so that its sender may be guessing the token.
 
         It may be in the header Authorization, in the cookie, or in the path of an upload's address.
+
+        Args:
+            request: the request.
         """
         secrets = {
             Use.WRITE: _bearer_secret(request),
@@ -94,6 +97,10 @@ class Rights:
 
     def require(self, request: HTTPConnection, use: Use) -> None:
         """Checks that the sender of a request may use the flights of the library in this way.
+
+        Args:
+            request: the request, which may have a secret.
+            use: what the sender wants to do: see, read or change flights.
 
         Raises:
             Refusal: the sender has no such right.
@@ -121,6 +128,9 @@ class Rights:
 
         The first check prevents DNS rebinding, the second cross-site request forgery. Requests that only read (GET,
         HEAD) may come from other sites, since browsers do not show them the answer.
+
+        Args:
+            request: the request, with its headers Host and Origin.
 
         Raises:
             Refusal: the request is for another host, or would change something on behalf of another site.

@@ -180,6 +180,10 @@ def _url(host: str, listener: socket.socket) -> str:
 def _listening_socket(host: str, port: int) -> socket.socket:
     """Opens a socket that listens on an address, by IPv4 or IPv6.
 
+    Args:
+        host: name or number of the address.
+        port: number of the port; 0 for a free one.
+
     Raises:
         Unreadable: the address is taken, or is none of this machine.
     """

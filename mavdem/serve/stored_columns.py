@@ -159,6 +159,9 @@ def open_columns(folder: Path) -> StoredLog:
 
     Only the list of columns is read. The file with their values is mapped into memory, so that the operating system
     reads the columns that are used.
+
+    Args:
+        folder: the folder.
     """
     vehicles = []
     for values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):

@@ -110,7 +110,11 @@ class RecordingViewer:
 
 
 def has_connections(process_id: int) -> bool:
-    """Returns whether somebody is connected to a process or one of its children; False where it has ended."""
+    """Returns whether somebody is connected to a process or one of its children; False where it has ended.
+
+    Args:
+        process_id: number of the process.
+    """
     with suppress(psutil.Error):
         process = psutil.Process(process_id)
         for member in (process, *process.children(recursive=True)):

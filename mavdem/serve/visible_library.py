@@ -59,6 +59,10 @@ class VisibleLibrary:
     def entry(self, request: HttpRequest, id: str) -> Entry:
         """Returns the flight with this id.
 
+        Args:
+            request: the request, for the sender's rights.
+            id: id of the flight.
+
         Raises:
             Refusal: there is none, or the sender may not see it. The reason is the same, so that nobody can find out
                 which flights there are.
@@ -143,7 +147,11 @@ class VisibleLibrary:
         return {entry_by_path[file].id: worst_row(rows) for file, rows in rows_by_file.items()}
 
     def documents(self, entries: Sequence[Entry]) -> list[Flight]:
-        """Returns the documents of flights, with the names that were given to them and to their vehicles."""
+        """Returns the documents of flights, with the names that were given to them and to their vehicles.
+
+        Args:
+            entries: flights of the library.
+        """
         names = self.library.names
         documents = []
         for entry in entries:
@@ -159,6 +167,9 @@ class VisibleLibrary:
     def review(self, entry: Entry) -> JsonValues | None:
         """Returns the document of a flight's review; None before it is done, and for flights of ``mavdem track``.
 
+        Args:
+            entry: the flight.
+
         Raises:
             Refusal: the flight is being deleted.
         """
@@ -172,6 +183,9 @@ class VisibleLibrary:
         """Returns the document on how far the recordings of a flight are.
 
         Whoever may see a flight may have its recordings made.
+
+        Args:
+            entry: the flight.
         """
         stage = RecordingRequests(self.library).stage(entry)
         return Recordings(
@@ -186,6 +200,9 @@ class VisibleLibrary:
 
         A visitor who may read all flights also gets two keys: one by which the page's own script changes flights, and
         one in the address to which a ground station uploads logs.
+
+        Args:
+            request: the request, for the sender's rights.
         """
         may_read = self.rights.allows(request, Use.READ)
         address = str(request.base_url).rstrip("/")

@@ -198,7 +198,11 @@ def _chart(title: str, unit: str, names: Names, time: Array, series: Array) -> C
 
 
 def scene_view(pose: Pose) -> rrb.View:
-    """Returns the view in which the vehicle is seen in 3D; its title has the scale of the arrows."""
+    """Returns the view in which the vehicle is seen in 3D; its title has the scale of the arrows.
+
+    Args:
+        pose: the simulated flight to show.
+    """
     centimetres = 100 * WIND_ARROW_SCALE * pose.arm
     title = (
         f"Thrust arrows: an arm long at hover. Wind arrow: {centimetres:.2g} cm for 1 m/s. "

@@ -190,7 +190,11 @@ def draw_chart(
 
 
 def _finite_bounds(chart: Chart) -> Iterator[Array]:
-    """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,)."""
+    """Yields the values (N,) of each line of a chart and, where it has a band, the lower and the upper edge (N,).
+
+    Args:
+        chart: the chart.
+    """
     for line in chart.lines:
         yield line.y
         if line.lower_edge is not None:

@@ -359,6 +359,9 @@ class RecordingTabs:
         """Draws how the model was learned: how far F̄ is below its maximum at each iteration, and a text.
 
         F̄ is the free energy action that learning maximises, in nats.
+
+        Args:
+            learned: the model.
         """
         energy = learned.free_energy.total
         # A fit of one or two iterations still shows its last one.

@@ -164,6 +164,9 @@ def wind_evidence(signals: Signals) -> WindEvidence:
     """Returns what the signals of a vehicle show of the wind, or why there is no estimate.
 
     Only a multirotor leans against the wind; of another vehicle only the autopilot's own estimate is known.
+
+    Args:
+        signals: signals of the vehicle.
     """
     kind = signals.telemetry.vehicle
     if kind not in POSSIBLE_MULTIROTORS:

@@ -254,7 +254,11 @@ def _body_axes(attitude: Array) -> Array:
 
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
-    """Returns which steps (T,) are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete."""
+    """Returns which steps (T,) are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
+
+    Args:
+        grid: motion of the vehicle on an even grid of times, with gaps.
+    """
     # The convolution with ones counts the complete steps within the reach of each step. The False added at the end
     # keeps the list from being empty.
     reach = int(MAX_BRIDGED_SECONDS / grid.step)

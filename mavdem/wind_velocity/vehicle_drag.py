@@ -262,6 +262,9 @@ class Drag(ImmutableResult):
 
         The force per mass and speed is c + q · speed, whose derivatives by ln c and ln q are the two parts c and
         q · speed. Differences between body x and y are left out.
+
+        Args:
+            speed: air speed, m/s.
         """
         parts = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
         return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())

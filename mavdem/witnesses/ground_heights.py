@@ -113,6 +113,9 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
 
     None where no receiver was recorded, or none had a position in three dimensions with an altitude. A receiver whose
     altitude never changes does not measure one.
+
+    Args:
+        signals: signals of the vehicle.
     """
     for message in RECEIVER_MESSAGES:
         columns = signals.telemetry.messages.get(message, {})

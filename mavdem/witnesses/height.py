@@ -281,7 +281,13 @@ def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeS
 # size in memory.
 @cached_per_vehicle()
 def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
-    """Returns what measured the height that ``trusted_height``, which has the same arguments, returns."""
+    """Returns what measured the height that ``trusted_height``, which has the same arguments, returns.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        take_off: time of the take-off, s since boot.
+    """
     recorded_estimate = _recorded_height(signals, boot, HeightSource.ESTIMATE)
     if isinf(take_off):
         return None if recorded_estimate is None else HeightSource.ESTIMATE

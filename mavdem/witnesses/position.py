@@ -30,6 +30,9 @@ def position_validity(signals: Signals) -> TimeSeries | None:
     """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None where nothing reports it.
 
     It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
+
+    Args:
+        signals: signals of the vehicle.
     """
     columns = signals.telemetry.messages.get("LOCAL_POSITION_NED", {})
     if "valid" in columns:
@@ -59,6 +62,9 @@ def position_fix(signals: Signals) -> TimeSeries | None:
     """Returns whether any GPS receiver had a position fix (N,), 1 or 0; None if no receiver was recorded.
 
     The N samples are at the messages of the first receiver that was recorded, in all boots.
+
+    Args:
+        signals: signals of the vehicle.
     """
     message = receiver_message(signals.telemetry)
     if message is None:

@@ -234,7 +234,11 @@ class Scene:
         )
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
-        """Returns a witness if the vehicle tumbled in an interval; None if its body rates were below ``FAST_RATE``."""
+        """Returns a witness if the vehicle tumbled in an interval; None if its body rates were below ``FAST_RATE``.
+
+        Args:
+            interval: start and end, s since boot.
+        """
         fastest = 0.0
         for attitude in self.signals.attitudes:
             rate = series_of_boot(attitude.rate_series, self.boot)
@@ -293,6 +297,9 @@ class Scene:
 
         A free fall from the greatest height of the flight to the lowest one ends at √(2 g h), and no multirotor exceeds
         ``MAX_FALL_SPEED``. A faster estimate has diverged, as they do after an impact.
+
+        Args:
+            end: the time, s since boot.
         """
         height = self.height_above_take_off
         if height is None or isinf(self.take_off):
@@ -334,6 +341,9 @@ class Scene:
 
         A fall of a second or two is too short for the slope of the barometer, which then seems to contradict the
         estimate. The lost height does not lag: it is known once the averages are over.
+
+        Args:
+            end: the time, s since boot.
         """
         climb = self.climb_estimate
         if climb is None:

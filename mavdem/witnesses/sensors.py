@@ -80,6 +80,9 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
     It is the autopilot's own altitude of SCALED_PRESSURE, where the log has that, else that of the pressure in the
     International Standard Atmosphere (ISO 2533), or HIGHRES_IMU's pressure altitude. Where the used barometer does not
     work, the first that does stands in for it.
+
+    Args:
+        signals: signals of the vehicle.
     """
     telemetry = signals.telemetry
     used = BAROMETERS[primary_barometer(telemetry)]

@@ -70,7 +70,11 @@ def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
 
 
 def support_count(witnesses: Iterable[Fact]) -> int:
-    """Returns how many independent witnesses support the event: the number of different ``SOURCES`` they rest on."""
+    """Returns how many independent witnesses support the event: the number of different ``SOURCES`` they rest on.
+
+    Args:
+        witnesses: statements of sensors and other sources that support the event.
+    """
     sources = set()
     for fact in supporting_statements(witnesses):
         code = Witness(fact.code)

@@ -245,6 +245,9 @@ def _motors_are_watched(signals: Signals) -> bool:
     """Returns whether a motor that weakens in flight would have been detected.
 
     The detector of lost thrust needs the positions of the motors, and their outputs at ``MIN_SAMPLE_RATE`` or faster.
+
+    Args:
+        signals: signals of the vehicle.
     """
     motors = signals.motors
     if motors is None or not motors.geometry.positions:

@@ -290,6 +290,9 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
     """Returns how the simulation-error fit of a model went, by the keys of ``report.json``.
 
+    Args:
+        learned: the model.
+
     Returns:
         ``samples`` is how many samples ahead the fit simulates, ``numbers`` the effective number of residuals,
         ``parameters`` the number of free parameters, ``turning`` the weights of the inputs in the command of the axis,

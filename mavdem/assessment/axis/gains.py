@@ -281,6 +281,9 @@ def _autotune_texts(signals: Signals) -> list[StatusText]:
 
     They begin like "AutoTune: Yaw Rate" and, for a yaw that is tuned by its error's filter or by D, "AutoTune: Yaw(E)"
     or "AutoTune: Yaw(D)".
+
+    Args:
+        signals: signals of the vehicle, for the axis.
     """
     name = f"AutoTune: {signals.axis.capitalize()}"
     beginnings = (f"{name} ", f"{name}(")
@@ -291,6 +294,12 @@ def _excitation_moments(signals: Signals) -> list[BootTime]:
     """Returns the times of all samples in which the autopilot injected a signal into the axis of ``signals``.
 
     PX4's AutoTune excites the axis by such a signal to identify it. The recorded signal is 0 at all other times.
+
+    Args:
+        signals: signals of the vehicle, for the axis.
+
+    Returns:
+        Boot and time, s since boot, of each sample.
     """
     moments = []
     for injected in signals.injected_signals:

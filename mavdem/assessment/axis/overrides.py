@@ -29,7 +29,11 @@ class LimitedMotors(NamedTuple):
         return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:
-        """Returns a fact of these motors, with all fields as figures."""
+        """Returns a fact of these motors, with all fields as figures.
+
+        Args:
+            code: what the fact states of the motors.
+        """
         return Fact(
             code,
             subject=self.subject,

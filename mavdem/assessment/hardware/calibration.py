@@ -92,7 +92,11 @@ def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
 
 
 def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
-    """Yields ArduPilot's accelerometers and compasses, compasses in the order of priority, as its log numbers them."""
+    """Yields ArduPilot's accelerometers and compasses, compasses in the order of priority, as its log numbers them.
+
+    Args:
+        parameters: parameters of the autopilot, by name.
+    """
     for sensor in ARDUPILOT_SENSORS:
         identifiers = _identifiers(parameters, sensor.identifier)
         is_calibrated = {}
@@ -133,7 +137,11 @@ def _identifiers(
 
 
 def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
-    """Yields PX4's accelerometers, gyros and compasses that were calibrated: it has parameters of no others."""
+    """Yields PX4's accelerometers, gyros and compasses that were calibrated: it has parameters of no others.
+
+    Args:
+        parameters: parameters of the autopilot, by name.
+    """
     for kind, prefix in PX4_SENSORS.items():
         for index in range(MAX_SENSORS):
             name = prefix.format(index)

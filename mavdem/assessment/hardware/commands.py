@@ -38,7 +38,11 @@ def command_facts(evidence: Evidence) -> NamedFacts:
 
 
 def _targets_fact(evidence: Evidence) -> Fact | None:
-    """Returns the errors (RMS) of the position in flight; None without a setpoint in flight."""
+    """Returns the errors (RMS) of the position in flight; None without a setpoint in flight.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     squares = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
     velocities = [
         recorded_series(evidence.signals.telemetry, POSITION_TARGET_MESSAGE, f"v{axis}")
@@ -57,7 +61,12 @@ def _targets_fact(evidence: Evidence) -> Fact | None:
 
 
 def _squared_errors(evidence: Evidence, axis: str) -> np.ndarray:
-    """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any."""
+    """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        axis: field of the position along one axis: "x", "y" or "z".
+    """
     telemetry = evidence.signals.telemetry
     position = recorded_series(telemetry, POSITION_MESSAGE, axis)
     parts = [np.zeros(0)]
@@ -71,7 +80,11 @@ def _squared_errors(evidence: Evidence, axis: str) -> np.ndarray:
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:
-    """Returns which sticks and switches moved in flight; None where none was recorded."""
+    """Returns which sticks and switches moved in flight; None where none was recorded.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     inputs = pilot_input(evidence.signals)
     if not inputs.sticks and not inputs.switches:
         return None

@@ -73,7 +73,11 @@ def _exceeds(value: float | None, limit: float | None) -> bool:
 
 
 def _share_of_long_loops(evidence: Evidence) -> float | None:
-    """Returns the share of ArduPilot's main loops in flight that took too long; None where they were not counted."""
+    """Returns the share of ArduPilot's main loops in flight that took too long; None where they were not counted.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     for field in LOOP_COUNT_FIELDS:
         loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", field)
         if loops is None:

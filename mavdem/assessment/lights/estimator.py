@@ -207,6 +207,9 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     exceeded the limit without a break. Of a filter that only the failsafe doubts, the duration is the failsafe's, and
     the fact has its ``failsafe_limit``. Where the log has several instances, the subject is the one that flew. Where
     only others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     failsafe_limit = failsafe_limit_of(telemetry)
@@ -449,6 +452,9 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
 
     The estimator integrates its error, so that the height may run away in flight. The accelerometer that counts comes
     first; another one is judged where a core of the estimator has it.
+
+    Args:
+        evidence: what the log shows of the vehicle.
 
     Yields:
         Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject where there are several.

@@ -244,6 +244,9 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     fell if its lowest value is ``MAX_BOARD_VOLTAGE_DROP`` below its median.
 
     The fact has the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the limit, all in V.
+
+    Args:
+        evidence: what the log shows of the vehicle.
     """
     # A voltage that is constant was not measured.
     measured = None

@@ -315,6 +315,9 @@ def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ that each term sums the weighted squares of.
 
     The error of a prior of x, which comes after those of the states, counts among them.
+
+    Args:
+        model: the model in generalised coordinates, which knows the layout of ε̃.
     """
     rows = model.error_rows
     return {
@@ -325,7 +328,11 @@ def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
 
 
 def _terms_without_errors(posterior: Posterior) -> dict[Term, float]:
-    """Returns the terms of F̄ that do not depend on the errors of samples, nats, summed over the training data."""
+    """Returns the terms of F̄ that do not depend on the errors of samples, nats, summed over the training data.
+
+    Args:
+        posterior: estimates of states, parameters and noise precisions, with their covariances.
+    """
     model = posterior.model
     log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
     theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
@@ -351,6 +358,9 @@ def _mean_field_without_errors(posterior: Posterior) -> float:
     - For θ and λ, U″ = −P − (a part that the data determine), where P is the precision of the prior. The constant part
       is ½ (dim − tr(Σ P)). The other part is quadratic in the states for θ, and in the prediction errors for λ.
       ``SampleFreeEnergy`` adds it sample by sample.
+
+    Args:
+        posterior: estimates of states, parameters and noise precisions, with their covariances.
 
     Returns:
         The sum over the training data, nats: the states count once for each sample, θ and λ once in all.

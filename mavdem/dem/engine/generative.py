@@ -624,6 +624,9 @@ class GeneralizedMoments:
 
         The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
         they are differences of, and would be lost in the rounding of the joint moments.
+
+        Args:
+            theta: parameters θ (k,).
         """
         error_map = self.model.error_operator(theta) @ self.joint_map
         return error_map @ self.samples.gram @ error_map.T

@@ -173,6 +173,9 @@ class DataflashRecording(NamedTuple):
 def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | None:
     """Reads the definition in the fields of an FMT.
 
+    Args:
+        values: The fields of the FMT, texts as bytes that zeros may fill up.
+
     Returns:
         The message id and the definition; None where the name is not one, or a text is not printable ASCII: damage.
     """
@@ -206,6 +209,9 @@ def usable_fields(table: MessageTable) -> MessageTable:
     """Returns a table with the fields that have one number per message, and with ``NON_NUMERIC_FIELDS``.
 
     In a damaged definition any field may be a text or an array, and a code may be no integer.
+
+    Args:
+        table: The decoded messages of one name.
     """
     columns = {}
     for name, values in table.columns.items():
@@ -254,7 +260,11 @@ def read_binary(content: FileContent) -> DataflashRecording:
 
 
 def _marker_count(data: Bytes) -> int:
-    """Returns how often the marker of a message occurs in a log (B,)."""
+    """Returns how often the marker of a message occurs in a log (B,).
+
+    Args:
+        data: The log (B,).
+    """
     first_byte, second_byte = MARKER
     count = 0
     for begin in range(0, len(data), MARKER_SEARCH_BYTES):
@@ -387,6 +397,9 @@ class _MessageScan:
 
         A length fits where the next header, or the end of the log, is behind it. The first definition of the id counts
         where none fits.
+
+        Args:
+            offset: Offset of the message's header.
         """
         message_id = self.content[offset + ID_BYTE]
         first_definition = self.definitions[message_id]
@@ -464,6 +477,9 @@ class _MessageScan:
         """Returns whether the FMT at an offset is sound and differs from the first one of the same id.
 
         A definition that shares its id with another message of this log is none of another log.
+
+        Args:
+            offset: Offset of the FMT.
         """
         parsed = self._definition_at(offset)
         if parsed is None:
@@ -490,6 +506,9 @@ class _MessageScan:
         are missing, or its header was a chance pattern. It is removed, and the search goes on inside of it, where the
         true next header may be. Where no header follows at all, the log may just have been cut off behind a sound
         message, which stays.
+
+        Args:
+            offset: Where a header should be.
         """
         next_header = self._next_header(offset)
         if self.starts and next_header < len(self.content) and self._end_of_messages() == offset:

@@ -139,6 +139,9 @@ MAX_SYSTEM_ID = 255
 def read_dataflash(path: PathName) -> Log:
     """Reads a DataFlash log, binary or text, a damaged one as far as possible.
 
+    Args:
+        path: The log, or an archive of it.
+
     Returns:
         The log of one vehicle. Its component counts the messages under DataFlash's names ("ATT"); the telemetry has
         them under MAVLink's ("ATTITUDE").
@@ -185,6 +188,9 @@ class _Content(NamedTuple):
 
 def _recording(path: PathName) -> _Content:
     """Finds the messages of a DataFlash log, binary or text.
+
+    Args:
+        path: The log, or an archive of it.
 
     Raises:
         Unreadable: The file cannot be opened.
@@ -272,6 +278,9 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     """Decodes the messages that are translated, by name, under the names that fields have today.
 
     Messages that the log does not have are there too, with empty tables.
+
+    Args:
+        recording: The log, whose messages are located.
     """
     logged = {}
     for name in TRANSLATED_MESSAGES:
@@ -314,7 +323,11 @@ class _KeptMessages(NamedTuple):
 
 
 def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
-    """Returns the stamps of the messages whose stamps are used as a clock, in the order of the log."""
+    """Returns the stamps of the messages whose stamps are used as a clock, in the order of the log.
+
+    Args:
+        logged: Decoded messages by name.
+    """
     stamps = _stamps_of_messages(logged)
     names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
     if not names:
@@ -367,7 +380,11 @@ def _without_old_blocks(
 
 
 def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
-    """Returns the UNIX time at which the boot clock read 0, by each message GPS with the time of the satellites."""
+    """Returns the UNIX time at which the boot clock read 0, by each message GPS with the time of the satellites.
+
+    Args:
+        logged: Decoded messages by name, with GPS.
+    """
     positions = logged["GPS"].position
     columns = logged["GPS"].columns
     stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")
@@ -380,7 +397,11 @@ def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
 
 
 def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
-    """Returns the stamps of the messages that have any, s, by name."""
+    """Returns the stamps of the messages that have any, s, by name.
+
+    Args:
+        logged: Decoded messages by name.
+    """
     stamps: dict[str, Array] = {}
     for name, table in logged.items():
         for field, units_per_second in CLOCK_FIELDS.items():

@@ -121,7 +121,11 @@ def further_sensors(
 
 
 def further_accelerometers(tables: Tables) -> NamedMessage:
-    """Makes the table of the accelerometers of the second and the third IMU; the first one's is HIGHRES_IMU."""
+    """Makes the table of the accelerometers of the second and the third IMU; the first one's is HIGHRES_IMU.
+
+    Args:
+        tables: DataFlash's messages by name.
+    """
     parts: list[Columns] = []
     for number in (1, 2):
         logged = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
@@ -219,6 +223,12 @@ def motor_speeds(tables: Tables) -> NamedMessage:
     """Makes ESC: the speed of each motor, RPM, with the number of its controller, from 0, as ``Instance``.
 
     As far as logged there are also the current ``Curr``, A, the temperature ``Temp``, °C, and the errors.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        The message, in the order of time; without columns where no speed was logged.
     """
     logged = messages_with_fields(tables, "ESC", ("RPM",))
     if logged:

@@ -167,6 +167,10 @@ def with_new_names(message: str, logged: MessageTable) -> MessageTable:
     """Renames the fields of a message that later versions of ArduPilot call otherwise.
 
     A table is of an old version where it has all old names.
+
+    Args:
+        message: Name of the messages.
+        logged: The messages, under the names of their version.
     """
     new_names = NEW_NAMES_OF_OLD_FIELDS.get(message, {})
     if not all(old_name in logged.columns for old_name in new_names):
@@ -282,6 +286,9 @@ def _local_position(estimates: FlownEstimates) -> NamedMessage:
 
     The vertical speed of the first filter, EKF1, is off by 0.3 m/s. Where a climb rate was logged too (VFR_HUD, from
     CTUN), it takes its place, resampled at the stamps of the position and with its sign changed, since z points down.
+
+    Args:
+        estimates: DataFlash's messages, those of filters of the core that flew.
     """
     position = _renamed_message(estimates, "LOCAL_POSITION_NED")
     climb = _renamed_message(estimates, "VFR_HUD").columns
@@ -381,6 +388,9 @@ def _servo_outputs(tables: Tables) -> NamedMessage:
     stamps of its most frequent message; the outputs of another are those that it had last. Outputs that were not logged
     are 0, which means no pulses.
 
+    Args:
+        tables: DataFlash's messages by name.
+
     Returns:
         Columns (N,), port 0 before port 1, with the names of the messages of the log that have a pulse; port 1 is there
         only where it has one.
@@ -475,6 +485,9 @@ def _vibration(tables: Tables) -> Columns:
     The messages of all IMUs are put side by side, row by row. Where the end of the log cut off the last message of some
     IMU, the others are cut to its length.
 
+    Args:
+        tables: DataFlash's messages by name.
+
     Returns:
         Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
         clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels``
@@ -531,7 +544,14 @@ def satellite_utc(weeks: NDArray[Any], milliseconds: NDArray[Any]) -> Array:
 
 
 def _calendar_time(tables: Tables) -> Columns:
-    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix."""
+    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        Columns (N,) with ``time_unix_usec``; empty where there is no GPS.
+    """
     logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
     if not logged:
         return {}
@@ -543,7 +563,14 @@ def _calendar_time(tables: Tables) -> Columns:
 
 
 def _status_texts(tables: Tables) -> Columns:
-    """Makes STATUSTEXT of MSG, which has no severity."""
+    """Makes STATUSTEXT of MSG, which has no severity.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        Columns (N,) with ``severity`` and ``text``; empty without a text.
+    """
     logged = messages_with_fields(tables, "MSG", ("Message",))
     if not logged:
         return {}
@@ -566,6 +593,9 @@ def _injected_signal(tables: Tables) -> Columns:
 
     SIDS begins each run and has its axis (SID_AXIS); SIDD has the samples of the signal. Each sample gets the axis of
     the last run that began before it.
+
+    Args:
+        tables: DataFlash's messages by name.
 
     Returns:
         Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.

@@ -92,6 +92,10 @@ def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
     """Returns what registers (N,) become after as many zero bytes (N,), at most ``ROW_BYTES``.
 
     A register is the XOR of its low and its high byte, and so is what they become.
+
+    Args:
+        registers: Contents (N,) of the checksum's register, 16 bits.
+        zero_bytes: Number of zero bytes (N,) that each takes in.
     """
     tables = _tables()
     # A flat index is faster than two.
@@ -145,7 +149,11 @@ class BlockChecksums:
         return checksums
 
     def _registers_at(self, offsets: Offsets) -> Registers:
-        """Returns the registers before offsets (N,) of the block, as each row has them."""
+        """Returns the registers before offsets (N,) of the block, as each row has them.
+
+        Args:
+            offsets: Offsets (N,) of bytes in the block.
+        """
         rows = offsets // ROW_BYTES
         row_offsets = offsets - rows * ROW_BYTES
         words = row_offsets // WORD_BYTES

@@ -296,6 +296,9 @@ class _FrameBlock:
 
         The checksum of each is computed over header and payload, and then over CRC_EXTRA, and compared with the two
         bytes after the payload, the lower one first.
+
+        Args:
+            selection: Which of the candidates are tried (N,).
         """
         # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
         rows = np.flatnonzero(selection & (self.end <= self._size))

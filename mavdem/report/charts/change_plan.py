@@ -45,7 +45,11 @@ class DrawnChange(NamedTuple):
 
 
 def change_plan(difference: VehicleDifference) -> Plan | None:
-    """Returns the changes of all quantities in one drawing, those that changed first; None if nothing was compared."""
+    """Returns the changes of all quantities in one drawing, those that changed first; None if nothing was compared.
+
+    Args:
+        difference: what changed of a vehicle between two states.
+    """
     changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
     if not changes:
         return None

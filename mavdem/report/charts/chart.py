@@ -296,6 +296,9 @@ class Chart(NamedTuple):
 
         A chart stays as it is if its lines share their abscissae already, none has too many points, and no gap in time
         has to be broken.
+
+        Args:
+            max_points: number of points for each line.
         """
         if not self.lines:
             return self

@@ -158,7 +158,11 @@ def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> I
 
 
 def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
-    """Returns the arrow of the mean wind; None where its direction is not known."""
+    """Returns the arrow of the mean wind; None where its direction is not known.
+
+    Args:
+        wind: wind of the flight.
+    """
     if not wind.direction_identifiable:
         return None
     label = f"from {compass_text(wind.direction)}"
@@ -172,6 +176,10 @@ def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
 
     Directions lie within half a turn of their mean, so that they can be interpolated; outside the estimate they are
     NaN.
+
+    Args:
+        time: times (N,), s since boot.
+        wind: wind of the flight; None where it is not known.
     """
     if wind is None or not wind.direction_identifiable:
         return {}

@@ -61,6 +61,9 @@ def identified_plant(learned: Learned) -> Physical | None:
     """Returns the physical parameters of a model if a response can be computed from them, else None.
 
     They must be identifiable, and the outputs no more than angle and rate, which are all that the physical plant has.
+
+    Args:
+        learned: the model.
     """
     physical = learned.physical
     output_count = learned.record.outputs.shape[1]

@@ -183,7 +183,13 @@ def wind_torque_charts(learned: Learned) -> Charts:
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
-    """Returns the wind torque of a model over time, °/s², with its 90 % band; None where it is not identifiable."""
+    """Returns the wind torque of a model over time, °/s², with its 90 % band; None where it is not identifiable.
+
+    Args:
+        learned: the model.
+        name: name of the line in the legend.
+        colour: its colour.
+    """
     wind = learned.resolved_wind_torque
     if wind is None:
         return None
@@ -243,6 +249,9 @@ def sample_times(record: Record) -> Array:
 
     Samples are ``record.dt`` apart within a segment. Segments begin at their times on the flight's clock or, where a
     record of arrays does not know them, follow each other without gaps from 0 on.
+
+    Args:
+        record: the training data of a model.
     """
     segment_times = record.begins or tuple(record.dt * record.segment_starts)
     times = [

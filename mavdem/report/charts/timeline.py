@@ -159,6 +159,9 @@ def _flight_charts(history: TimeHistory) -> Iterator[Chart]:
 
     Motors are shown as percent of their range, and again minus the mean of all motors at each time, which shows what
     steers the vehicle.
+
+    Args:
+        history: signals of one flight over time.
     """
     yield over_time("Height", "m", _lines(history.height, ["height"]))
     motors = history.motors

@@ -110,6 +110,9 @@ def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
 
     First come the motors' shares of the mean output and the vibration, then ``AXIS_QUANTITIES`` with a line for each
     axis.
+
+    Args:
+        flights: rows of the vehicle's flights, in the order of date.
     """
     motors = _motor_names(flights)
     shares = _estimates(flights, "trim_share", len(motors))

@@ -154,6 +154,10 @@ def _draw_chart(axes: Axes, chart: Chart) -> None:
     """Draws lines, spans, levels, axes and title of a chart; with several named lines, a legend too.
 
     Marks, spectrograms and right axes are only drawn by pages: the charts of a learned model have none.
+
+    Args:
+        axes: Matplotlib's axes, which are empty.
+        chart: the chart.
     """
     for line in chart.lines:
         _draw_line(axes, line)
@@ -182,6 +186,10 @@ def _draw_line(axes: Axes, line: Line) -> None:
 
     Its kind says which. Whiskers and bands are drawn where the line has a lower and an upper edge; a band is a shaded
     area.
+
+    Args:
+        axes: Matplotlib's axes of the chart.
+        line: the line.
     """
     style: JsonValues = {"color": line.colour, "label": line.name}
     if line.style is LineStyle.STEMS:

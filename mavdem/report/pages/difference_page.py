@@ -264,6 +264,11 @@ def _step_charts(sides: Reviews, legend: Mapping[str, str], axis: str) -> Iterat
 
     The responses are those of the review documents: times, s, the response to a step of 1, and the half width of its
     90 % band. A loop that neither side has measured has no chart.
+
+    Args:
+        sides: review documents of both logs, by side.
+        legend: name of each side in legends.
+        axis: "roll", "pitch" or "yaw".
     """
     for loop in ("rate", "attitude"):
         lines = []
@@ -284,6 +289,10 @@ def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     """Returns a chart of the gyro's power spectra in both flights, (rad/s)²/Hz, the sum over its three axes.
 
     Spectra before the filters are preferred to those after them. A side without a spectrum has no line.
+
+    Args:
+        sides: review documents of both logs, by side.
+        legend: name of each side in legends.
     """
     lines = []
     for side, review in sides.items():
@@ -305,6 +314,10 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
 
     Each motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
     of motors differ, the axis has the names that both have.
+
+    Args:
+        sides: review documents of both logs, by side.
+        legend: name of each side in legends.
     """
     lines = []
     motor_count = MAX_MOTORS
@@ -330,6 +343,9 @@ def _wind_rows(sides: Reviews) -> list[list[str]]:
     """Returns two rows, wind speed and the direction that it comes from, with a cell for each side.
 
     A cell has the estimate with its 90 % interval, or a dash where the flight does not determine it.
+
+    Args:
+        sides: review documents of both logs, by side.
     """
     speeds = ["wind (m/s)"]
     directions = ["from (°)"]

@@ -130,7 +130,11 @@ def vehicle_charts(rows: FlightRows) -> str:
 
 
 def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
-    """Returns the lines of all flights, the newest first and those without a date last."""
+    """Returns the lines of all flights, the newest first and those without a date last.
+
+    Args:
+        summaries: what is known of the flights under each name.
+    """
     dated = []
     undated = []
     for summary in summaries:
@@ -272,6 +276,9 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
 
     A light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or unknown.
     The list is empty without a flight.
+
+    Args:
+        summaries: what is known of the flights under each name.
     """
     if not any(summary.vehicle for summary in summaries):
         return []

@@ -235,7 +235,12 @@ def _numbered_events(events: Facts, timeline: Timeline | None) -> list[PageEvent
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
-    """Returns the label of each event of the timeline: its number in the list of events; empty where it has none."""
+    """Returns the label of each event of the timeline: its number in the list of events; empty where it has none.
+
+    Args:
+        events: the numbered list of events on the page.
+        timeline: timeline of the flight, with its own events.
+    """
     numbers = {}
     for page_event in events:
         fact = page_event.event.fact
@@ -251,6 +256,9 @@ def _with_saturations_counted(events: Facts) -> Iterator[Fact]:
     """Yields the events, but only the first saturation of each motor, with the number of all of them.
 
     A motor may reach its limit hundreds of times in a flight, which would fill the list of events.
+
+    Args:
+        events: events of the flight, in the order of time.
     """
     saturation = MotionEvent.MOTOR_AT_ITS_STOP
     counts = Counter(event.subject for event in events if event.code is saturation)
@@ -308,7 +316,12 @@ def _flight_chapters(
 
 
 def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
-    """Returns the chapter of angles and rates with their setpoints, a column for each axis, and how well they track."""
+    """Returns the chapter of angles and rates with their setpoints, a column for each axis, and how well they track.
+
+    Args:
+        assessment: assessment of the log.
+        timeline: timeline of the flight.
+    """
     columns = []
     for charts in timeline.axis_charts.values():
         if charts:
@@ -376,7 +389,13 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
 def _other_sensors_chapter(
     noise: MeasuredNoise, timeline: Timeline | None, is_full: bool
 ) -> Chapter:
-    """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged."""
+    """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged.
+
+    Args:
+        noise: spectra of all sensors.
+        timeline: timeline of the flight; None where no vehicle flew.
+        is_full: whether there are spectrograms, which take much of a page.
+    """
     groups: list[Group] = []
     for sensor in OTHER_SENSORS:
         groups += _spectrum_groups(noise, sensor, timeline, is_full)
@@ -448,6 +467,10 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
     """Returns the chapter of the wind: in m/s and as a torque, with the wind rose.
 
     The rose needs both speed and direction. Of a simulated flight the estimates are compared with its truth here.
+
+    Args:
+        assessment: assessment of the log.
+        analysis: what the log shows of the axis, with the wind torque.
     """
     blocks: Blocks = []
     # That only multirotors are judged stands beside the lights.
@@ -508,7 +531,12 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
 
 
 def _learning_chapter(axis: str, learned: Learned) -> Chapter:
-    """Returns the folded chapter of how a model was learned: poles, free energy, settings and residuals."""
+    """Returns the folded chapter of how a model was learned: poles, free energy, settings and residuals.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        learned: the model of that axis.
+    """
     settings = [[name, str(value)] for name, value in asdict(learned.settings).items()]
     table = Table(["setting", "value"], settings, words=True)
     text = "Errors one step ahead; correlations between the lines may be chance (99 %)."

@@ -66,7 +66,11 @@ def _chapter(
 
 
 def _sensor_table(evidence: Evidence) -> Table:
-    """Returns the sensors that the parameters name: the bus, whether each is used, and whether it is calibrated."""
+    """Returns the sensors that the parameters name: the bus, whether each is used, and whether it is calibrated.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+    """
     rows = []
     for sensor in sensors_of(evidence.signals.telemetry):
         rows.append(

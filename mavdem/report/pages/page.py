@@ -266,6 +266,9 @@ def flight_html(flight: Flight) -> str:
     """Renders a flight for a notebook: its title, and a table of its inputs and outputs.
 
     Each channel has a row with mean, standard deviation, minimum and maximum, angles in degrees.
+
+    Args:
+        flight: the flight.
     """
     rows = [
         _channel_row(name, unit, values)

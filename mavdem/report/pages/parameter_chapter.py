@@ -100,6 +100,9 @@ def _all_parameters(telemetry: Telemetry) -> Table:
     """Returns all parameters with their values at the end of the log, and their meanings.
 
     Those that changed in flight are marked, and those that are not the default, where the log has defaults.
+
+    Args:
+        telemetry: messages of the vehicle, with its parameters.
     """
     rows: list[list[str]] = []
     defaults = telemetry.changed_defaults
