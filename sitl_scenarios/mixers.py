@@ -79,9 +79,12 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
         Thrust of each motor, (n,), 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
-    # From here on in floats: NumPy's calls on such small arrays take several times as long.
-    yaw_column = columns[2].tolist()
-    tilt_thrusts = ((roll, pitch) @ columns[:2]).tolist()
+    # In floats: NumPy's calls on such small arrays take several times as long.
+    roll_column, pitch_column, yaw_column = columns.tolist()
+    tilt_thrusts = [
+        roll * roll_element + pitch * pitch_element
+        for roll_element, pitch_element in zip(roll_column, pitch_column, strict=True)
+    ]
 
     # Each motor has room for yaw up to 1 or down to 0, by the direction in which yaw moves it. The motor with the least
     # room limits yaw.

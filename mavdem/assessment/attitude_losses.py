@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import AttitudeError, largest_error
+from mavdem.assessment.attitude_error import AttitudeError, LargestError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
@@ -156,9 +156,10 @@ class _AttitudeLoss(NamedTuple):
         3. If the vehicle recovered, or error, sink rate and duration all stayed small, the kind is "caught" instead.
 
         Returns:
-            A fact with the kind as its code, and the figures ``angle`` (largest error, rad), ``height`` (m above the
-            take-off, at the onset), ``height_source`` and ``speed`` (largest sink rate, m/s). It lasts from the onset,
-            or from an earlier knock, until the end of the loss, s since boot; without an end if the record ended first.
+            A fact with the kind as its code, and the figures ``angle`` (largest error, rad; the whole lean where the
+            setpoint is not known, which ``is_lean`` says), ``height`` (m above the take-off, at the onset),
+            ``height_source`` and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier knock,
+            until the end of the loss, s since boot; without an end if the record ended first.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
         # The largest error in rad, and whether it was measured against a setpoint throughout.
@@ -181,16 +182,19 @@ class _AttitudeLoss(NamedTuple):
             # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if has_setpoint else Level.UNKNOWN
+        largest = self._largest_error()
+        lean_only = {} if largest.has_setpoint else {"is_lean": True}
         event = Fact(
             code,
             level,
             time=onset if knock_time is None else min(onset, knock_time),
             until=None if self.end == inf else self.end,
-            angle=angle,
+            angle=largest.angle,
             height=height,
             height_source=self.scene.height_source,
             speed=self._sink_rate(code, onset),
             boot=self.scene.boot,
+            **lean_only,
         )
         witnesses = self._witnesses(onset)
         if is_caught:
@@ -198,6 +202,13 @@ class _AttitudeLoss(NamedTuple):
         if knock_time is not None and knock is not None:
             witnesses = (*witnesses, knock)
         return weighed_event(event, witnesses)
+
+    def _largest_error(self) -> LargestError:
+        """Returns the largest error of the loss; where the setpoint was not recorded it is the whole lean."""
+        largest = largest_error(self.error, (self.start, self.end))
+        # A loss is found by samples of the attitude, so that there is one.
+        assert largest is not None
+        return largest
 
     def _onset(self) -> float:
         """Returns the time at which the attitude began to leave its setpoint, s since boot.
@@ -306,10 +317,9 @@ class _AttitudeLoss(NamedTuple):
         Args:
             onset: when the attitude began to leave its setpoint, s.
         """
-        largest = largest_error(self.error, (self.start, self.end))
-        # A loss is found by samples of the attitude, so that there is one.
-        assert largest is not None
-        statements = [supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())]
+        statements = [
+            supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict())
+        ]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
         for statement in self.scene.sinking((onset, end + RECOVERY_SECONDS)):

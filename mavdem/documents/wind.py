@@ -95,6 +95,8 @@ class WindVelocity(Document):
     """half width of the 90 % interval of direction"""
     gust: Speed
     """largest mean over gust_seconds"""
+    gust_interval: list[Speed]
+    """ends of the 90 % interval of gust"""
     gust_seconds: Seconds
     """time over which a gust is averaged"""
     turbulence_intensity: Number

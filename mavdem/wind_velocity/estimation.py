@@ -82,6 +82,7 @@ class WindVelocity(ImmutableResult):
         direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
         gust: largest mean speed over ``gust_seconds``, m/s.
+        gust_interval: ends of its 90 % interval, m/s.
         gust_seconds: 3 s, or one step where steps are longer.
         turbulence_intensity: standard deviation of the wind along its mean direction, over its speed.
         time: (T,) s, on the clock that was given.
@@ -101,6 +102,7 @@ class WindVelocity(ImmutableResult):
     direction: float
     direction_interval: float
     gust: float
+    gust_interval: Interval
     gust_seconds: float
     turbulence_intensity: float
     time: Array
@@ -154,7 +156,14 @@ class WindVelocity(ImmutableResult):
         if self.speed_identifiable:
             return self
         empty_courses: Any = dict.fromkeys(COURSE_FIELDS, ())
-        return replace(self, speed=nan, speed_interval=(nan, nan), gust=nan, **empty_courses)
+        return replace(
+            self,
+            speed=nan,
+            speed_interval=(nan, nan),
+            gust=nan,
+            gust_interval=(nan, nan),
+            **empty_courses,
+        )
 
 
 class _MeanWind(NamedTuple):
@@ -270,10 +279,8 @@ def estimate_wind(
     for doubt in doubts:
         status[doubt.figure] = doubt.status
 
-    # The gust is the largest running mean of the wind speed.
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
-    averaging = np.ones(gust_steps) / gust_steps
-    gust_speeds = np.convolve(np.hypot(*air.T), averaging, mode="valid")
+    gust = float(_largest_running_mean(np.hypot(*air.T)[:, np.newaxis], gust_steps)[0])
     mean_speed_square = max(mean_air @ mean_air, MIN_SPEED)
     return WindVelocity(
         speed=whole_flight.speed,
@@ -283,7 +290,8 @@ def estimate_wind(
         ),
         direction=whole_flight.direction,
         direction_interval=whole_flight.direction_half_width,
-        gust=gust_speeds.max(),
+        gust=gust,
+        gust_interval=_gust_interval(winds, variances, gust_steps, gust),
         gust_seconds=gust_steps * fine.step,
         turbulence_intensity=(air @ mean_air).std() / mean_speed_square,
         time=fine.time,
@@ -296,6 +304,31 @@ def estimate_wind(
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
     )
+
+
+def _largest_running_mean(values: Array, steps: int) -> Array:
+    """Returns the largest mean over so many ``steps`` of each column of values (T, N), as (N,)."""
+    sums = np.cumsum(np.vstack([np.zeros(values.shape[1]), values]), axis=0)
+    return (sums[steps:] - sums[:-steps]).max(axis=0) / steps
+
+
+def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
+    """Returns the 90 % interval of the largest gust, m/s; the gust itself lies within it.
+
+    Each posterior sample of drag and lean has a wind of its own, and so a largest gust. Noise is drawn at random; a
+    gust is too short for it to average out.
+
+    Args:
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
+        steps: steps over which a gust is averaged.
+        gust: the largest gust of the mean of all samples, m/s.
+    """
+    gusts = _largest_running_mean(np.hypot(winds[..., 0], winds[..., 1]), steps)
+    noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
+    noise = default_rng(2).standard_normal((DIRECTION_DRAWS, len(gusts)))
+    low, high = np.quantile(gusts + noise * noise_sd, INTERVAL_QUANTILES).tolist()
+    return max(min(low, gust), 0.0), max(high, gust)
 
 
 def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[dict[str, float]]:

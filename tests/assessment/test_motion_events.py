@@ -600,3 +600,18 @@ def test_an_error_without_a_setpoint_is_stated_as_the_lean():
         assert largest_error(error, (5.0, 6.0)) is None
         statement = supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
         assert ("setpoint" in statement.sentence) == has_setpoint
+
+
+def test_a_lean_that_was_caught_is_stated_whole_where_no_setpoint_was_logged():
+    made = instrumented("Stabilize")
+    since = stamps(made, "ATTITUDE") - EVENT
+    lean = np.radians(70.0) * ((since > 0) & (since < 1.5))
+    made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
+    without_setpoint = {
+        name: table for name, table in made.messages.items() if name != "ATTITUDE_TARGET"
+    }
+    events, _ = judged(replace(made, messages=without_setpoint))
+    caught = events[MotionEvent.ATTITUDE_CAUGHT]
+    assert np.degrees(caught.figures["angle"]) == approx(70.0)
+    assert caught.sentence.startswith("The vehicle leant from")
+    assert caught.sentence.endswith("by up to 70°, and came back; its setpoint was not logged.")

@@ -122,6 +122,8 @@ def test_band_holds_and_a_jump_is_followed():
     assert 0.8 < np.mean(abs(wind.velocity - true) <= wind.band) <= 1.0
     speeds = np.hypot(*wind.velocity.T)
     assert speeds[wind.time < 55].mean() < 6.5 and speeds[wind.time > 65].mean() > 8.5
+    gusts = uniform_filter1d(np.hypot(*air.T), 30)
+    assert wind.gust_interval[0] < gusts.max() < wind.gust_interval[1] < 1.5 * gusts.max()
     assert wind.gust > 9 and [round(one["speed"] / 5) for one in wind.minutes] == [1, 2]
     assert np.diff([(one["start"], one["end"]) for one in wind.minutes]) == approx(60.0, abs=1.0)
     layers = [(one["height"], round(one["speed"] / 5)) for one in wind.profile]

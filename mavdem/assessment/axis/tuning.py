@@ -11,9 +11,10 @@ from mavdem.assessment.record import Assessment
 from mavdem.containers import group_by
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.assessment import NextStep
+from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopActions, Loops
+from mavdem.facts.margins import MarginsLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
@@ -214,7 +215,9 @@ def _gains_come_next(headline: Fact) -> bool:
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns the reasons why no gains of any axis may be raised.
 
-    Reasons are that the vehicle must be repaired; and an oscillation, which asks for lower gains.
+    Reasons are that the vehicle must be repaired; and an oscillation, which asks for lower gains. Of an oscillation the
+    decision on the loops is the reason: it names the gains to lower, which the override and the advice to lower gains
+    would ask for twice.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -224,9 +227,13 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
         The reasons as facts; empty if gains may be raised.
     """
     doubts = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-    if evidence.gain_reduction:
-        doubts = (*doubts, evidence.gain_reduction)
-    return doubts
+    if not evidence.gain_reduction:
+        return doubts
+    for decision in judgement.loop_decisions.values():
+        if decision.reason.code is MarginsLight.OSCILLATES:
+            other_doubts = [doubt for doubt in doubts if doubt.code is not Override.OSCILLATION]
+            return (*other_doubts, decision.reason)
+    return (*doubts, evidence.gain_reduction)
 
 
 def _measured_loops(assessment: Assessment) -> dict[str, Fact]:

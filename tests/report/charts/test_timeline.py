@@ -29,6 +29,7 @@ def wind(speed=Status.REPORTED, direction=Status.REPORTED):
         direction=DIRECTION,
         direction_interval=10.0,
         gust=SPEED,
+        gust_interval=(SPEED, SPEED),
         gust_seconds=3.0,
         turbulence_intensity=0.0,
         time=TIME,
