@@ -183,7 +183,6 @@ class _AttitudeLoss(NamedTuple):
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if has_setpoint else Level.UNKNOWN
         largest = self._largest_error()
-        lean_only = {} if largest.has_setpoint else {"is_lean": True}
         event = Fact(
             code,
             level,
@@ -194,8 +193,9 @@ class _AttitudeLoss(NamedTuple):
             height_source=self.scene.height_source,
             speed=self._sink_rate(code, onset),
             boot=self.scene.boot,
-            **lean_only,
         )
+        if not largest.has_setpoint:
+            event = event.replace(is_lean=True)
         witnesses = self._witnesses(onset)
         if is_caught:
             return event.replace(witnesses=witnesses)
