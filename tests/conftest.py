@@ -95,6 +95,44 @@ def coarse_physics():
         yield
 
 
+READERS = ("cli.sources", "results", "wind_velocity.from_log", "fleet.rows_of_log")
+"""Modules whose ``read_log`` reads the logs that commands name."""
+USERS_OF_SIGNALS = (
+    "cli.sources",
+    "cli.learn",
+    "cli.info",
+    "assessment.assess",
+    "results",
+    "wind_velocity.from_log",
+)
+"""Modules that derive the signals of a log for commands."""
+
+
+@fixture
+def logs_read_once(monkeypatch):
+    """For a test with several commands of one log: it is read once, and what is derived of its signals is kept."""
+    from mavdem.dataset.signals import Signals
+    from mavdem.ingest import read_log
+
+    logs = {}
+    cache = {}
+
+    def read_once(path):
+        status = os.stat(path)
+        key = os.fspath(path), status.st_mtime_ns, status.st_size
+        if key not in logs:
+            logs[key] = read_log(path)
+        return logs[key]
+
+    def signals_with_cache(*arguments, **options):
+        return Signals(*arguments, cache=cache, **options)
+
+    for module in READERS:
+        monkeypatch.setattr(f"mavdem.{module}.read_log", read_once)
+    for module in USERS_OF_SIGNALS:
+        monkeypatch.setattr(f"mavdem.{module}.Signals", signals_with_cache)
+
+
 def values_of(argument):
     """What an argument was made of: the fields of a dataclass, without what it has computed since."""
     if is_dataclass(argument):

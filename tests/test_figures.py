@@ -277,6 +277,7 @@ def pytest_generate_tests(metafunc):
 
 
 @mark.slow
+@mark.usefixtures("logs_read_once")
 def test_the_figures_of_a_flight_are_those_of_before(
     log, commands, here, monkeypatch, capsys, request
 ):
