@@ -210,7 +210,7 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
         return
     center = least_center * hover_center_ratio(parameters, prefix)
     harmonics = int(parameters.get(f"{prefix}HMNCS", 1.0))
-    for notch in _harmonic_notches(center, bandwidth / least_center, attenuation, harmonics):
+    for notch in harmonic_notches(center, bandwidth / least_center, attenuation, harmonics):
         for _ in range(notch_source_count(parameters, prefix)):
             yield notch
 
@@ -265,10 +265,10 @@ def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
     )
     if frequency and attenuation and quality > MIN_PID_NOTCH_QUALITY:
         harmonics = int(parameters.get(f"{prefix}NOTCH_HMNC", 1.0))
-        yield from _harmonic_notches(frequency, 1 / quality, attenuation, harmonics)
+        yield from harmonic_notches(frequency, 1 / quality, attenuation, harmonics)
 
 
-def _harmonic_notches(
+def harmonic_notches(
     center: float, relative_bandwidth: float, attenuation: float, harmonics: int
 ) -> Iterator[Notch]:
     """Yields the notches of a harmonic notch filter, one at each of the chosen multiples of its fundamental.

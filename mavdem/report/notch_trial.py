@@ -1,22 +1,19 @@
-"""The notch filter of a flight's page, whose settings a reader tries: what it takes, and the phase it costs.
+"""The notch filters of a flight's page, whose settings a reader tries: what they take, and the phase they cost.
 
-The script ``notch.js`` computes the responses of ``mavdem.loops.filters``, which has their sources: ``NotchFilter``
-of ArduPilot, set by ``INS_HNTCH_*``, and of PX4, set by ``IMU_GYRO_NF0_*``. Other filters of the gyro stay as they are.
+The script ``notch.js`` computes the responses of ``mavdem.loops.filters``, which has their sources, for the filters of
+``tried_filters``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
 from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.arrays import Array
 from mavdem.assessment.noise_spectra import GYRO, UNFILTERED_GYRO, MeasuredNoise
-from mavdem.containers import JsonValues
-from mavdem.facts.noise import NotchAdvice
+from mavdem.containers import JsonValues, Numbers
 from mavdem.ingest.parameter_file import parameter_files
-from mavdem.ingest.telemetry import Parameters, Telemetry
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.loops.ardupilot_controller import (
     MAX_HARMONICS,
     MIN_CENTER_PER_BANDWIDTH,
@@ -24,24 +21,23 @@ from mavdem.loops.ardupilot_controller import (
     hover_center_ratio,
     notch_source_count,
 )
+from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import MAX_NOTCH_FREQUENCY_RATIO, gyro_response, notch_response
 from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
 from mavdem.report.charts.chart import FREQUENCY, Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.gain_changes import READERS
+from mavdem.report.numbers import listed
 from mavdem.report.palette import BAD, COMMAND, MEASURED, PREDICTED
-from mavdem.vibration.notch_filters import ARDUPILOT_ATTENUATION, RELATIVE_BANDWIDTHS
+from mavdem.report.tried_filters import (
+    TriedFilter,
+    logged_notches,
+    strongest_peaks,
+    tried_filters,
+    without_filters,
+)
 from mavdem.vibration.spectra import Spectrum, max_decimated
-
-ARDUPILOT_PREFIX = "INS_HNTCH_"
-"""Beginning of the parameters of ArduPilot's first harmonic notch, which is the one to try."""
-
-PX4_NOTCH = ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW")
-"""Centre and bandwidth of PX4's first static notch, which is the one to try."""
-
-OLDER_PX4_NOTCH = ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW")
-"""The same in older versions, which had one notch."""
 
 ASSUMED_CROSSOVER = 10.0
 """Frequency at which the phase lag is stated where no rate loop is identified, Hz: a choice, a fast loop's."""
@@ -90,8 +86,11 @@ class NotchSlider(NamedTuple):
     """Value at first."""
 
 
-class NotchTrial(NamedTuple):
-    """A notch filter with sliders, the charts that follow them, and what the script needs to compute these."""
+class FilterForm(NamedTuple):
+    """The settings of one notch filter."""
+
+    title: str
+    """Its name; empty where there is one filter."""
 
     sliders: tuple[NotchSlider, ...]
     """Centre, bandwidth and, where the autopilot has one, depth."""
@@ -99,11 +98,21 @@ class NotchTrial(NamedTuple):
     harmonics: dict[int, bool]
     """Whether each multiple of the centre has a notch at first; empty for PX4, whose notch has one centre."""
 
+    harmonics_parameter: str
+    """Name of the parameter with the mask of the multiples; empty for PX4."""
+
     is_on: bool
     """Whether the log has the filter on."""
 
+
+class NotchTrial(NamedTuple):
+    """Notch filters with sliders, the charts that follow them, and what the script needs to compute these."""
+
+    filters: tuple[FilterForm, ...]
+    """The filters, at least one."""
+
     charts: Group
-    """Spectrum, gain and phase, with the filter as it is at first."""
+    """Spectrum, gain and phase, with the filters as they are at first."""
 
     remarks: tuple[str, ...]
     """What limits the trial, in sentences."""
@@ -114,30 +123,10 @@ class NotchTrial(NamedTuple):
     model: JsonValues
     """All that ``notch.js`` computes with."""
 
-
-class _TriedFilter(NamedTuple):
-    """The filter to try: its parameters, and the controller with and without it."""
-
-    parameters: Parameters
-    """All parameters of the filter as the sliders have them at first, switched on."""
-
-    switch: Mapping[str, float]
-    """The parameters that switch it off, with their values then."""
-
-    names: Mapping[str, str]
-    """Name of the parameter of "centre", "width", "depth" and "harmonics", as far as the autopilot has it."""
-
-    is_on: bool
-    """Whether the log has the filter on."""
-
-    is_logged: bool
-    """Whether the log has the parameter that switches it on."""
-
-    with_filter: Controller
-    """The controller with the filter on."""
-
-    without_filter: Controller
-    """The controller with the filter off, and all others as they are."""
+    @property
+    def is_on(self) -> bool:
+        """Whether the log has one of the filters on."""
+        return any(form.is_on for form in self.filters)
 
 
 def notch_trial(
@@ -146,8 +135,9 @@ def notch_trial(
     noise: MeasuredNoise,
     controller: Controller | None,
     loop: Loop | None,
+    motor_frequencies: Numbers = (),
 ) -> NotchTrial | None:
-    """Returns the notch filter to try, as the log has it; if it is off there, on the line that it would be for.
+    """Returns the notch filters to try, as the log has them; one that is off there, on the line that it would be for.
 
     Args:
         log_name: name of the log, after which the parameter files are named.
@@ -155,6 +145,7 @@ def notch_trial(
         noise: spectra of the flight with their lines.
         controller: controller with the gyro's filters; None where it is not known.
         loop: the identified rate loop with the highest crossover frequency; None where none is identified.
+        motor_frequencies: revolutions per second of each motor in flight; empty where they were not measured.
 
     Returns:
         The trial; None without a spectrum of the gyro that reaches above all rate loops.
@@ -164,40 +155,25 @@ def notch_trial(
         return None
     if spectrum.nyquist_frequency <= MAX_LOOP_FREQUENCY:
         return None
-    peak = _peak_frequency(noise, spectrum)
-    tried = _tried_filter(controller, noise, peak)
+    peaks = strongest_peaks(noise, spectrum)
+    filters = tried_filters(controller, noise, peaks, motor_frequencies)
     crossover = ASSUMED_CROSSOVER if loop is None else loop.crossover
     mark = Mark(crossover, "crossover" if loop is not None else "", BAD)
-    remarks = []
-    if loop is None:
-        remarks.append(
-            f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
-        )
-    if not tried.is_logged:
-        remarks.append("The log has none of its parameters: see whether the firmware has them.")
-    mode = tried.parameters.get(f"{ARDUPILOT_PREFIX}MODE", NotchMode.FIXED)
-    if mode == NotchMode.THROTTLE:
-        remarks.append("It follows the throttle, and is shown where it is in hover.")
-    elif mode != NotchMode.FIXED:
-        remarks.append("It follows a measurement, and is shown at its lowest frequency.")
-    # Where only the gyro behind the filter was logged, what it took cannot be known.
-    is_behind_it = spectrum.name == GYRO and tried.is_on
-    if is_behind_it:
-        remarks.append(
-            "The log has the gyro only behind this filter, so its spectrum with another one is not known."
-        )
-    files = parameter_files(tried.parameters, vehicle, REMARK)
+    # Where only the gyro behind the filters was logged, what they took cannot be known.
+    is_behind = spectrum.name == GYRO and any(tried.is_on for tried in filters)
+    parameters: dict[str, float] = {}
+    for tried in filters:
+        parameters |= tried.parameters
+    files = parameter_files(parameters, vehicle, REMARK)
     endings = tuple(sorted(files))
     return NotchTrial(
-        _sliders(tried, controller.gyro_rate),
-        _harmonics(tried),
-        tried.is_on,
-        _charts(tried, spectrum, peak, mark, has_spectrum=not is_behind_it),
-        tuple(remarks),
+        tuple(_forms(filters, controller.gyro_rate)),
+        _charts(controller, filters, spectrum, peaks[0], mark, has_spectrum=not is_behind),
+        tuple(_remarks(filters, has_loop=loop is not None, is_behind=is_behind)),
         tuple(f"{ending} ({READERS[ending]})" for ending in endings),
         {
-            **_filter_as_json(tried),
-            "peak": peak,
+            **_model(controller, filters),
+            "peak": peaks[0],
             "crossover": crossover,
             "place": "At the crossover of" if loop is not None else "At",
             "files": [
@@ -208,103 +184,59 @@ def notch_trial(
     )
 
 
-def _peak_frequency(noise: MeasuredNoise, spectrum: Spectrum) -> float:
-    """Returns the frequency of the strongest line, Hz, or of the highest density above all rate loops without one."""
-    if noise.lines:
-        return max(noise.lines, key=lambda line: line.density).frequency
-    density = spectrum.mean_density.sum(axis=0)
-    is_vibration = spectrum.frequency > MAX_LOOP_FREQUENCY
-    return float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])])
-
-
-def _tried_filter(controller: Controller, noise: MeasuredNoise, peak: float) -> _TriedFilter:
-    """Returns the filter as the log has it; if it is off, as the advice would set it, or else at the peak.
+def _remarks(filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool) -> Iterator[str]:
+    """Yields what limits the trial, in sentences.
 
     Args:
-        controller: controller with the gyro's filters.
-        noise: spectra of the flight with the advice.
-        peak: frequency of the strongest line, Hz.
+        filters: the filters.
+        has_loop: whether a rate loop is identified.
+        is_behind: whether the log has the gyro only behind a filter that is on.
     """
-    advised: Parameters = {}
-    if noise.notch is not None and noise.notch.code is NotchAdvice.SET_NOTCH:
-        advised = dict(noise.notch.figures["settings"])
-    if controller.is_ardupilot:
-        return _ardupilot_filter(controller, advised, peak)
-    return _px4_filter(controller, advised, peak)
+    if not has_loop:
+        yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
+    if not filters[0].is_logged:
+        yield "The log has none of its parameters: see whether the firmware has them."
+    for title, tried in zip(_titles(filters), filters, strict=True):
+        mode = tried.parameters.get(f"{tried.prefix}MODE", NotchMode.FIXED)
+        name = title or "It"
+        if tried.motor_frequencies:
+            centers = listed(f"{frequency:.0f}" for frequency in tried.motor_frequencies)
+            yield f"{name} follows the motors' speeds, and is shown at those of the flight: {centers} Hz."
+        elif mode == NotchMode.THROTTLE:
+            yield f"{name} follows the throttle, and is shown where it is in hover."
+        elif mode != NotchMode.FIXED:
+            yield f"{name} follows a measurement, and is shown at its lowest frequency."
+    if is_behind:
+        yield (
+            "The log has the gyro only behind this filter, so its spectrum with another one is not known."
+        )
 
 
-def _ardupilot_filter(controller: Controller, advised: Parameters, peak: float) -> _TriedFilter:
-    """Returns ArduPilot's first harmonic notch.
+def _titles(filters: Sequence[TriedFilter]) -> list[str]:
+    """Returns the names of several filters; an empty one for a single filter."""
+    if len(filters) == 1:
+        return [""]
+    return [f"Notch {number}" for number in range(1, len(filters) + 1)]
+
+
+def _forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterForm]:
+    """Yields the settings of each filter.
 
     Args:
-        controller: controller with the parameters of the log.
-        advised: parameters that the advice sets; empty without one.
-        peak: frequency of the strongest line, Hz.
+        filters: the filters.
+        gyro_rate: rate at which they run, Hz.
     """
-    logged = controller.parameters
-    enable = f"{ARDUPILOT_PREFIX}ENABLE"
-    center = float(f"{peak:.3g}")
-    parameters = {
-        enable: 1.0,
-        f"{ARDUPILOT_PREFIX}MODE": float(NotchMode.FIXED),
-        f"{ARDUPILOT_PREFIX}FREQ": center,
-        f"{ARDUPILOT_PREFIX}BW": float(f"{RELATIVE_BANDWIDTHS[-1] * center:.2g}"),
-        f"{ARDUPILOT_PREFIX}REF": 1.0,
-        f"{ARDUPILOT_PREFIX}HMNCS": 1.0,
-        f"{ARDUPILOT_PREFIX}ATT": ARDUPILOT_ATTENUATION,
-    }
-    is_on = bool(logged.get(enable, 0.0))
-    source = logged if is_on else advised
-    for name in parameters:
-        parameters[name] = source.get(name, parameters[name])
-    parameters[enable] = 1.0
-    names = {"centre": "FREQ", "width": "BW", "depth": "ATT", "harmonics": "HMNCS"}
-    switch = {enable: 0.0}
-    return _TriedFilter(
-        parameters,
-        switch,
-        {setting: f"{ARDUPILOT_PREFIX}{ending}" for setting, ending in names.items()},
-        is_on,
-        is_logged=enable in logged,
-        with_filter=controller.with_parameters(parameters),
-        without_filter=controller.with_parameters(switch),
-    )
+    for title, tried in zip(_titles(filters), filters, strict=True):
+        yield FilterForm(
+            title,
+            _sliders(tried, gyro_rate),
+            _harmonics(tried),
+            tried.names.get("harmonics", ""),
+            tried.is_on,
+        )
 
 
-def _px4_filter(controller: Controller, advised: Parameters, peak: float) -> _TriedFilter:
-    """Returns PX4's first static notch.
-
-    Args:
-        controller: controller with the parameters of the log.
-        advised: parameters that the advice sets, perhaps those of the dynamic notch, which is another filter.
-        peak: frequency of the strongest line, Hz.
-    """
-    logged = controller.parameters
-    center_name, width_name = PX4_NOTCH
-    if center_name not in logged and OLDER_PX4_NOTCH[0] in logged:
-        center_name, width_name = OLDER_PX4_NOTCH
-    is_on = logged.get(center_name, 0.0) > 0 and logged.get(width_name, 0.0) > 0
-    center = float(f"{peak:.3g}")
-    parameters = {
-        center_name: center,
-        width_name: float(f"{RELATIVE_BANDWIDTHS[-1] * center:.2g}"),
-    }
-    source = logged if is_on else advised
-    for name in parameters:
-        parameters[name] = source.get(name, parameters[name])
-    switch = {center_name: 0.0}
-    return _TriedFilter(
-        parameters,
-        switch,
-        {"centre": center_name, "width": width_name},
-        is_on,
-        is_logged=center_name in logged,
-        with_filter=controller.with_parameters(parameters),
-        without_filter=controller.with_parameters(switch),
-    )
-
-
-def _sliders(tried: _TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
+def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """Returns the sliders with the ranges of the autopilots' documentation, or wider ones where the log has more.
 
     Args:
@@ -327,7 +259,7 @@ def _sliders(tried: _TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     return tuple(sliders)
 
 
-def _harmonics(tried: _TriedFilter) -> dict[int, bool]:
+def _harmonics(tried: TriedFilter) -> dict[int, bool]:
     """Returns whether each multiple of the centre has a notch at first; empty where the filter has no mask."""
     if "harmonics" not in tried.names:
         return {}
@@ -335,89 +267,114 @@ def _harmonics(tried: _TriedFilter) -> dict[int, bool]:
     return {k: bool(mask >> (k - 1) & 1) for k in range(1, OFFERED_HARMONICS + 1)}
 
 
-def _filter_as_json(tried: _TriedFilter) -> JsonValues:
-    """Returns the filter by the keys that ``notch.js`` reads, with the constants of its equations."""
-    is_ardupilot = tried.with_filter.is_ardupilot
-    parameters = tried.with_filter.parameters
+def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
+    """Returns the filters by the keys that ``notch.js`` reads, with the constants of its equations."""
+    models = []
+    for title, tried in zip(_titles(filters), filters, strict=True):
+        parameters = {**controller.parameters, **tried.parameters}
+        prefix = tried.prefix
+        models.append(
+            {
+                "title": title,
+                "parameters": tried.parameters,
+                "off": tried.switch,
+                "names": tried.names,
+                "wasOn": tried.is_on,
+                "hoverRatio": hover_center_ratio(parameters, prefix) if prefix else 1.0,
+                "sources": notch_source_count(parameters, prefix) if prefix else 1,
+                "motors": tried.motor_frequencies,
+            }
+        )
     return {
-        "parameters": tried.parameters,
-        "off": tried.switch,
-        "names": tried.names,
-        "wasOn": tried.is_on,
-        "rate": tried.with_filter.gyro_rate,
+        "filters": models,
+        "rate": controller.gyro_rate,
         "maxRatio": MAX_NOTCH_FREQUENCY_RATIO,
-        "isArduPilot": is_ardupilot,
+        "isArduPilot": controller.is_ardupilot,
         "leastCentrePerWidth": MIN_CENTER_PER_BANDWIDTH,
-        "hoverRatio": hover_center_ratio(parameters, ARDUPILOT_PREFIX) if is_ardupilot else 1.0,
-        "sources": notch_source_count(parameters, ARDUPILOT_PREFIX) if is_ardupilot else 1,
         "mostHarmonics": MAX_HARMONICS,
         "minGain": MIN_GAIN,
     }
 
 
 def _charts(
-    tried: _TriedFilter, spectrum: Spectrum, peak: float, crossover: Mark, has_spectrum: bool
+    controller: Controller,
+    filters: Sequence[TriedFilter],
+    spectrum: Spectrum,
+    peak: float,
+    crossover: Mark,
+    has_spectrum: bool,
 ) -> Group:
-    """Returns the charts of the spectrum, and of the filter's gain and phase lag, with the filter as the log has it.
+    """Returns the charts of the spectrum, and of the filters' gain and phase lag, with the filters as the log has them.
 
     Args:
-        tried: the filter.
+        controller: controller with the parameters of the log.
+        filters: the filters.
         spectrum: spectrum of the gyro, if possible before its filters.
         peak: frequency of the strongest line, Hz.
         crossover: mark of the frequency at which the phase lag is stated.
-        has_spectrum: whether the spectrum with another filter is known.
+        has_spectrum: whether the spectrum with other filters is known.
     """
-    nyquist = MAX_NOTCH_FREQUENCY_RATIO * tried.with_filter.gyro_rate
+    nyquist = MAX_NOTCH_FREQUENCY_RATIO * controller.gyro_rate
     highest = min(max(RESPONSE_SPAN, spectrum.nyquist_frequency), nyquist)
     axis = FREQUENCY._replace(limits=(MIN_FREQUENCY, highest))
     frequency = np.geomspace(MIN_FREQUENCY, highest, RESPONSE_POINTS)
-    response = _response(tried, frequency)
+    notches = logged_notches(controller, filters)
+    response = notch_response(notches, controller.gyro_rate, frequency)
     gain = 20 * np.log10(np.maximum(abs(response), MIN_GAIN))
     phase = np.degrees(np.angle(response))
+    which = "this notch" if len(filters) == 1 else "these notches"
     charts = [
         Chart(
-            "Gain of this notch",
+            f"Gain of {which}",
             axis,
-            Axis("Gain of this notch (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
+            Axis(f"Gain of {which} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
             (Line("gain", COMMAND, frequency, gain),),
             marks=(crossover, Mark(peak, "peak")),
             group="notch",
         ),
         Chart(
-            "Phase of this notch",
+            f"Phase of {which}",
             axis,
-            Axis("Phase of this notch (°)"),
+            Axis(f"Phase of {which} (°)"),
             (Line("phase", COMMAND, frequency, phase),),
             marks=(crossover,),
             group="notch",
         ),
     ]
     if has_spectrum:
-        charts.insert(0, _spectrum_chart(tried, spectrum, peak, highest))
+        gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, which)
+        charts.insert(0, _spectrum_chart(gyro, peak, highest))
     return Group.side_by_side(charts)
 
 
-def _response(tried: _TriedFilter, frequency: Array) -> NDArray[np.complex128]:
-    """Returns the response of the notch alone (F,), complex, as the log has it: 1 where it is off there."""
-    if not tried.is_on:
-        return np.ones(len(frequency), complex)
-    # The controller lists the notches of this filter first.
-    count = len(tried.with_filter.notches) - len(tried.without_filter.notches)
-    return notch_response(tried.with_filter.notches[:count], tried.with_filter.gyro_rate, frequency)
+class _GyroPower(NamedTuple):
+    """What the chart of the gyro's spectrum is made of."""
+
+    spectrum: Spectrum
+    """Spectrum of the gyro before its filters or, with the notches off, behind them."""
+
+    without: Controller
+    """The controller without the notches that are tried."""
+
+    notches: Sequence[Notch]
+    """Those notches as the log has them."""
+
+    which: str
+    """What the legend calls them."""
 
 
-def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, highest: float) -> Chart:
-    """Returns the chart of the gyro's spectrum as measured, behind all other filters, and behind this one too.
+def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
+    """Returns the chart of the gyro's spectrum as measured, behind all other filters, and behind these notches too.
 
-    The script puts the last line where the sliders have it, and takes the one before for what the notch gets. Behind
-    the filters, what is measured is what it gets.
+    The script puts the last line where the sliders have it, and takes the one before for what the notches get. Behind
+    the filters, what is measured is what they get.
 
     Args:
-        tried: the filter.
-        spectrum: spectrum of the gyro before its filters or, with the notch off, behind them.
+        gyro: spectrum and filters.
         peak: frequency of the strongest line, Hz.
         highest: highest frequency of the chart, Hz.
     """
+    spectrum = gyro.spectrum
     density = spectrum.mean_density.sum(axis=0)
     is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= highest)
     frequency, power = max_decimated(
@@ -426,14 +383,14 @@ def _spectrum_chart(tried: _TriedFilter, spectrum: Spectrum, peak: float, highes
     lines = []
     if spectrum.name == UNFILTERED_GYRO:
         lines.append(Line("before all filters", MEASURED, frequency, power))
-        power = power * abs(gyro_response(tried.without_filter, frequency)) ** 2
+        power = power * abs(gyro_response(gyro.without, frequency)) ** 2
         lines.append(
-            Line("without this notch", PREDICTED, frequency, power, style=LineStyle.DASHES)
+            Line(f"without {gyro.which}", PREDICTED, frequency, power, style=LineStyle.DASHES)
         )
     else:
         lines.append(Line("measured", MEASURED, frequency, power))
-    power = power * abs(_response(tried, frequency)) ** 2
-    lines.append(Line("with this notch", COMMAND, frequency, power))
+    power = power * abs(notch_response(gyro.notches, gyro.without.gyro_rate, frequency)) ** 2
+    lines.append(Line(f"with {gyro.which}", COMMAND, frequency, power))
     unit = "(rad/s)²/Hz"
     return Chart(
         "Gyro, power",

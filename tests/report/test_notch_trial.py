@@ -33,6 +33,12 @@ HARMONIC_NOTCH = {
     "INS_HNTCH_ATT": 30.0,
     "MOT_THST_HOVER": 0.4,
 }
+PX4_NOTCHES = {
+    "IMU_GYRO_NF0_FRQ": 90.0,
+    "IMU_GYRO_NF0_BW": 30.0,
+    "IMU_GYRO_NF1_FRQ": 60.0,
+    "IMU_GYRO_NF1_BW": 20.0,
+}
 FREQUENCIES = np.array([5.0, 40.0, 100.0, 119.0, 240.0, 390.0])
 
 
@@ -44,11 +50,11 @@ def spectrum(name, highest=300.0):
     return Spectrum(name, "rad/s", "IMU", frequency, np.arange(4.0), windows, unknown, unknown)
 
 
-def trial_of(parameters, name="gyro_before", highest=300.0, autopilot="ARDUPILOTMEGA"):
+def trial_of(parameters, name="gyro_before", highest=300.0, autopilot="ARDUPILOTMEGA", motors=()):
     vehicle = Hover().telemetry(autopilot=autopilot)
     noise = MeasuredNoise({name: spectrum(name, highest)}, {})
     controller = controller_from_parameters(parameters, "roll", (1.0,))
-    return notch_trial("flight.bin", vehicle, noise, controller, None)
+    return notch_trial("flight.bin", vehicle, noise, controller, None, motors)
 
 
 def ardupilot_biquad(center, width_per_center, attenuation, rate, frequency):
@@ -78,11 +84,12 @@ def test_a_wide_notch_of_px4_is_as_wide_as_its_program_makes_it():
 
 def test_a_filter_that_is_off_is_offered_at_the_peak_and_one_that_is_on_as_logged():
     off = trial_of(ARDUPILOT | {"INS_HNTCH_ENABLE": 0.0})
-    assert not off.is_on and off.sliders[0].value == PEAK
+    assert not off.is_on and off.filters[0].sliders[0].value == PEAK
     assert all(np.ptp(chart.lines[0].y) == 0 for (chart,) in off.charts.columns[1:])
     on = trial_of(ARDUPILOT | HARMONIC_NOTCH)
-    assert on.is_on and [slider.value for slider in on.sliders] == [82.5, 40.0, 30.0]
-    assert [multiple for multiple, is_chosen in on.harmonics.items() if is_chosen] == [1, 2]
+    (form,) = on.filters
+    assert on.is_on and [slider.value for slider in form.sliders] == [82.5, 40.0, 30.0]
+    assert [multiple for multiple, is_chosen in form.harmonics.items() if is_chosen] == [1, 2]
 
 
 def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():
@@ -93,17 +100,44 @@ def test_a_spectrum_behind_the_filter_is_not_drawn_with_another_one():
     assert trial_of(ARDUPILOT, highest=30.0) is None
 
 
-def test_a_second_notch_stays_as_it_is_and_is_not_drawn_as_this_one():
-    second = {"IMU_GYRO_NF1_FRQ": 60.0, "IMU_GYRO_NF1_BW": 20.0}
-    both = PX4 | second | {"IMU_GYRO_NF0_FRQ": 90.0, "IMU_GYRO_NF0_BW": 30.0}
-    (spectrum_chart,), (gain_chart,), _ = trial_of(both, autopilot="PX4").charts.columns
+def test_two_notches_are_tried_together_and_a_third_stays_as_it_is():
+    two = PX4 | PX4_NOTCHES
+    trial = trial_of(two, autopilot="PX4")
+    assert [form.title for form in trial.filters] == ["Notch 1", "Notch 2"]
+    (spectrum_chart,), (gain_chart,), _ = trial.charts.columns
     line = gain_chart.lines[0]
-    expected = 20 * np.log10(abs(px4_biquad(90.0, 30.0, 8000.0, line.x)))
-    assert_allclose(line.y, np.maximum(expected, -60.0), atol=1e-6)
-    _, without, with_notch = spectrum_chart.lines
-    assert without.y[without.x == 60.0] < 1e-9 and with_notch.y[with_notch.x == 90.0] < 1e-9
+    response = px4_biquad(90.0, 30.0, 8000.0, line.x) * px4_biquad(60.0, 20.0, 8000.0, line.x)
+    assert_allclose(line.y, np.maximum(20 * np.log10(abs(response)), -60.0), atol=1e-6)
+    _, without, with_notches = spectrum_chart.lines
+    assert without.y[without.x == 60.0] > 1e-9
+    assert with_notches.y[with_notches.x == 60.0] < 1e-9
+    third = {"INS_HNTC3_ENABLE": 1.0, "INS_HNTC3_FREQ": 60.0, "INS_HNTC3_BW": 20.0}
+    third |= {"INS_HNTC3_ATT": 80.0, "INS_HNTC2_ENABLE": 0.0}
+    (spectrum_chart,), _, _ = trial_of(ARDUPILOT | HARMONIC_NOTCH | third).charts.columns
+    _, without, _ = spectrum_chart.lines
+    assert without.y[without.x == 60.0] < 1e-9
 
 
+def test_a_notch_for_each_motor_is_at_the_speeds_of_the_flight():
+    by_speed = {"INS_HNTCH_MODE": 3.0, "INS_HNTCH_OPTS": 2.0, "INS_HNTCH_REF": 1.0}
+    motors = (70.0, 95.0, 100.0, 105.0)
+    trial = trial_of(ARDUPILOT | HARMONIC_NOTCH | by_speed, motors=motors)
+    line = trial.charts.columns[1][0].lines[0]
+    response = np.ones(len(line.x), complex)
+    # The lowest centre is that of the parameter.
+    for center in (82.5, 95.0, 100.0, 105.0):
+        for multiple in (1, 2):
+            response *= ardupilot_biquad(multiple * center, 40 / 82.5, 30.0, 1000.0, line.x)
+    assert_allclose(line.y, np.maximum(20 * np.log10(abs(response)), -60.0), atol=1e-6)
+    assert any("70, 95, 100 and 105 Hz" in remark for remark in trial.remarks)
+    shared = trial_of(
+        ARDUPILOT | HARMONIC_NOTCH | by_speed | {"INS_HNTCH_OPTS": 0.0}, motors=motors
+    )
+    assert any("92 Hz" in remark for remark in shared.remarks)
+
+
+SECOND_MOVED = {"IMU_GYRO_NF1_FRQ": 150.0, "IMU_GYRO_NF1_BW": 25.0}
+"""What is moved of two notches."""
 TRIED = """(async (moves, frequencies) => {
 for (const part of document.querySelectorAll("details")) part.open = true;
 const form = document.querySelector("form.notch"), charts = () => document.documentElement.charts.groups.notch?.charts;
@@ -120,7 +154,7 @@ form.querySelector("[name=harmonic][value='3']")?.click();
 const found = frequencies.map(document.documentElement.notch.response);
 const labels = [...form.querySelectorAll("input")].every(one => one.labels.length === 1);
 const links = [...form.querySelectorAll("a.button")].map(one => [one.download, one.href]);
-form.elements.on.click();
+form.querySelector("[name=on]").click();
 const off = form.querySelector("a.button").href;
 return [logged, first, found, labels, links, off, form.querySelector(".effects").textContent];
 })"""
@@ -146,6 +180,7 @@ def parameters_at(address, path):
 def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters(tmp_path):
     harmonic = trial_of(ARDUPILOT | HARMONIC_NOTCH)
     static = trial_of(PX4 | {"IMU_GYRO_NF0_FRQ": 0.0}, autopilot="PX4")
+    two = trial_of(PX4 | PX4_NOTCHES, autopilot="PX4")
     with browsing(tmp_path / "profile") as tab:
         moves = {"INS_HNTCH_FREQ": 80, "INS_HNTCH_BW": 60, "INS_HNTCH_ATT": 20}
         logged, first, found, is_labelled, links, off, effects = tried(
@@ -154,6 +189,7 @@ def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters
         _, _, found_static, _, static_links, static_off, _ = tried(
             tab, static, {"IMU_GYRO_NF0_FRQ": 90, "IMU_GYRO_NF0_BW": 30}, tmp_path
         )
+        _, _, found_two, _, two_links, _, two_effects = tried(tab, two, SECOND_MOVED, tmp_path)
     # The centre follows the throttle: in hover it is √2 times that of the parameter.
     expected = np.ones(len(FREQUENCIES), complex)
     for multiple in (1, 2, 3):
@@ -184,3 +220,8 @@ def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters
         "IMU_GYRO_NF0_BW": 30.0,
     }
     assert parameters_at(static_off, tmp_path / "off.params")["IMU_GYRO_NF0_FRQ"] == 0
+    expected = px4_biquad(90.0, 30.0, 8000.0, FREQUENCIES)
+    expected *= px4_biquad(150.0, 25.0, 8000.0, FREQUENCIES)
+    assert_allclose([one["gain"] for one in found_two], abs(expected), rtol=1e-6)
+    assert parameters_at(two_links[0][1], tmp_path / "two.params") == PX4_NOTCHES | SECOND_MOVED
+    assert "they cost" in two_effects

@@ -9,6 +9,8 @@ from math import nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
@@ -16,6 +18,7 @@ from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues, Names
+from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
@@ -383,7 +386,14 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
     loop = _fastest_loop(assessment)
-    return notch_trial(name, signals.telemetry, assessment.noise, controller, loop)
+    frequencies = []
+    for speed_controller in speed_controllers(signals):
+        speeds = evidence.values_in_flight(speed_controller.speed)
+        if len(speeds) and np.median(speeds) > 0:
+            frequencies.append(float(np.median(speeds)) / 60)
+    return notch_trial(
+        name, signals.telemetry, assessment.noise, controller, loop, tuple(frequencies)
+    )
 
 
 def _other_sensors_chapter(

@@ -1,0 +1,236 @@
+"""The notch filters of the gyro whose settings the page lets one try: as the log has them or, if off, on a line.
+
+``NotchFilter`` of ArduPilot is set by ``INS_HNTCH_*`` and ``INS_HNTC2_*``, that of PX4 by ``IMU_GYRO_NF0_*`` and
+``IMU_GYRO_NF1_*``. Other filters of the gyro stay as they are.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.noise_spectra import MeasuredNoise
+from mavdem.containers import Numbers
+from mavdem.facts.noise import NotchAdvice
+from mavdem.ingest.telemetry import Parameters
+from mavdem.loops.ardupilot_controller import (
+    MIN_CENTER_PER_BANDWIDTH,
+    NotchMode,
+    harmonic_notches,
+    notch_source_count,
+)
+from mavdem.loops.autopilot_parameters import Notch
+from mavdem.loops.controllers import Controller
+from mavdem.loops.resonance import MAX_LOOP_FREQUENCY
+from mavdem.vibration.notch_filters import ARDUPILOT_ATTENUATION, RELATIVE_BANDWIDTHS
+from mavdem.vibration.spectra import Spectrum
+
+ARDUPILOT_PREFIXES = ("INS_HNTCH_", "INS_HNTC2_")
+"""Beginnings of the parameters of ArduPilot's harmonic notches that are offered. The second one, which came in 4.2, is
+offered where the log has its parameters."""
+
+PX4_NOTCHES = (
+    ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
+    ("IMU_GYRO_NF1_FRQ", "IMU_GYRO_NF1_BW"),
+)
+"""Centre and bandwidth of PX4's static notches."""
+
+OLDER_PX4_NOTCH = ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW")
+"""The same in older versions, which had one notch."""
+
+
+class TriedFilter(NamedTuple):
+    """One notch filter to try."""
+
+    parameters: Parameters
+    """All its parameters as the sliders have them at first, switched on."""
+
+    switch: Mapping[str, float]
+    """The parameters that switch it off, with their values then."""
+
+    names: Mapping[str, str]
+    """Name of the parameter of "centre", "width", "depth" and "harmonics", as far as the autopilot has it."""
+
+    is_on: bool
+    """Whether the log has the filter on."""
+
+    is_logged: bool
+    """Whether the log has the parameter that switches it on."""
+
+    prefix: str = ""
+    """Beginning of its parameters in ArduPilot; empty for PX4."""
+
+    motor_frequencies: Numbers = ()
+    """Frequencies, Hz, at which its centres are in hover where it follows the motors' speeds; empty otherwise."""
+
+
+def tried_filters(
+    controller: Controller, noise: MeasuredNoise, peaks: Numbers, motor_frequencies: Numbers
+) -> tuple[TriedFilter, ...]:
+    """Returns the filters to try, at least one.
+
+    Args:
+        controller: controller with the parameters of the log.
+        noise: spectra of the flight with the advice.
+        peaks: frequencies of the strongest lines, Hz, at least one, on which filters that are off are put.
+        motor_frequencies: revolutions per second of each motor in flight; empty where they were not measured.
+    """
+    advised: Parameters = {}
+    if noise.notch is not None and noise.notch.code is NotchAdvice.SET_NOTCH:
+        advised = dict(noise.notch.figures["settings"])
+    logged = controller.parameters
+    filters = []
+    if controller.is_ardupilot:
+        for index, prefix in enumerate(ARDUPILOT_PREFIXES):
+            if index == 0 or f"{prefix}ENABLE" in logged:
+                peak = peaks[min(index, len(peaks) - 1)]
+                filters.append(_ardupilot_filter(logged, prefix, advised, peak, motor_frequencies))
+        return tuple(filters)
+    pairs: Sequence[tuple[str, str]] = PX4_NOTCHES
+    if PX4_NOTCHES[0][0] not in logged and OLDER_PX4_NOTCH[0] in logged:
+        pairs = (OLDER_PX4_NOTCH,)
+    for index, pair in enumerate(pairs):
+        if index == 0 or pair[0] in logged:
+            filters.append(_px4_filter(logged, pair, advised, peaks[min(index, len(peaks) - 1)]))
+    return tuple(filters)
+
+
+def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> list[float]:
+    """Returns the frequencies, Hz, of the lines, the strongest first; without any, that of the highest density.
+
+    Args:
+        noise: spectra of the flight with their lines.
+        spectrum: of the gyro, which reaches above all rate loops.
+    """
+    if noise.lines:
+        lines = sorted(noise.lines, key=lambda line: -line.density)
+        return [line.frequency for line in lines]
+    density = spectrum.mean_density.sum(axis=0)
+    is_vibration = spectrum.frequency > MAX_LOOP_FREQUENCY
+    return [float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])])]
+
+
+def _ardupilot_filter(
+    logged: Parameters,
+    prefix: str,
+    advised: Parameters,
+    peak: float,
+    motor_frequencies: Numbers,
+) -> TriedFilter:
+    """Returns one of ArduPilot's harmonic notches.
+
+    Args:
+        logged: parameters of the log.
+        prefix: beginning of its parameters.
+        advised: parameters that the advice sets; empty without one.
+        peak: frequency of a line, Hz.
+        motor_frequencies: revolutions per second of each motor in flight.
+    """
+    enable = f"{prefix}ENABLE"
+    center = float(f"{peak:.3g}")
+    parameters = {
+        enable: 1.0,
+        f"{prefix}MODE": float(NotchMode.FIXED),
+        f"{prefix}FREQ": center,
+        f"{prefix}BW": float(f"{RELATIVE_BANDWIDTHS[-1] * center:.2g}"),
+        f"{prefix}REF": 1.0,
+        f"{prefix}HMNCS": 1.0,
+        f"{prefix}ATT": ARDUPILOT_ATTENUATION,
+    }
+    is_on = bool(logged.get(enable, 0.0))
+    source = logged if is_on else advised
+    for name in parameters:
+        parameters[name] = source.get(name, parameters[name])
+    parameters[enable] = 1.0
+    names = {"centre": "FREQ", "width": "BW", "depth": "ATT", "harmonics": "HMNCS"}
+    followed: Numbers = ()
+    if parameters[f"{prefix}MODE"] == NotchMode.ESC_TELEMETRY and motor_frequencies:
+        # The parameter REF scales the speeds (AP_Vehicle::update_dynamic_notch).
+        scaled = [parameters[f"{prefix}REF"] * frequency for frequency in motor_frequencies]
+        has_notch_for_each = notch_source_count({**logged, **parameters}, prefix) > 1
+        followed = tuple(scaled) if has_notch_for_each else (float(np.mean(scaled)),)
+    return TriedFilter(
+        parameters,
+        {enable: 0.0},
+        {setting: f"{prefix}{ending}" for setting, ending in names.items()},
+        is_on,
+        is_logged=enable in logged,
+        prefix=prefix,
+        motor_frequencies=followed,
+    )
+
+
+def _px4_filter(
+    logged: Parameters, pair: tuple[str, str], advised: Parameters, peak: float
+) -> TriedFilter:
+    """Returns one of PX4's static notches.
+
+    Args:
+        logged: parameters of the log.
+        pair: names of its centre and of its bandwidth.
+        advised: parameters that the advice sets, perhaps those of the dynamic notch, which is another filter.
+        peak: frequency of a line, Hz.
+    """
+    center_name, width_name = pair
+    is_on = logged.get(center_name, 0.0) > 0 and logged.get(width_name, 0.0) > 0
+    center = float(f"{peak:.3g}")
+    parameters = {
+        center_name: center,
+        width_name: float(f"{RELATIVE_BANDWIDTHS[-1] * center:.2g}"),
+    }
+    source = logged if is_on else advised
+    for name in parameters:
+        parameters[name] = source.get(name, parameters[name])
+    return TriedFilter(
+        parameters,
+        {center_name: 0.0},
+        {"centre": center_name, "width": width_name},
+        is_on,
+        is_logged=center_name in logged,
+    )
+
+
+def without_filters(controller: Controller, filters: Sequence[TriedFilter]) -> Controller:
+    """Returns the controller with these filters off, and all others as they are."""
+    switched: dict[str, float] = {}
+    for tried in filters:
+        switched |= tried.switch
+    return controller.with_parameters(switched)
+
+
+def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> list[Notch]:
+    """Returns the notches of these filters as the log has them; those that are off there have none.
+
+    Args:
+        controller: controller with the parameters of the log.
+        filters: the filters.
+    """
+    notches: list[Notch] = []
+    without = without_filters(controller, filters)
+    for tried in filters:
+        if not tried.is_on:
+            continue
+        if tried.motor_frequencies:
+            notches += _motor_notches(tried)
+            continue
+        # The controller lists the notches of the filters that are tried before all others.
+        alone = without.with_parameters(tried.parameters)
+        notches += alone.notches[: len(alone.notches) - len(without.notches)]
+    return notches
+
+
+def _motor_notches(tried: TriedFilter) -> list[Notch]:
+    """Returns the notches of a filter that follows the motors, at their speeds, or at its lowest centre below it."""
+    values = {setting: tried.parameters[name] for setting, name in tried.names.items()}
+    least_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
+    if least_center <= 0:
+        return []
+    notches: list[Notch] = []
+    centers: Array = np.maximum(tried.motor_frequencies, least_center)
+    for center in centers.tolist():
+        relative_bandwidth = values["width"] / least_center
+        notches += harmonic_notches(
+            center, relative_bandwidth, values["depth"], int(values["harmonics"])
+        )
+    return notches
