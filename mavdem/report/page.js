@@ -92,7 +92,7 @@
 
   const parts = [...document.querySelectorAll("main details")], all = document.getElementById("all");
   all?.addEventListener("click", () => {
-    const chapters = parts.filter(part => part.parentElement.matches(".chapter")), open = chapters.some(part => !part.open);
+    const chapters = parts.filter(part => part.matches(".chapter > details, .part")), open = chapters.some(part => !part.open);
     for (const part of chapters) part.open = open;
     all.textContent = open ? "Close all" : "Open all";
   });

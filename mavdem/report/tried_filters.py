@@ -96,7 +96,7 @@ def tried_filters(
     return tuple(filters)
 
 
-def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> list[float]:
+def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:
     """Returns the frequencies, Hz, of the lines, the strongest first; without any, that of the highest density.
 
     Args:
@@ -105,10 +105,10 @@ def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> list[float]:
     """
     if noise.lines:
         lines = sorted(noise.lines, key=lambda line: -line.density)
-        return [line.frequency for line in lines]
+        return tuple(line.frequency for line in lines)
     density = spectrum.mean_density.sum(axis=0)
     is_vibration = spectrum.frequency > MAX_LOOP_FREQUENCY
-    return [float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])])]
+    return (float(spectrum.frequency[is_vibration][np.argmax(density[is_vibration])]),)
 
 
 def _ardupilot_filter(

@@ -180,7 +180,13 @@ figure.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight", shiftKey: 
 const values = figure.querySelector(".legend").innerText, now = document.getElementById("now").innerText;
 const part = document.querySelector("#parameters > details"), closed = !part.open;
 location.hash = "#parameters"; await tick();
-return [spans, values, now, closed && part.open];
+const search = document.querySelector("input[data-table]"), rows = [...document.getElementById(search.dataset.table).tBodies[0].rows];
+search.value = "ATC_RAT rll_flte"; search.dispatchEvent(new Event("input"));
+const found = rows.filter(row => !row.hidden).map(row => row.cells[0].textContent);
+const sections = [...document.querySelectorAll(".part")], closedSections = sections.filter(one => !one.open).length;
+document.getElementById("all").click();
+const opened = sections.filter(one => one.open).length;
+return [spans, values, now, closed && part.open, found, closedSections, opened === sections.length];
 })()"""
 
 
@@ -188,7 +194,11 @@ return [spans, values, now, closed && part.open];
 def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_opens_its_part(
     flight, tmp_path
 ):
-    _, (spans, values, now, is_opened) = shown(flight, USED, tmp_path, 1200)
+    _, (spans, values, now, is_opened, found, closed_sections, are_open) = shown(
+        flight, USED, tmp_path, 1200
+    )
+    assert found == ["ATC_RAT_RLL_FLTE"]
+    assert closed_sections > 0 and are_open
     whole, around_event, whole_again = spans
     assert whole == whole_again and around_event <= 10.0 < whole
     assert re.search(r"\d s\s", values) and re.search(r"motor 1\s+\d", values)
