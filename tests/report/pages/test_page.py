@@ -180,7 +180,8 @@ figure.dispatchEvent(new KeyboardEvent("keydown", {key: "ArrowRight", shiftKey: 
 const values = figure.querySelector(".legend").innerText, now = document.getElementById("now").innerText;
 const part = document.querySelector("#parameters > details"), closed = !part.open;
 location.hash = "#parameters"; await tick();
-const search = document.querySelector("input[data-table]"), rows = [...document.getElementById(search.dataset.table).tBodies[0].rows];
+const search = document.querySelector("input[data-table]");
+const rows = [...document.getElementById(search.dataset.table).tBodies[0].rows];
 search.value = "ATC_RAT rll_flte"; search.dispatchEvent(new Event("input"));
 const found = rows.filter(row => !row.hidden).map(row => row.cells[0].textContent);
 const sections = [...document.querySelectorAll(".part")], closedSections = sections.filter(one => !one.open).length;
