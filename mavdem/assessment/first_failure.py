@@ -296,7 +296,8 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         # The radio is lost for seconds before the failsafe acts; other reports are of a moment.
         end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
         is_near = start <= window[1] and end >= window[0]
-        if not (is_of_boot and is_near):
+        is_possible_reason = is_of_boot and is_near
+        if not is_possible_reason:
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
         if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):

@@ -554,6 +554,7 @@ class _Contact:
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: that the pilot closed the throttle around the contact; None if nothing shows it.
         """
+        # A landing is slower and lower than this.
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
         if throttle_closing is not None and (throttle_closing.time or 0.0) <= time + STICK_DELAY:
             max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED

@@ -87,6 +87,7 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     if is_watchdog or was_flying:
         in_flight = has_fallen or _begins_in_flight(signals, span)
     else:
+        # Nothing else tells of a flight: the motion must show it, soon after the clock began.
         in_flight = (
             span.start <= MAX_BOOT_CLOCK
             and descent is not None

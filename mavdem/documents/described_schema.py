@@ -51,6 +51,7 @@ def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
         if not isinstance(definition, ast.ClassDef):
             continue
         by_attribute = {}
+        # The docstring of an attribute is the text that follows its annotation.
         for statement, next_statement in zip(definition.body, definition.body[1:], strict=False):
             if not isinstance(statement, ast.AnnAssign) or not isinstance(next_statement, ast.Expr):
                 continue

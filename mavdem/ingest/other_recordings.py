@@ -187,6 +187,10 @@ def blocks_of_other_recordings(
 ) -> list[LeftOutBlock]:
     """Finds the parts of a file whose messages are of another recording.
 
+    Messages are cut into runs where the clock goes back or jumps. Runs of which each continues the clock of another
+    are put together to chains. The chain with most messages is kept, and each further one that agrees with those kept:
+    it goes on in time, or is another boot of the same vehicle. All other runs are the blocks.
+
     Args:
         messages: The messages with a stamp.
         log_starts: Offsets of the definitions (FMT), with which a log begins, ascending; none of a stream.
@@ -208,6 +212,7 @@ def blocks_of_other_recordings(
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
     runs = _runs(StampedMessages(positions, time, content), log_starts, boots, rules)
+    # Each run is compared with all others, which would take too long.
     if len(runs) > MAX_RUNS:
         return []
     kept: list[_Chain] = []
@@ -244,7 +249,7 @@ def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -
 
 
 def _importance(chain: _Chain) -> int:
-    """Returns by what chains are ranked: the number of messages."""
+    """Returns the number of messages of a chain, by which chains are ranked."""
     return chain.message_count
 
 

@@ -105,8 +105,10 @@ class RecordRuns:
         self._starts, self._ends = self._find_records(stretch.start, stretch.stop)
         ends_run = np.ones(len(self._starts), dtype=np.bool_)
         ends_run[:-1] = self._ends[:-1] != self._starts[1:]
+        # A row's run is the number of runs that end before it.
         run_of_row: Offsets = np.cumsum(ends_run) - ends_run
         self._last_rows = np.flatnonzero(ends_run)[run_of_row]
+        # What was read of a mapped file stays in memory until it is released.
         self._resident_bytes += stretch.stop - stretch.start
         if self._resident_bytes >= RESIDENT_BYTES:
             release_pages(self._data)

@@ -280,6 +280,7 @@ class _RecordScan:
             if position >= end:
                 return fitting_records > 0 or may_begin_unknown
             if self.definitions.next_position(position) > end or end - position < HEADER.size:
+                # The last record is cut off. After others it is one; alone, only with the header of a data record.
                 data_header = self.content[position : position + DATA_HEADER.size]
                 return fitting_records > 0 or self.definitions.data_length(data_header) is not None
             fit = self.definitions.fit(position, end)

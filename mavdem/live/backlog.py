@@ -103,6 +103,7 @@ class Backlog:
             else None.
         """
         now = clock.monotonic()
+        # ``self.now`` is the time of arrival up to which all frames are analysed.
         delay = now - self.now
         postponed = set()
         for task, limit in POSTPONING_DELAYS.items():
@@ -112,6 +113,7 @@ class Backlog:
             if delay >= threshold:
                 postponed.add(task)
         self.postponed = postponed
+        # Between both limits it stays as it is.
         if delay >= SUSPENSION_DELAY:
             self.suspends_learning = True
         elif delay < STEP_SECONDS:

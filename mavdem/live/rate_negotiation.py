@@ -64,6 +64,7 @@ class RateNegotiation:
             clock_speed: seconds of the vehicle's clock in one of this computer's; above 0.
         """
         if self._requested_rate is None or self._intake.is_lost or is_busy:
+            # A new measurement, which begins with the next call.
             self._arrival_rates = ArrivalRates()
             return
         last_contact = max(message_time, self._greeting_time)

@@ -76,6 +76,7 @@ class SampleStream:
             if time <= max(self.completed_time, self.start_time):
                 self.late_count += 1
                 return False
+        # Length of the gap that this sample ends, s; 0 if it ends none.
         self.gap = 0.0
         if is_last and stamps and time - stamps[-1] > MAX_GAP_SECONDS:
             self.gap = time - stamps[-1]

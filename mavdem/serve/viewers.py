@@ -73,6 +73,7 @@ class RecordingViewer:
                 server = _start_viewer(recording)
                 self._server = server
                 self._recording = recording
+                # It ends the viewer when nobody uses it any more.
                 threading.Thread(target=self._watch, args=(server,), daemon=True).start()
             self._opened = time.monotonic()
             self._last_visit = self._opened

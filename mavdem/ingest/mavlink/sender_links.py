@@ -149,7 +149,7 @@ class SenderLinks:
         return self._frame_count - self._count_at_latest_copy < SEQUENCE_NUMBERS
 
     def take(self, content: bytes, message_id: int, sequence: int, is_readable: bool) -> bool:
-        """Takes the next frame of the sender.
+        """Takes the next frame of the sender: recognises a copy, counts missing frames, and looks for a second vehicle.
 
         Args:
             content: all bytes of the frame.
@@ -289,14 +289,17 @@ class SenderLinks:
             reading: the reading in it; None where it has none.
         """
         former_counter = self._counters.latest
+        # The number before it on the same counter; None where it begins a counter.
         number_before = self._counters.take(sequence)
         if self._counters.latest != former_counter:
             self._note_change_of_counter()
         if self._frame_count == 1:
+            # Nothing is missing before the first frame.
             self._sequence = sequence
         if self.has_late_link:
             self._count_over_late_link(sequence, reading)
             return
+        # Should a late link appear later, counting from reading to reading begins with this frame.
         self._counted_sequence = sequence
         self._received = 0
         is_numbered_apart = self._has_two_counters and self._counters.are_apart
@@ -327,6 +330,7 @@ class SenderLinks:
             self.missing -= 1
             self._late_sequence = sequence
             return
+        # Frames since the reading whose number is ``_counted_sequence``, up to which all are counted.
         self._received += 1
         self._sequence = sequence
         if reading is None:

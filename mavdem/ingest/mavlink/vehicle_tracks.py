@@ -217,6 +217,7 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._heading = reading
+        # The track of the latest reading is the first; what contradicts it is what shows a switch.
         contradiction = None
         for row, track in enumerate(self._tracks):
             track_contradiction = track.contradiction(reading)
