@@ -47,6 +47,9 @@ class VehicleWords(NamedTuple):
     conclusion: str
     """What the latest judged flight shows."""
 
+    reason: str
+    """How that flight differs from healthy ones, if its motors are in trouble; otherwise empty."""
+
     difference: str
     """What was found in all flights; may be empty."""
 
@@ -125,7 +128,7 @@ def urgency(flights: Flights) -> Urgency:
 
 
 def vehicle_words(flights: Flights) -> VehicleWords:
-    """Returns two texts on a vehicle: the conclusion of its latest judged flight, and a summary of all its flights.
+    """Returns texts on a vehicle: the conclusion of its latest judged flight, its reason, and a summary of all flights.
 
     The health of a flight is the judgement of its motors, such as "ok", "drift" or "fault". A vehicle whose motors are
     in trouble has a drift or a fault now. The latest flight with a drift or fault gives the figures of the texts.
@@ -134,7 +137,7 @@ def vehicle_words(flights: Flights) -> VehicleWords:
         flights: flights of the vehicle in order of date, at least one; each has a row for each axis.
 
     Returns:
-        The texts, whose words come from the template "fleet_vehicle".
+        The texts; the words of the first and the last come from the template "fleet_vehicle".
     """
     health = vehicle_health(flights)
     counts = Counter(worst_health(flight) for flight in flights)
@@ -156,7 +159,10 @@ def vehicle_words(flights: Flights) -> VehicleWords:
         row=worst_troubled_row,
         is_shared=has_shared_name(flights),
     )
-    return VehicleWords(conclusion.text, difference.text)
+    reason = ""
+    if worst_troubled_row is not None and health in TROUBLED_HEALTHS:
+        reason = first_sentence(worst_troubled_row.health_reason or "")
+    return VehicleWords(conclusion.text, reason, difference.text)
 
 
 def _latest_reason(flights: Flights) -> str:
@@ -171,6 +177,12 @@ def _latest_reason(flights: Flights) -> str:
             if reason:
                 return reason
     return ""
+
+
+def first_sentence(text: str) -> str:
+    """Returns the first sentence of a text; all of it where it has only one."""
+    first, separator, _ = text.partition(". ")
+    return f"{first}." if separator else text
 
 
 def truncated(text: str, max_length: int) -> str:

@@ -163,11 +163,11 @@ COLUMNS = {
     "vehicle": Column("text", _vehicle, "6.8rem", "vehicle"),
     "date": Column("text", _date, "8.8rem", "date"),
     "tier": Column("text", _tier, "3rem"),
-    "health": Column("health", _badge, "5rem", "health"),
+    "health": Column("health", _badge, "5.8rem", "health"),
     "lights": Column("text", _warning_lights, "8rem", "lights"),
-    "motor": Column("text", _suspect_motors, "4rem"),
+    "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "5rem"),
-    "wind (m/s)": Column("number", _wind, "7rem"),
+    "wind (m/s)": Column("number", _wind, "8.4rem"),
 }
 """Columns of the table of flights, by their headers."""

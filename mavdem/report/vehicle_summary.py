@@ -42,8 +42,11 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "1"
+SUMMARY_VERSION = "2"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
+
+WARNING_LEVELS = Level.BAD, Level.WATCH
+"""Levels of a headline that says what is wrong."""
 
 MAX_BARS = 40
 """Bars of a vehicle's latest flights: so many can be told apart on a phone."""
@@ -117,6 +120,9 @@ class LastFlight(NamedTuple):
 
     badge_level: Level
     """Level of that."""
+
+    headline: str
+    """Headline of its review; empty where that says that nothing is wrong."""
 
     lights: dict[Light, Level]
     """Levels of its lights."""
@@ -270,6 +276,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
             firmware=last.firmware or "",
             badge=str(word),
             badge_level=badge_level(flights) if word != NOT_USED else Level.UNKNOWN,
+            headline=(last.headline or "") if last.headline_level in WARNING_LEVELS else "",
             lights={light: _level(last, light) for light in Light},
         ),
     )

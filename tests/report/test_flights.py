@@ -73,7 +73,7 @@ def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
         [flight_row("quad", 1)],
     ]
     assert vehicle_health(flights) == "ok"
-    words = vehicle_words(flights)[1]
+    words = vehicle_words(flights).difference
     # That a motor is weak, whichever it is: the row has no probability of this motor.
     assert (
         "motor 1 (probability of a fault 0.99)" in words
@@ -111,7 +111,7 @@ def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     text = plain_text(fleet_blocks([*judged, flight_row("quad", 0)]))
     assert "1 needs a look: px4-1 (fault)" in text and "2 flights whose logs" in text
     assert "3 flights of 1 vehicle and of unknown ones" in text
-    assert "these may be several" in vehicle_words([[row] for row in judged])[1]
+    assert "these may be several" in vehicle_words([[row] for row in judged]).difference
 
 
 def flown(number, vehicle="quad", **changed):

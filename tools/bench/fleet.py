@@ -396,28 +396,45 @@ def local_cluster(workers: int) -> Iterator[LocalCluster]:
                 process.wait()
 
 
+CLUSTER_HEADER = ["workers", "s", "logs/s", "times one worker", "flights in the table"]
+"""Header of the table of clusters."""
+
+
 @main.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
-def cluster(logs: tuple[Path, ...]) -> None:
-    """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way."""
-    table = []
-    seconds_by_workers = {}
+@click.option("--logs", "max_logs", default=16, help="Logs that are read, the smallest ones.")
+def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
+    """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way.
+
+    The time is that of the command, with its start and that of the readers. Each row is printed as it comes.
+    """
     sources, _ = find_logs([str(log) for log in logs])
-    count = len(sources)
+    sources.sort(key=lambda source: source.size)
+    chosen = [Path(source.path) for source in sources[:max_logs]]
+    head, line = markdown([Table(CLUSTER_HEADER, [])]).splitlines()
+    click.echo(f"{head}\n{line}")
+    seconds_by_workers: dict[int, float] = {}
     for workers in CLUSTER_SIZES:
-        seconds, flights = _cluster_seconds(logs, workers)
+        seconds, flights = _cluster_seconds(chosen, workers)
         seconds_by_workers[workers] = seconds
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
-        table.append([str(workers), f"{count / seconds:.2f}", f"{gain:.2f}", str(flights)])
+        _echo_cluster_row(str(workers), seconds, len(chosen) / seconds, gain, flights)
     for workers in CLUSTER_SIZES[1:]:
         kill_after = seconds_by_workers[workers] / 2
-        seconds, flights = _cluster_seconds(logs, workers, kill_after)
+        seconds, flights = _cluster_seconds(chosen, workers, kill_after)
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
         name = f"{workers}, one killed after {kill_after:.0f} s"
-        table.append([name, f"{count / seconds:.2f}", f"{gain:.2f}", str(flights)])
-    header = ["workers", "logs/s", "times one worker", "flights in the table"]
-    click.echo(markdown([Table(header, table)]))
-    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}.")
+        _echo_cluster_row(name, seconds, len(chosen) / seconds, gain, flights)
+    click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}, {len(chosen)} logs.")
+
+
+def _echo_cluster_row(
+    name: str, seconds: float, logs_per_second: float, gain: float, flights: int
+) -> None:
+    """Prints a row of the table of clusters at once."""
+    row = [name, f"{seconds:.0f}", f"{logs_per_second:.2f}", f"{gain:.2f}", str(flights)]
+    text = markdown([Table(CLUSTER_HEADER, [row])])
+    print(text.splitlines()[-1], flush=True)
 
 
 def _cluster_seconds(

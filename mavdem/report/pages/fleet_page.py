@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
 from typing import NamedTuple
 
 import numpy as np
@@ -18,12 +19,12 @@ from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, MAX_URGENT_RANK, NOT_USED, VehicleWords
+from mavdem.report.fleet import HEALTH_LEVELS, MAX_URGENT_RANK, NOT_USED
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_parts
 from mavdem.report.flight_lines import COLUMNS, FlightLine
 from mavdem.report.numbers import listed
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.vehicle_summary import MAX_BARS, LastFlight, VehicleSummary
+from mavdem.report.vehicle_summary import LastFlight, VehicleFlights, VehicleSummary
 
 MAX_DRAWN = 20
 """Vehicles with charts, the most urgent ones: with more, a page takes long to make and is too large to mail."""
@@ -35,7 +36,22 @@ SUMMARY_BLOCKS = 2
 """Paragraphs of the summary at the top of the page: the headline, and what was flown."""
 
 MAX_NAME_LENGTH = 16
-"""Letters of a vehicle's name that are shown whole; of a longer one, such as a serial number, both ends are."""
+"""Letters of a vehicle's name that are shown whole; longer ones are serial numbers, of which the end is shown."""
+
+SERIAL_END_LENGTH = 6
+"""Last letters of a serial number that are shown: boards of one make differ in these."""
+
+MIN_BARS = 12
+"""Bars for which the list of vehicles has room at least, so that a few flights are not drawn as wide blocks."""
+
+MAX_COLUMNS = 60
+"""Columns of the picture of flights over time: so many can be told apart on a phone."""
+
+MIN_CALENDAR_DAYS = 2
+"""Days over which flights must be spread for that picture."""
+
+CALENDAR_STEPS = (1, 7, 28, 91, 364, 3640, 36400)
+"""Days of a column of that picture: a day, a week and so on."""
 
 LEVEL_MARKS = {Level.BAD: "■", Level.WATCH: "▲", Level.GOOD: "●", Level.UNKNOWN: "○"}
 """Mark of each level, which tells levels apart without their colours, the worst first."""
@@ -91,8 +107,10 @@ def fleet_page(
         lights=[*Light],
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
-        bars=MAX_BARS,
+        calendar=_calendar(lines),
+        names_any=bool(names.vehicles),
         rose=_rose(summaries),
+        bars=_bar_count(vehicles_with_parts(summaries)),
         widths=[column.width for column in COLUMNS.values()],
         areas={name: column.area for name, column in COLUMNS.items()},
         first=Table([*COLUMNS], [_rated(line) for line in cells[:FIRST_SHOWN]], words=True),
@@ -166,6 +184,35 @@ class FlightBars(NamedTuple):
     """SVG path of the bars of each level; a bar is 1 wide."""
 
 
+class CalendarColumn(NamedTuple):
+    """The flights of some days."""
+
+    first_day: date
+    """The first of the days, UTC."""
+
+    counts: Mapping[Level, int]
+    """Number of flights with each level, the worst first."""
+
+    @property
+    def words(self) -> str:
+        """The day and how many flights have each level."""
+        counts = listed(f"{count} {level}" for level, count in self.counts.items())
+        return f"from {self.first_day}: {counts or 'no flight'}"
+
+
+class Calendar(NamedTuple):
+    """The flights of a fleet over time: a column for each day, week or four weeks, coloured by how flights went."""
+
+    columns: Sequence[CalendarColumn]
+    """The columns, the oldest first."""
+
+    days: int
+    """Days of each column."""
+
+    most: int
+    """Largest number of flights in a column."""
+
+
 class LightCounts(NamedTuple):
     """The levels of one light in all flights."""
 
@@ -182,18 +229,22 @@ class VehiclePart:
 
     name: str
     """What its logs call the vehicle, such as its serial number."""
-    short_name: str
-    """The same as far as it is shown in a line."""
-    given_name: str
-    """Name that somebody gave to the vehicle; empty without one."""
+    label: str
+    """What it is called: a name that somebody or its logs gave; its frame where that is a serial number."""
+    serial: str
+    """Its serial number as far as it is shown beside the label; empty where the label is the name of its logs."""
+    searched: str
+    """The words that find its flights in the table."""
     last: LastFlight
     """Its latest flight."""
     flights: int
     """Number of its flights."""
     bars: FlightBars
     """Its latest flights."""
-    words: VehicleWords
-    """What was found of it."""
+    note: str
+    """What is to be known of it at a glance; empty where nothing is."""
+    difference: str
+    """What was found in all its flights; may be empty."""
     changes: Sequence[Block]
     """What changed since the baseline."""
     charts: Markup
@@ -224,6 +275,7 @@ def _vehicle_parts(
     vehicles = vehicles_with_parts(summaries)
     ranked = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
     drawn = [name for name in ranked if vehicles[name].flight_count > 1][:MAX_DRAWN]
+    bar_count = _bar_count(vehicles)
     parts = []
     for name in ranked:
         vehicle = vehicles[name]
@@ -231,12 +283,14 @@ def _vehicle_parts(
         parts.append(
             VehiclePart(
                 name=name,
-                short_name=short_name(name),
-                given_name=names.vehicle(name) if name in names.vehicles else "",
+                label=_label(name, vehicle.last, names),
+                serial=short_name(name) if names.vehicle(name) != name or is_serial(name) else "",
+                searched=names.vehicle(name),
                 last=vehicle.last,
                 flights=vehicle.flight_count,
-                bars=_bars(vehicle.levels),
-                words=vehicle.words,
+                bars=_bars(vehicle.levels, bar_count),
+                note=_note(vehicle),
+                difference=vehicle.words.difference,
                 changes=changes.get(name, ()),
                 # They are HTML of this program.
                 charts=Markup(charts(name) if name in drawn else ""),  # noqa: S704
@@ -246,23 +300,91 @@ def _vehicle_parts(
     return parts
 
 
+def is_serial(name: str) -> bool:
+    """Returns whether the name that logs have for a vehicle is too long to be shown, such as a serial number."""
+    return len(name) > MAX_NAME_LENGTH
+
+
 def short_name(name: str) -> str:
-    """Returns the name of a vehicle as far as a line has room: the beginning and the end of a serial number."""
-    if len(name) <= MAX_NAME_LENGTH:
+    """Returns the name of a vehicle as far as a line has room: of a serial number the end, which tells boards apart."""
+    return f"…{name[-SERIAL_END_LENGTH:]}" if is_serial(name) else name
+
+
+def _label(name: str, last: LastFlight, names: GivenNames) -> str:
+    """Returns what a vehicle is called at the beginning of its line.
+
+    Args:
+        name: what its logs call it.
+        last: its latest flight.
+        names: names that were given to vehicles.
+    """
+    if name in names.vehicles:
+        return names.vehicle(name)
+    if not is_serial(name):
         return name
-    return f"{name[:4]}…{name[-6:]}"
+    return last.frame.replace("_", " ").capitalize() or "Vehicle"
 
 
-def _bars(levels: Sequence[Level]) -> FlightBars:
+def _note(vehicle: VehicleFlights) -> str:
+    """Returns what is to be known of a vehicle at a glance.
+
+    That is what is wrong with its motors, and else the headline of its latest flight where that warns. That nothing is
+    wrong is no note: most vehicles of a fleet would have the same.
+    """
+    if vehicle.urgency.rank < MAX_URGENT_RANK:
+        return f"{vehicle.words.conclusion} {vehicle.words.reason}".strip()
+    return vehicle.last.headline
+
+
+def _bar_count(vehicles: Mapping[str, VehicleFlights]) -> int:
+    """Returns for how many bars each vehicle has room: for those of the vehicle with most of them, and not too few."""
+    return max([MIN_BARS, *(len(vehicle.levels) for vehicle in vehicles.values())])
+
+
+def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
+    """Counts flights by days, weeks or four weeks, so that they need at most ``MAX_COLUMNS`` columns.
+
+    Args:
+        lines: the lines of all flights; those without a date are left out.
+
+    Returns:
+        The columns; None where flights have dates of less than two days.
+    """
+    health_column = [*COLUMNS].index("health")
+    flown = []
+    for line in lines:
+        word = line.cells[health_column]
+        if line.seconds is not None and word != NOT_USED:
+            day = datetime.fromtimestamp(line.seconds, UTC).date()
+            flown.append((day, BADGE_LEVELS[word]))
+    if not flown:
+        return None
+    first_day = min(day for day, _ in flown)
+    span = (max(day for day, _ in flown) - first_day).days + 1
+    if span < MIN_CALENDAR_DAYS:
+        return None
+    days = next(days for days in CALENDAR_STEPS if span <= days * MAX_COLUMNS)
+    counts: list[Counter[Level]] = [Counter() for _ in range(-(-span // days))]
+    for day, level in flown:
+        counts[(day - first_day).days // days][level] += 1
+    columns = []
+    for number, levels in enumerate(counts):
+        by_level = {level: levels[level] for level in LEVEL_MARKS if levels[level]}
+        columns.append(CalendarColumn(first_day + timedelta(days * number), by_level))
+    return Calendar(columns, days, max(levels.total() for levels in counts))
+
+
+def _bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
     """Returns the latest flights of a vehicle as bars coloured by level, the newest at the right.
 
     All bars of one level are one SVG path, which keeps the page small.
 
     Args:
-        levels: the level of each flight, at most ``MAX_BARS``, the oldest first.
+        levels: the level of each flight, the oldest first.
+        bar_count: number of bars for which there is room.
     """
     paths = dict.fromkeys(LEVEL_MARKS, "")
-    for place, level in enumerate(levels, start=MAX_BARS - len(levels)):
+    for place, level in enumerate(levels, start=bar_count - len(levels)):
         # A rectangle of height 1 and width 0.8, which leaves a gap before the next bar.
         paths[level] += f"M{place} 0v1h.8v-1z"
     counts = Counter(levels)
@@ -303,14 +425,14 @@ def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
     Returns:
         Sentence and number of vehicles, the most frequent first.
     """
-    counts = Counter(part.words.difference for part in parts if part.words.difference)
+    counts = Counter(part.difference for part in parts if part.difference)
     cells = []
     for sentence, count in counts.most_common():
         if count > 1:
             cells.append([sentence, str(count)])
     for part in parts:
-        if counts[part.words.difference] > 1:
-            part.words = part.words._replace(difference="")
+        if counts[part.difference] > 1:
+            part.difference = ""
     return Table(["reason", "vehicles"], cells, words=True)
 
 
