@@ -34,8 +34,10 @@ ResultType = TypeVar("ResultType")
 
 def to_text(result: Any) -> str:
     """Returns the JSON document of a result, which is a dataclass."""
-    values = _adapter(cast(Any, type(result))).dump_python(result, mode="json")
-    return json.dumps(document_heading("model", VERSION, UNITS) | values)
+    # The training data is most of it. Written straight to text, they need not become lists of Python's numbers.
+    values = _adapter(cast(Any, type(result))).dump_json(result).decode()
+    heading = json.dumps(document_heading("model", VERSION, UNITS))
+    return f"{heading.removesuffix('}')}, {values.removeprefix('{')}"
 
 
 def from_text(result_type: type[ResultType], text: str) -> ResultType:

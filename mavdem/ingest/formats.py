@@ -25,7 +25,7 @@ from mavdem.log_formats import (
 from mavdem.machine import return_freed_memory
 
 if TYPE_CHECKING:
-    from mavdem.ingest.mavlink.vehicles import FrameStream
+    from mavdem.ingest.mavlink.frame_stream import FrameStream
 
 
 # Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.

@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.confidence import Interval
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
-from mavdem.ingest.byte_rows import Bytes, Offsets
+from mavdem.ingest.byte_rows import Bytes
 from mavdem.ingest.mavlink.clocks import (
     BootTimes,
     MessageStamps,
-    Rows,
     Times,
     boot_clock,
-    deviates_from_median,
     reference_type_of,
     stamped_messages,
 )
@@ -35,11 +31,11 @@ from mavdem.ingest.mavlink.definitions import (
     latest_parameters,
 )
 from mavdem.ingest.mavlink.frame_columns import DecodedColumns, FrameColumns
+from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream, receive_interval
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_MATCHES,
     MESSAGE_UNKNOWN,
     Frames,
-    concatenated_frames,
 )
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
@@ -80,18 +76,6 @@ BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 
 PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
 """Component id under which MAVProxy logs the parameters of a system."""
-
-MAX_STAMP_JUMP = 3600.0
-"""Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice."""
-
-STAMP_WINDOW = 9
-"""Number of receive stamps of which that median is taken."""
-
-STAMPS_AT_ONCE = 1 << 20
-"""Number of frames of which receive stamps are held at once: a choice, which bounds the memory for long recordings."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 OffsetsByMessage = Mapping[int, NDArray[np.integer]]
 """Offsets (n,) of the frames of each message whose checksum matches, ascending, by message id, ascending."""
@@ -179,7 +163,7 @@ def assemble(stream: FrameStream) -> Log:
         unread=unread,
         frames=len(stream.frames),
         bytes_skipped=stream.bytes_skipped,
-        receive_time=_receive_interval(stream),
+        receive_time=receive_interval(stream),
     )
 
 
@@ -196,41 +180,6 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
         repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
     skipped = stream.bytes_skipped
     return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="frame")
-
-
-def _receive_interval(stream: FrameStream) -> Interval:
-    """Returns the first and the last receive stamp of a recording, UNIX s; NaN where there is none.
-
-    Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set. A
-    long recording is read in parts; the stamps at a part's end wait for the next part, since they are compared with the
-    ones behind them too.
-
-    Args:
-        stream: The recording.
-    """
-    first_stamps, last_stamps = [], []
-    margin = STAMP_WINDOW // 2
-    seconds = np.empty(0)
-    # Number of the first values of ``seconds`` that were compared already.
-    compared = 0
-    for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
-        end_row = first_row + STAMPS_AT_ONCE
-        stamps = stream.receive_stamps(slice(first_row, end_row))
-        seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
-        end = len(seconds)
-        if end_row < len(stream.frames):
-            end = max(end - margin, compared)
-        is_wrong = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
-        trusted_seconds = seconds[compared:end][~is_wrong[compared:end]]
-        if len(trusted_seconds):
-            first_stamps.append(float(trusted_seconds.min()))
-            last_stamps.append(float(trusted_seconds.max()))
-        first_kept = max(end - margin, 0)
-        seconds = seconds[first_kept:]
-        compared = end - first_kept
-    if not first_stamps:
-        return np.nan, np.nan
-    return min(first_stamps), max(last_stamps)
 
 
 # A sender's system and component id are packed into one number, so that frames can be sorted by sender.
@@ -539,91 +488,3 @@ def _decoded_stamps(
 ) -> Times:
     """Decodes the stamps (n,) of messages, s, from the field of that name; other arguments as ``_message_stamps``."""
     return decoded_field(data, starts, definition, name) / BOOT_CLOCK_UNITS[name]
-
-
-@dataclass(frozen=True, eq=False)
-class FrameStream:
-    """A recorded stream of N frames, not yet sorted by sender."""
-
-    source: str
-    """The file or link it came from."""
-    file_ending: str
-    """The usual ending of the names of such files: ".tlog"."""
-    data: Bytes
-    """The bytes with the frames, in the order of the recording."""
-    frames: Frames
-    """The frames (N,), in the same order."""
-    receive_stamps: Callable[[slice | Rows], NDArray[np.uint64]]
-    """Function that returns when the frames in some rows (n,) were received, UNIX µs, as recorded; 0 where not."""
-    bytes_skipped: int
-    """Number of bytes of the recording that belong to no frame."""
-    repairs: Facts
-    """What was odd or damaged, and what was done about it."""
-
-    @property
-    def stamps(self) -> NDArray[np.uint64]:
-        """When each frame was received (N,), UNIX µs, as recorded; 0 where that was not."""
-        return self.receive_stamps(slice(None))
-
-    def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
-        """Yields receive stamp, UNIX µs, and bytes of each frame, for writing the stream to a file.
-
-        A frame without a stamp gets that of the last frame before it that has one, or 0 if there is none.
-        """
-        stamps = self.stamps
-        rows = np.arange(len(stamps))
-        last_stamped_row = np.maximum.accumulate(np.where(stamps > 0, rows, 0))
-        # NumPy's view of the memory, whose slices are cheaper than those of the array.
-        content = self.data.data
-        for stamp, start, end in zip(
-            stamps[last_stamped_row].tolist(),
-            self.frames.start.tolist(),
-            self.frames.end.tolist(),
-            strict=True,
-        ):
-            yield stamp, bytes(content[start:end])
-
-
-class RecordingPart(NamedTuple):
-    """Some of the frames of a recording, N of them, such as those of one channel."""
-
-    data: Bytes
-    """The bytes with the frames."""
-    frames: Frames
-    """The frames (N,)."""
-    position: Offsets
-    """Number of the recording's message in which each frame begins (N,)."""
-    log_time: NDArray[np.uint64]
-    """When that message was recorded (N,), UNIX ns."""
-
-
-def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
-    """Joins parts of a recording into one whose frames and bytes are in the order of the recording.
-
-    A recording may have frames in several channels, which are read one by one as parts. Here they are merged by the
-    number of the recording's message that each frame begins in. The bytes of the frames are copied in that order,
-    without what is between them, and the frames get new offsets.
-
-    Args:
-        parts: The parts, at least one. A single one is returned as it is.
-    """
-    if len(parts) == 1:
-        return parts[0]
-    positions = np.concatenate([part.position for part in parts])
-    log_times = np.concatenate([part.log_time for part in parts])
-    frames = concatenated_frames([part.frames for part in parts])
-    part_numbers = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])
-    order = np.argsort(positions, kind="stable")
-    frames = frames[order]
-    # NumPy's views of the memory, whose slices are cheaper than those of arrays.
-    contents = [part.data.data for part in parts]
-    data = bytearray()
-    for part_number, start, end in zip(
-        part_numbers[order].tolist(), frames.start.tolist(), frames.end.tolist(), strict=True
-    ):
-        data += contents[part_number][start:end]
-    ends = np.cumsum(frames.size, dtype=np.int64)
-    frames = replace(frames, start=ends - frames.size)
-    return RecordingPart(
-        np.frombuffer(data, dtype=np.uint8), frames, positions[order], log_times[order]
-    )

@@ -28,12 +28,13 @@ from mavdem.ingest.mavlink.definitions import (
     definitions_by_name,
     encode_frame,
 )
+from mavdem.ingest.mavlink.frame_stream import FrameStream, RecordingPart, joined_parts
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_MATCHES,
     MARKERS,
     find_frames,
 )
-from mavdem.ingest.mavlink.vehicles import FrameStream, RecordingPart, assemble, joined_parts
+from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.mcap.json_messages import read_json_message
 from mavdem.ingest.mcap.records import NANOSECONDS_PER_MICROSECOND, McapRecording
 from mavdem.ingest.ros2.log import read_ros2

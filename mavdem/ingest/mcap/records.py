@@ -33,7 +33,7 @@ from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_COMPRESSION_RATIO, MIN_UNPACKED_LIMIT
-from mavdem.ingest.mavlink.vehicles import FrameStream
+from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.telemetry import repair_facts
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
