@@ -12,8 +12,8 @@ from numpy.random import default_rng
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_name, encode_frame
-from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.mavlink.frame_stream import FrameStream
+from mavdem.ingest.mavlink.framing import frames_at
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
 from sitl_scenarios.mavlink.messages import message_payloads, parameters, payload
