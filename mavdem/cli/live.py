@@ -129,7 +129,7 @@ def live_command(
 
     LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
     serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the free energy, the
-    model and the wind disturbance. The first model comes 4 to 10 s after take-off. Oscillation, motors, vibration,
+    model and the wind disturbance. The first model comes 3 to 10 s after take-off. Oscillation, motors, vibration,
     battery and the autopilot's warnings are watched from take-off on; alarms are in red.
 
     Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C, SIGTERM
@@ -154,13 +154,14 @@ def live_command(
     stream = _stream_with_prior(axis, vehicle, prior, rates_requested=request_rate is not None)
     # The handlers of signals outlast the resources, so that Ctrl-C cannot prevent the files from being completed.
     with ExitStack() as signal_handlers, ExitStack() as resources:
+        # The process that learns starts first: it may be a fork, which keeps open what was open before.
+        executor = resources.enter_context(LearningProcess())
         opened_link = Link(link)
         resources.callback(opened_link.close)
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
         dashboard = resources.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
-        executor = resources.enter_context(LearningProcess())
         session = LiveSession(
             link=opened_link,
             stream=stream,

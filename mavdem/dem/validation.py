@@ -183,7 +183,9 @@ def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
 
 def require_finite_and_bounded(samples: Array, name: str) -> None:
     """Raises ``ValueError`` unless all samples are finite and at most ``MAX_ABS_VALUE``, so that squares are finite."""
+    # The largest of values with a NaN is NaN, for which no comparison is true.
+    if abs(samples).max(initial=0.0) <= MAX_ABS_VALUE:
+        return
     if not np.isfinite(samples).all():
         raise ValueError(f"{name} must be finite")
-    if abs(samples).max(initial=0.0) > MAX_ABS_VALUE:
-        raise ValueError(f"{name} must not be larger than {MAX_ABS_VALUE:g}")
+    raise ValueError(f"{name} must not be larger than {MAX_ABS_VALUE:g}")

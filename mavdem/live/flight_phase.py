@@ -43,6 +43,13 @@ PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
 AVERAGING_DELAY = AVERAGING_SECONDS / 2
 """Delay after which a centred mean is known, s: half of its window."""
 
+FREE_CLIMB_DELAY = AVERAGING_SECONDS / 2
+"""Time from the first climbing speed until the vehicle counts as free, s: to the end of the mean that shows the climb.
+
+By then it has risen by half a metre or more (``MAX_LEVEL_FLIGHT_SPEED`` over ``AVERAGING_SECONDS``). Nothing holds it
+any more; what ground effect remains is accepted in the first model, which is never written.
+"""
+
 
 class FlightPhase:
     """The phase of flight of a live vehicle, on the clock of one boot, as of the latest of its periodic reviews.
@@ -207,7 +214,7 @@ class FlightPhase:
     def _update_free_climb_start(self, now: float, climb_rate: TimeSeries | None) -> None:
         """Updates the time since which the vehicle is in free flight, before its flight is settled.
 
-        A vehicle that climbs cannot be held by the ground. So it counts as free from ``TRANSIENT_SECONDS / 2`` after it
+        A vehicle that climbs cannot be held by the ground. So it counts as free from ``FREE_CLIMB_DELAY`` after it
         first climbed, which lets learning begin some seconds before settled flight does. A descent resets this.
 
         Args:
@@ -225,7 +232,7 @@ class FlightPhase:
         if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
             self._free_climb_start = inf
         elif len(climbing_times) and self._settled_start is None:
-            free_time = float(climbing_times[0]) + TRANSIENT_SECONDS / 2
+            free_time = float(climbing_times[0]) + FREE_CLIMB_DELAY
             self._free_climb_start = min(self._free_climb_start, free_time)
 
     def _withdraw_landing(self, touchdown_time: float) -> None:

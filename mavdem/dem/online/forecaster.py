@@ -47,21 +47,20 @@ INITIAL_HYPERPARAMETERS = VarHyperparameters(LAG_CANDIDATES[2], 1e-3)
 
 
 class PredictionMaps(NamedTuple):
-    """A fitted model as linear maps from the latest samples to its predictions.
+    """A fitted model as linear maps from the latest samples, in physical units, to all of its predictions.
 
-    With k = m + c channels, [outputs, inputs @ axis_mixer], scaled, and L = ``MAX_LAGS``.
+    Scaling of the channels and combination of the inputs are part of the maps, since they are applied to every sample
+    of a stream. With H horizons, L = ``MAX_LAGS``, m outputs and r inputs, the rows are first the outputs at each
+    horizon, and last the outputs of the latest sample from its own inputs and the samples before.
 
     Attributes:
-        axis_mixer: (r, c) combinations of the inputs that turn the axis.
-        scaling: Centre and scale of each channel.
-        weights: (H + 1, m, (L + 1) k) maps of the L + 1 latest samples, the latest first. The first H give the outputs
-            at each horizon; the last gives the outputs of the latest sample from its own inputs and the samples before.
-        constants: (H + 1, m) constants that are added.
+        output_map: ((H + 1) m, (L + 1) m) map of the outputs of the L + 1 latest samples, the earliest first.
+        input_map: ((H + 1) m, (L + 1) r) map of their inputs.
+        constants: ((H + 1) m,) constants that are added.
     """
 
-    axis_mixer: Array
-    scaling: ChannelScaling
-    weights: Array
+    output_map: Array
+    input_map: Array
     constants: Array
 
     @may_overflow
@@ -75,12 +74,13 @@ class PredictionMaps(NamedTuple):
         Returns:
             (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
         """
-        channels = self.scaling.scaled(np.hstack([outputs, inputs @ self.axis_mixer]))
-        # The L + 1 latest samples side by side in one row, the latest first, which is the order of the weights.
-        latest_first = latest_samples(channels, MAX_LAGS + 1)[::-1].ravel()
-        m = outputs.shape[1]
-        predictions = self.weights.dot(latest_first) + self.constants
-        return self.scaling.center[:m] + self.scaling.scale[:m] * predictions
+        if len(outputs) <= MAX_LAGS:
+            inputs = latest_samples(inputs, MAX_LAGS + 1)
+            outputs = latest_samples(outputs, MAX_LAGS + 1)
+        predictions = self.output_map.dot(outputs.ravel())
+        predictions += self.input_map.dot(inputs.ravel())
+        predictions += self.constants
+        return predictions.reshape(-1, outputs.shape[1])
 
 
 class OnlineForecaster:
@@ -113,6 +113,8 @@ class OnlineForecaster:
         self._dt = dt
         self._horizons = np.array(horizons)
         self._outputs = outputs
+        # (m,) What is predicted of a sample where nothing is known of it.
+        self._no_prediction = np.full(outputs, np.nan)
         self.errors = PredictionErrors(dt, horizons, outputs)
         self._maps: PredictionMaps | None = None
         # The hyperparameters of the last fit, and those to compare with: each fit tries one other, in turn.
@@ -161,8 +163,8 @@ class OnlineForecaster:
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
         latest = outputs[-1]
         self.errors.compare(latest)
-        expected = np.full(self._outputs, np.nan)
-        ahead = np.tile(latest, (len(self._horizons), 1))
+        expected = self._no_prediction
+        ahead: Array | None = None
         if self._maps is not None:
             # (H + 1, m): at each horizon and, last, of the latest sample itself.
             predictions = self._maps.predict(inputs, outputs)
@@ -170,8 +172,12 @@ class OnlineForecaster:
                 expected = predictions[-1]
             # Soon after a gap not all lags are known, and the sample is held.
             if len(outputs) >= MAX_LAGS:
-                at_horizons = predictions[:-1]
-                ahead = np.where(np.isfinite(at_horizons), at_horizons, latest)
+                ahead = predictions[:-1]
+                is_finite = np.isfinite(ahead)
+                if not is_finite.all():
+                    ahead = np.where(is_finite, ahead, latest)
+        if ahead is None:
+            ahead = np.tile(latest, (len(self._horizons), 1))
         self.errors.store(ahead, latest)
         return expected, ahead
 
@@ -301,8 +307,9 @@ class OnlineForecaster:
 
         There are two kinds of prediction. The outputs at each of the H horizons, some steps ahead, follow from the
         samples up to the latest one. The outputs of the latest sample itself follow from that sample's inputs and from
-        the samples before it. Both are put into one array of weights, (H + 1, m, (L + 1) k) with L = ``MAX_LAGS`` and k
-        channels, so that one product with the L + 1 latest samples gives all predictions.
+        the samples before it. Both are put into one array of weights, (H + 1, m, L + 1, k) with L = ``MAX_LAGS`` and k
+        channels [outputs, inputs @ axis_mixer], scaled. Then the weights are changed to those of outputs and inputs in
+        physical units.
 
         Args:
             axis_mixer: (r, c) combinations of the inputs that are channels of the process.
@@ -310,7 +317,7 @@ class OnlineForecaster:
             scaling: Centre and scale of each of the k channels.
 
         Returns:
-            The maps: first those of the horizons, last that of the latest sample; for scaled channels.
+            The maps.
         """
         m = self._outputs
         # The process predicts all channels at every step up to the last horizon. Needed are only the outputs, which are
@@ -322,8 +329,21 @@ class OnlineForecaster:
         # Weights are in blocks of k channels, the latest sample first. The process may have fewer lags than MAX_LAGS;
         # the weights of the older samples stay zero. The map of the latest sample is one block longer than the others,
         # since its first block holds the weights of that sample's own inputs.
-        weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * len(scaling.center)))
+        k = len(scaling.center)
+        weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * k))
         weights[:-1, :, : horizon_maps.shape[2]] = horizon_maps
         weights[-1, :, : latest_map.shape[1]] = latest_map
+        # The samples of a stream have the earliest first.
+        weights = weights.reshape(-1, m, MAX_LAGS + 1, k)[:, :, ::-1]
         constants = np.vstack([horizon_constants, latest_constant[None]])
-        return PredictionMaps(axis_mixer, scaling, weights, constants)
+
+        # A scaled channel is (channel − centre) / scale, of the predictions as of the samples.
+        weights = scaling.scale[:m, None, None] * weights / scaling.scale
+        constants = scaling.center[:m] + scaling.scale[:m] * constants
+        constants -= (weights @ scaling.center).sum(axis=2)
+        input_weights = weights[..., m:] @ axis_mixer.T
+        return PredictionMaps(
+            output_map=weights[..., :m].reshape(constants.size, -1),
+            input_map=input_weights.reshape(constants.size, -1),
+            constants=constants.ravel(),
+        )

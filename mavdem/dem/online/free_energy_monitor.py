@@ -69,21 +69,21 @@ class FreeEnergyMonitor(NamedTuple):
         inputs = learned.record.inputs.shape[1]
         outputs = learned.record.outputs.shape[1]
         # An affine map is known by its values at 0 and, less these, at each unit vector.
-        at_zero = _generalized_data(
-            learned, np.zeros((window, outputs)), np.zeros((window, inputs))
+        unit_vectors = np.eye(window * (outputs + inputs))
+        windows = np.vstack([np.zeros_like(unit_vectors[:1]), unit_vectors])
+        values = _generalized_data(
+            learned,
+            windows[:, : window * outputs].reshape(-1, window, outputs),
+            windows[:, window * outputs :].reshape(-1, window, inputs),
         )
-        columns = []
-        for unit_vector in np.eye(window * (outputs + inputs)):
-            unit_outputs = unit_vector[: window * outputs].reshape(window, outputs)
-            unit_inputs = unit_vector[window * outputs :].reshape(window, inputs)
-            columns.append(_generalized_data(learned, unit_outputs, unit_inputs) - at_zero)
+        at_zero = values[0]
         to_errors_and_states = learned.sample_free_energy.error_and_state_map
         return cls(
             learned=learned,
             end_time=end_time,
             free_energy=learned.sample_free_energy,
             past_values=learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :],
-            window_map=to_errors_and_states @ np.column_stack(columns),
+            window_map=to_errors_and_states @ (values[1:] - at_zero).T,
             window_constants=to_errors_and_states @ at_zero,
         )
 
@@ -118,20 +118,27 @@ class FreeEnergyMonitor(NamedTuple):
 
 
 def _generalized_data(learned: Learned, outputs: Array, inputs: Array) -> Array:
-    """Returns the generalized data [ỹ; η̃] at the centre of a window, order after order, as the fit had them.
+    """Returns the generalized data [ỹ; η̃] at the centre of each of N windows, order after order, as the fit had them.
 
     Args:
         learned: The model, which has the engine's units and the embedding.
-        outputs: (window, m) outputs of the samples of the window.
-        inputs: (window, r) inputs of the same samples.
+        outputs: (N, window, m) outputs of the samples of each window.
+        inputs: (N, window, r) inputs of the same samples.
+
+    Returns:
+        The data, (N, dim [ỹ; η̃]).
     """
     settings = learned.settings
     center = settings.window // 2
     output_weights = taylor_weights(settings.p, learned.dt, settings.window, center)
     input_weights = taylor_weights(settings.d, learned.dt, settings.window, center)
-    output_derivatives = output_weights @ learned.scaling.scale_outputs(outputs)
-    input_derivatives = input_weights @ learned.scaling.scale_inputs(inputs)
-    return np.concatenate([output_derivatives.ravel(), input_derivatives.ravel()])
+    count, window, _ = outputs.shape
+    # All windows are scaled as one table, to which the engine may add the column of a constant input.
+    scaled_outputs = learned.scaling.scale_outputs(outputs.reshape(count * window, -1))
+    scaled_inputs = learned.scaling.scale_inputs(inputs.reshape(count * window, -1))
+    output_derivatives = output_weights @ scaled_outputs.reshape(count, window, -1)
+    input_derivatives = input_weights @ scaled_inputs.reshape(count, window, -1)
+    return np.hstack([output_derivatives.reshape(count, -1), input_derivatives.reshape(count, -1)])
 
 
 class Surprise:

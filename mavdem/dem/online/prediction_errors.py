@@ -65,12 +65,16 @@ class PredictionErrors:
         # (H, 3, m) errors of each way of prediction at each horizon.
         errors = sample - self._predictions[slots, :, self._horizon_indices]
         self.latest = errors[:, MODEL]
-        squares = errors**2
-        # The first error of all is the beginning of its average.
-        averages = np.where(np.isfinite(self._mean_squares), self._mean_squares, squares)
-        averages += self._update_weight * (squares - averages)
-        # Where there was no prediction the average stays as it was.
-        self._mean_squares = np.where(np.isfinite(squares), averages, self._mean_squares)
+        squares = errors * errors
+        averages = self._mean_squares
+        new_averages = averages + self._update_weight * (squares - averages)
+        is_finite = np.isfinite(new_averages)
+        if not is_finite.all():
+            # The first error of all is the beginning of its average. Where there was no prediction the average stays as
+            # it was.
+            first_or_new = np.where(np.isfinite(averages), new_averages, squares)
+            new_averages = np.where(np.isfinite(squares), first_or_new, averages)
+        self._mean_squares = new_averages
         self._sample_count += 1
         self._mean += (sample - self._mean) / self._sample_count
 
