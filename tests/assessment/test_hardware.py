@@ -76,6 +76,13 @@ def test_a_field_is_judged_by_its_change_from_the_ground_to_the_flight(change, l
         assert fact.figures["correlation"] * np.sign(change) > 0.95
 
 
+def test_without_a_receiver_nothing_is_said_of_one():
+    nothing = {"fix_type": 0, "satellites_visible": 0, "eph": 65535}
+    assert receiver_fact(evidence_with("GPS_RAW_INT", **nothing)) is None
+    jammed = receiver_fact(evidence_with("GPS_RAW_INT", noise_per_ms=90, **nothing))
+    assert (jammed.level, jammed.figures["dilution"]) == ("watch", None)
+
+
 def test_the_processor_is_judged_by_the_limits_of_its_autopilot():
     busy = processor_fact(evidence_with("SYS_STATUS", load=np.where(HALF, 500, 1010)))
     assert (busy.level, busy.figures["load"]) == ("watch", approx(101.0))
@@ -115,6 +122,9 @@ def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
         "COMPASS_DEV_ID2": 0,
         "COMPASS_DEV_ID3": 658945,
         "COMPASS_OFS_X": 20,
+        **dict.fromkeys(("INS_ACCOFFS_Y", "INS_ACCOFFS_Z"), 0.0),
+        **dict.fromkeys(("COMPASS_OFS_Y", "COMPASS_OFS_Z"), 0.0),
+        **{f"COMPASS_OFS3_{axis}": 0.0 for axis in "XYZ"},
         "COMPASS_PRIO1_ID": 658953,
         "COMPASS_PRIO2_ID": 658945,
         "COMPASS_PRIO3_ID": 658945,
@@ -123,6 +133,10 @@ def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
     assert (fact.level, fact.figures["missing"]) == ("watch", ("compass 2",))
     unused = calibration_fact(replace(TELEMETRY, parameters=parameters | {"COMPASS_USE2": 0}))
     assert (unused.level, unused.figures["names"]) == ("good", ("accelerometer 1", "compass 1"))
+    # The offsets of the second compass are not in the stream.
+    del parameters["COMPASS_OFS3_X"]
+    assert calibration_fact(replace(TELEMETRY, parameters=parameters)).level == "good"
+    parameters["COMPASS_OFS3_X"] = 5.0
     buses = [sensor.bus for sensor in sensors_of(replace(TELEMETRY, parameters=parameters))]
     assert buses == ["SPI 1", "I2C 1", "I2C 0"]
 

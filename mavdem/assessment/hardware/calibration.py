@@ -94,6 +94,8 @@ def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
 def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
     """Yields ArduPilot's accelerometers and compasses, compasses in the order of priority, as its log numbers them.
 
+    One whose offsets are not among the parameters is left out.
+
     Args:
         parameters: parameters of the autopilot, by name.
     """
@@ -101,19 +103,21 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
         identifiers = _identifiers(parameters, sensor.identifier)
         is_calibrated = {}
         for identifier, suffix in identifiers.items():
-            prefix = sensor.offsets.format(suffix)
-            is_calibrated[identifier] = any(
-                parameters.get(f"{prefix}{axis}", 0.0) for axis in "XYZ"
-            )
+            names = [f"{sensor.offsets.format(suffix)}{axis}" for axis in "XYZ"]
+            # A stream may have only some of the parameters.
+            if all(name in parameters for name in names):
+                is_calibrated[identifier] = any(parameters[name] for name in names)
         order = identifiers
         if sensor.priority and parameters.get(sensor.priority.format(1), 0):
             order = _identifiers(parameters, sensor.priority, is_first_numbered=True)
         for identifier, suffix in order.items():
+            if identifier not in is_calibrated:
+                continue
             yield CalibratedSensor(
                 f"{sensor.kind} {suffix or 1}",
                 bus_name(identifier),
                 is_used=parameters.get(sensor.use.format("" if suffix == "1" else suffix), 1) > 0,
-                is_calibrated=is_calibrated.get(identifier, False),
+                is_calibrated=is_calibrated[identifier],
             )
 
 

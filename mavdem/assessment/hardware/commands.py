@@ -86,7 +86,8 @@ def _sticks_fact(evidence: Evidence) -> Fact | None:
         evidence: what the log shows of the vehicle.
     """
     inputs = pilot_input(evidence.signals)
-    if not inputs.sticks and not inputs.switches:
+    series_of_inputs = [*inputs.sticks.values(), *inputs.switches.values()]
+    if not any(len(evidence.values_in_flight(series)) for series in series_of_inputs):
         return None
     moved = []
     for name, series in inputs.sticks.items():

@@ -45,7 +45,13 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
     if counts is not None:
         counts = counts.select(counts.values != UNKNOWN_SATELLITES)
     satellites = evidence.values_in_flight(counts)
-    if not len(satellites):
+    fix_types = evidence.values_in_flight(
+        recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "fix_type")
+    )
+    has_noise = recorded_quantity(signals, NOISE) is not None
+    # Autopilots without a receiver report one that has no satellites.
+    is_connected = fix_types.any() or satellites.any() or has_noise
+    if not len(satellites) or not is_connected:
         return None
     doubts = []
     if np.median(satellites) < MIN_SATELLITES:
