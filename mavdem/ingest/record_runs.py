@@ -23,7 +23,7 @@ A stretch is searched anew after each definition in it.
 MAX_STRETCH_BYTES = 1 << 20
 """Number of bytes that are searched at once where no definitions come any more: a choice.
 
-Longer stretches cost fewer calls, but their arrays do not fit into the cache of a processor.
+A longer stretch costs fewer calls, but its arrays do not fit into the cache of a processor.
 """
 
 

@@ -107,6 +107,7 @@ class FlightLearning:
         Args:
             row_format: what the next rows are.
         """
+        # The format of the rows of the segment before; None before the first one.
         former = self._row_format
         self._row_format = row_format
         if former is not None and former.boot != row_format.boot:
@@ -224,10 +225,13 @@ class FlightLearning:
             self._log(gust)
 
     def withdraw_since(self, landing_time: float) -> None:
-        """Forgets samples and models since ``landing_time``, s of the boot clock: they were of a landing.
+        """Forgets samples and models since the beginning of a landing, of which they were.
 
         Ground contact and ground effect would spoil the model. The learner starts a fit to the samples before; until it
         has ended, the last model from before the landing is the final one (``has_landed``).
+
+        Args:
+            landing_time: when the landing began, s of the boot clock.
         """
         assert self.learner is not None
         self.learner.forget_since(landing_time)
@@ -264,12 +268,14 @@ class FlightLearning:
             parameters: parameters of the autopilot, whose gains are kept in the model.
 
         Raises:
-            NotLearnable: there is none, and why.
+            NotLearnable: there is no model; the reason says why.
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
             raise NotLearnable(Session.NO_LIVE_FLIGHT)
         self.adopt_model_of_landing(FIT_SECONDS)
-        if not (self.has_landed and self._models):
+        has_model_of_landing = self.has_landed and bool(self._models)
+        if not has_model_of_landing:
+            # Without any model, a fit is worth a longer wait.
             seconds = FIT_SECONDS if self._models else 2 * FIT_SECONDS
             try:
                 return self.named_model(self.learner.learn_now(seconds), parameters)

@@ -82,7 +82,12 @@ def _power_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields speed, current, temperature and error count of the speed controllers, speeds beside the commands."""
+    """Yields speed, current, temperature and error count of the speed controllers, speeds beside the commands.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     speeds, currents, temperatures, errors = {}, {}, {}, {}
     for controller in speed_controllers(evidence.signals):
         speeds[controller.name] = controller.speed
@@ -100,7 +105,12 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
 
 
 def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields satellites, dilution, accuracy, noise and jamming of the satellite receivers."""
+    """Yields satellites, dilution, accuracy, noise and jamming of the satellite receivers.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     satellites: dict[str, TimeSeries | None] = {}
     for number, message in enumerate(RECEIVER_MESSAGES, start=1):
         series = recorded_series(evidence.signals.telemetry, message, "satellites_visible")
@@ -118,6 +128,10 @@ def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     """Yields the size of the magnetic field at each compass, with the mean command of the motors.
 
     The earth's field has one size wherever the vehicle points: what follows the motors comes from their currents.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
     """
     sizes: dict[str, TimeSeries | None] = {}
     for number, field in compass_fields(evidence.signals).items():
@@ -135,7 +149,12 @@ def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
 
 
 def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the time between two samples of the attitude, ms, drawn at the later one."""
+    """Yields the time between two samples of the attitude, ms, drawn at the later one.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     attitude = evidence.signals.attitude
     angle = None if attitude is None else series_of_boot(attitude.angle_series, timeline.boot)
     if angle is None or len(angle.time) <= MIN_SAMPLES:
@@ -150,7 +169,12 @@ def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Char
 
 
 def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields position and velocity along each axis with their setpoints, where these were recorded."""
+    """Yields position and velocity along each axis with their setpoints, where these were recorded.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     telemetry = evidence.signals.telemetry
     for prefix, title, unit in (("", "Position", "m"), ("v", "Velocity", "m/s")):
         for name, axis in LOCAL_AXES.items():
@@ -175,7 +199,14 @@ def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 def _quantity_chart(
     title: str, quantities: Iterable[HardwareQuantity], evidence: Evidence, timeline: Timeline
 ) -> Chart:
-    """Returns a chart with a line for each of some quantities of one unit that was recorded."""
+    """Returns a chart with a line for each of some quantities of one unit that was recorded.
+
+    Args:
+        title: title of the chart.
+        quantities: the quantities, which have one unit.
+        evidence: what the log shows of the vehicle.
+        timeline: timeline of the flight, for its span of time.
+    """
     unit = ""
     series = {}
     for quantity in quantities:
@@ -185,7 +216,12 @@ def _quantity_chart(
 
 
 def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
-    """Returns a chart with the mean command of the motors on its right axis, where they were recorded."""
+    """Returns a chart with the mean command of the motors on its right axis, where they were recorded.
+
+    Args:
+        chart: the chart.
+        evidence: what the log shows of the vehicle.
+    """
     history = evidence.time_history
     if not chart.lines or history is None or history.motors is None:
         return chart
