@@ -75,16 +75,27 @@ def without_wind_fits():
 
 
 @fixture(scope="module")
-def without_alarms():
+def without_watchdog():
+    """For tests of other things: the watchdog judges all messages twice a second."""
+    with MonkeyPatch.context() as patch:
+        for step in ("begin_review", "finish_review"):
+            patch.setattr(f"mavdem.live.watchdog.Watchdog.{step}", Mock(return_value=()))
+        yield
+
+
+@fixture(scope="module")
+def without_alarms(without_watchdog):
     """For tests of rows: a live stream spends a quarter of its time on alarms, of the watchdog and of weak motors."""
     with MonkeyPatch.context() as patch:
-        for step in (
-            "watchdog.Watchdog.begin_review",
-            "watchdog.Watchdog.finish_review",
-            "motor_alarms.MotorAlarms.add_sample",
-        ):
-            patch.setattr(f"mavdem.live.{step}", Mock(return_value=()))
+        patch.setattr("mavdem.live.motor_alarms.MotorAlarms.add_sample", Mock(return_value=()))
         yield
+
+
+@fixture
+def without_pages(monkeypatch):
+    """For tests that read no page: those that their commands write are empty, since to draw one takes seconds."""
+    for drawing in ("report.pages.flight_page.review_page", "cli.tune.tune_page"):
+        monkeypatch.setattr(f"mavdem.{drawing}", Mock(return_value=""))
 
 
 @fixture(scope="module")

@@ -11,7 +11,6 @@ import subprocess
 from itertools import pairwise
 from math import isclose
 from pathlib import Path
-from unittest.mock import Mock
 
 import rerun as rr
 from pytest import mark
@@ -119,6 +118,7 @@ class Terminal(io.StringIO):
 
 
 @mark.slow
+@mark.usefixtures("without_pages", "logs_read_once")
 @mark.parametrize("page", ["README.md", "docs/tutorial.md"])
 def test_a_page_shows_what_its_commands_print(page, here, monkeypatch, request):
     """On a terminal of 80 columns: what the commands of the block before print.
@@ -126,8 +126,6 @@ def test_a_page_shows_what_its_commands_print(page, here, monkeypatch, request):
     What is flown for it takes half of the time, and is flown only with ``--in-full`` or to be written anew: ``fly``,
     ``twin`` and ``tune`` have tests of their own. So have the pages that these commands write, which are left empty.
     """
-    for drawing in ("report.pages.flight_page.review_page", "cli.tune.tune_page"):
-        monkeypatch.setattr(f"mavdem.{drawing}", Mock(return_value=""))
     options = request.config.option
     flies = options.in_full or options.write_golden
     (here / "logs").symlink_to(ROOT / "logs")

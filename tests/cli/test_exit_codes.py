@@ -10,13 +10,15 @@ from unittest.mock import Mock
 import click
 import numpy as np
 from command_line import MAVDEM, PATIENCE, refused, run, strict_json
-from pytest import mark
+from pytest import mark, raises
 from recorded_flights import FLIGHT, LOGS, SLOW
 
 from mavdem import read_flight
 from mavdem.cli import commands as command_line
 from mavdem.cli.commands import main, mavdem
+from mavdem.cli.termination import raise_on_termination_signals
 from mavdem.export.mcap_channels import write_channels
+from mavdem.processes import TERMINATION_SIGNALS
 
 BROKEN = {
     "empty.tlog": b"",
@@ -217,3 +219,21 @@ def test_no_warning_about_numbers_reaches_the_terminal(monkeypatch, capsys, recw
     monkeypatch.setattr(command_line.mavdem, "invoke", lambda _: np.ones(1) / 0)
     assert run("info", FLIGHT) == 0
     assert capsys.readouterr().err == "" and not recwarn.list
+
+
+@mark.parametrize(
+    "number, exception, code",
+    [(signal.SIGINT, KeyboardInterrupt, None), (signal.SIGTERM, SystemExit, 143)],
+)
+def test_the_first_signal_ends_a_command_and_later_ones_change_nothing(number, exception, code):
+    handlers = {one: signal.getsignal(one) for one in TERMINATION_SIGNALS}
+    signal.signal(number, signal.SIG_DFL)
+    try:
+        raise_on_termination_signals()
+        with raises(exception) as ended:
+            signal.raise_signal(number)
+        signal.raise_signal(number)
+    finally:
+        for one, handler in handlers.items():
+            signal.signal(one, handler)
+    assert getattr(ended.value, "code", None) == code

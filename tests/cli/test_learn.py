@@ -40,6 +40,7 @@ def names(folder):
 
 
 @mark.slow
+@mark.usefixtures("without_pages")
 def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
     log = short_flight(tmp_path)
@@ -56,6 +57,7 @@ def test_the_document_is_the_report_of_the_library(tmp_path, capsys):
 
 
 @mark.slow
+@mark.usefixtures("without_pages")
 def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys):
     words = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
     assert run(*words, "--no-files") == 0
@@ -110,6 +112,7 @@ def test_a_table_of_more_numbers_than_fit_is_printed_in_parts(capsys):
 
 
 @mark.slow
+@mark.usefixtures("without_pages")
 def test_a_flight_too_short_names_the_options_that_fit(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", tmp_path / "out", "--start", "57", "--preset", "paper"]
     assert run(*words) == 1
@@ -144,6 +147,7 @@ def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_pat
 
 
 @mark.slow
+@mark.usefixtures("without_pages")
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
     breaks_down = Mock(side_effect=np.linalg.LinAlgError("Singular matrix"))
     monkeypatch.setattr("mavdem.assessment.axis.analysis.learn", breaks_down)
@@ -179,6 +183,7 @@ def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(tmp_
 
 
 @mark.slow
+@mark.usefixtures("logs_read_once")
 def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     alarm = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
     monkeypatch.setattr("mavdem.assessment.axis.analysis.motor_alarms", lambda signals: (alarm,))

@@ -13,6 +13,7 @@ from mavdem.ingest.parameter_file import read_parameters
 pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
 
 
+@mark.usefixtures("logs_read_once")
 def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_path, capsys):
     log = str(tmp_path / "flight.tlog")
     out = tmp_path / "out"
@@ -70,6 +71,7 @@ stream = { autopilot = "ardupilot", rates = { HIGHRES_IMU = 400, ATTITUDE_TARGET
 """
 
 
+@mark.usefixtures("without_pages")
 def test_filters_are_written_with_the_gains_when_asked_for(tmp_path, capsys):
     (tmp_path / "shaken.toml").write_text(SHAKEN)
     log = str(tmp_path / "flight.tlog")

@@ -17,7 +17,7 @@ from sitl_scenarios.files import in_toml, load
 
 
 @mark.slow
-@mark.usefixtures("coarse_physics")
+@mark.usefixtures("coarse_physics", "without_pages", "logs_read_once")
 def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     log = tmp_path / "legs.tlog"
     legs = load("wind_legs")

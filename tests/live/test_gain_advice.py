@@ -36,7 +36,7 @@ def adviser_of(tmp_path):
 
 
 @mark.slow
-@mark.usefixtures("coarse_physics")
+@mark.usefixtures("coarse_physics", "without_pages")
 def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_path, capsys):
     scenario = tmp_path / "tuned_badly.toml"
     scenario.write_text(TUNED_BADLY)

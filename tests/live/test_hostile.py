@@ -59,8 +59,9 @@ def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
     for port, time in enumerate(np.linspace(1.0, 19.0, 250), 1):
         sent = {"time_usec": round(time * 1e6), "port": port, "servo1_raw": 1500}
         odd.append((time, message("SERVO_OUTPUT_RAW", **sent)))
-    made = replay(by_time(FLIGHT.frames(0.0, 20.0), odd))
-    assert_array_equal(made.table(), replay(FLIGHT.frames(0.0, 20.0)).table())
+    frames = FLIGHT.frames(0.0, 20.0)
+    made = replay(by_time(frames, odd))
+    assert_array_equal(made.table(), replay(frames).table())
     assert VehicleFact.VEHICLE_REBOOTED not in made.codes
 
 

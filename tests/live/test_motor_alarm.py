@@ -25,7 +25,7 @@ from mavdem.report.templates import render_section
 from sitl_scenarios.scenario import Scenario, StreamSpec, TurbulentWind, VehicleSpec
 from sitl_scenarios.simulation import fly
 
-pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
+pytestmark = [mark.slow, mark.usefixtures("coarse_physics", "without_watchdog")]
 
 
 def streamed(path):

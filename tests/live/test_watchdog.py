@@ -181,13 +181,18 @@ def test_an_external_mode_of_px4_is_reported_by_its_announced_name():
 
 @mark.slow
 def test_what_is_watched_is_always_shown():
-    flight = Flight(Hover(hovering=20.0))
-    ground, *_ = replay(flight.frames(0.0, 5.0)).stream.status().watch_facts
+    frames = Flight(Hover(hovering=20.0), attitude=50.0, motors=50.0).frames(0.0, 25.0)
+    parts = [
+        [(time, frame) for time, frame in frames if start <= time < end]
+        for start, end in ((0.0, 5.0), (5.0, 14.0), (14.0, 26.0))
+    ]
+    stream = LiveStream()
+    ground, *_ = replay(parts[0], stream).stream.status().watch_facts
     assert ground.code is Watch.NOT_WATCHED
-    early = replay(flight.frames(0.0, 14.0)).stream.status().watch_facts
+    early = replay(parts[1], stream).stream.status().watch_facts
     reasons = {one.subject: one.figures["because"] for one in early}
     assert reasons[Watched.MOTORS].code is Watch.REFERENCE_SHORT
-    status = replay(flight.frames(0.0, 25.0)).stream.status()
+    status = replay(parts[2], stream).stream.status()
     found = {fact.subject: fact for fact in status.watch_facts}
     assert {Watched.MOTORS, Watched.OSCILLATION, Watched.WARNINGS} == {
         what for what, fact in found.items() if fact.code is Watch.WATCHED

@@ -1,5 +1,6 @@
 """What the autopilot asks of motors, and the plan it follows."""
 
+from functools import cache
 from math import radians
 
 import numpy as np
@@ -70,18 +71,23 @@ def excited(excitation, duration=60.0):
     return [plan.reference_at(k * CYCLE) for k in range(round(duration / CYCLE))]
 
 
+@cache
+def demands_of_kind(kind, axis):
+    """The attitudes (N, 3) that an excitation of this kind about an axis demands, in 30 s."""
+    (name,) = kind.model_fields["kind"].annotation.__args__
+    references = excited(kind(kind=name, axis=axis), duration=30.0)
+    return np.array([reference.attitude_demand for reference in references])
+
+
 @mark.slow
 @mark.parametrize("axis", ["roll", "pitch", "yaw"])
 @mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
 def test_an_excitation_is_about_its_axis(kind, axis):
-    (name,) = kind.model_fields["kind"].annotation.__args__
-    demands = np.array(
-        [at.attitude_demand for at in excited(kind(kind=name, axis=axis), duration=30.0)]
-    )
+    demands = demands_of_kind(kind, axis)
     about = np.array(["roll", "pitch", "yaw"]) == axis
     assert not demands[:, ~about].any()
-    rolls = np.array([at.attitude_demand[0] for at in excited(kind(kind=name), duration=30.0)])
     if kind is not Sticks:
+        rolls = demands_of_kind(kind, "roll")[:, 0]
         assert_array_equal(demands[:, about][:, 0], rolls)
     assert demands[:, about].std() > radians(1)
 
