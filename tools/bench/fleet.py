@@ -264,6 +264,16 @@ def page_times(index: Path) -> PageTimes:
     return PageTimes(*map(float, found.groups()))
 
 
+def echo_header(header: list[str]) -> None:
+    """Prints the header of a Markdown table, whose rows follow one by one."""
+    print(markdown([Table(header, [])]), flush=True)
+
+
+def echo_row(header: list[str], row: list[str]) -> None:
+    """Prints a row of a Markdown table as soon as it is known: a run that is cut short keeps its first rows."""
+    print(markdown([Table(header, [row])]).splitlines()[-1], flush=True)
+
+
 GROWTH_HEADER = [
     "logs",
     "one more log (processor s)",
@@ -290,10 +300,12 @@ def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
         real_fleet = Path(folder, "real")
         mavdem("track", *logs, "--out", real_fleet)
         rows = read_rows(real_fleet)
+        echo_header(GROWTH_HEADER)
         for size in FLEET_SIZES:
             fleet = Path(folder, str(size))
-            table.append([f"{size:,}", *_growth_figures(fleet, rows, size, logs[0])])
-    click.echo(markdown([Table(GROWTH_HEADER, table)]))
+            row = [f"{size:,}", *_growth_figures(fleet, rows, size, logs[0])]
+            echo_row(GROWTH_HEADER, row)
+            table.append(row)
     click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}.")
     if plot is not None:
         draw_growth(table, plot)
@@ -402,7 +414,7 @@ CLUSTER_HEADER = ["workers", "s", "logs/s", "times one worker", "flights in the 
 
 @main.command()
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--logs", "max_logs", default=16, help="Logs that are read, the smallest ones.")
+@click.option("--logs", "max_logs", default=8, help="Logs that are read, the smallest ones.")
 def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
     """Reads LOGS on clusters of 1, 2 and 4 workers, and again where a worker is killed half way.
 
@@ -411,30 +423,33 @@ def cluster(logs: tuple[Path, ...], max_logs: int) -> None:
     sources, _ = find_logs([str(log) for log in logs])
     sources.sort(key=lambda source: source.size)
     chosen = [Path(source.path) for source in sources[:max_logs]]
-    head, line = markdown([Table(CLUSTER_HEADER, [])]).splitlines()
-    click.echo(f"{head}\n{line}")
+    echo_header(CLUSTER_HEADER)
     seconds_by_workers: dict[int, float] = {}
     for workers in CLUSTER_SIZES:
         seconds, flights = _cluster_seconds(chosen, workers)
         seconds_by_workers[workers] = seconds
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
-        _echo_cluster_row(str(workers), seconds, len(chosen) / seconds, gain, flights)
+        echo_row(CLUSTER_HEADER, _cluster_row(str(workers), seconds, len(chosen), gain, flights))
     for workers in CLUSTER_SIZES[1:]:
         kill_after = seconds_by_workers[workers] / 2
         seconds, flights = _cluster_seconds(chosen, workers, kill_after)
         gain = seconds_by_workers[CLUSTER_SIZES[0]] / seconds
         name = f"{workers}, one killed after {kill_after:.0f} s"
-        _echo_cluster_row(name, seconds, len(chosen) / seconds, gain, flights)
+        echo_row(CLUSTER_HEADER, _cluster_row(name, seconds, len(chosen), gain, flights))
     click.echo(f"\n{os.cpu_count()} cores, load {os.getloadavg()[1]:.0f}, {len(chosen)} logs.")
 
 
-def _echo_cluster_row(
-    name: str, seconds: float, logs_per_second: float, gain: float, flights: int
-) -> None:
-    """Prints a row of the table of clusters at once."""
-    row = [name, f"{seconds:.0f}", f"{logs_per_second:.2f}", f"{gain:.2f}", str(flights)]
-    text = markdown([Table(CLUSTER_HEADER, [row])])
-    print(text.splitlines()[-1], flush=True)
+def _cluster_row(name: str, seconds: float, logs: int, gain: float, flights: int) -> list[str]:
+    """Returns a row of the table of clusters.
+
+    Args:
+        name: number of workers, in words.
+        seconds: time that the logs took, s.
+        logs: number of logs.
+        gain: how many times as fast as one worker.
+        flights: flights in the table of the fleet.
+    """
+    return [name, f"{seconds:.0f}", f"{logs / seconds:.2f}", f"{gain:.2f}", str(flights)]
 
 
 def _cluster_seconds(
