@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.containers import Names
-from mavdem.ingest.byte_rows import Bytes, bytes_at, rows_of
+from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
@@ -81,8 +81,41 @@ def crc_extra_table() -> CrcExtras:
     return table
 
 
+class SentPayloads(NamedTuple):
+    """What was sent of the payloads of N frames."""
+
+    header_bytes: Bytes
+    """Number of bytes before each payload (N,)."""
+    sent_bytes: Bytes
+    """Number of bytes that were sent of it (N,)."""
+
+
+def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
+    """Reads of frames where their payloads begin, and how long these are; needed for each field of them.
+
+    Args:
+        data: The stream (B,).
+        start: Offset (N,) of each frame's marker.
+    """
+    headers = rows_of(data, start, LENGTH_BYTE + 1)
+    is_version_1 = headers[:, 0] == MARKER_V1
+    header_bytes = np.where(is_version_1, HEADER_BYTES_V1, HEADER_BYTES_V2).astype(np.uint8)
+    return SentPayloads(_of_little_memory(header_bytes), _of_little_memory(headers[:, LENGTH_BYTE]))
+
+
+def _of_little_memory(values: Bytes) -> Bytes:
+    """Returns the same values (N,); where all are equal, one stands for all."""
+    if len(values) and (values == values[0]).all():
+        return np.broadcast_to(values[0], len(values))
+    return values.copy()
+
+
 def decoded_field(
-    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition, name: str
+    data: Bytes,
+    start: NDArray[np.integer],
+    definition: MessageDefinition,
+    name: str,
+    payloads: SentPayloads | None = None,
 ) -> NDArray[Any]:
     """Decodes one field of frames of one message.
 
@@ -94,6 +127,7 @@ def decoded_field(
         start: Offset (N,) of each frame's marker.
         definition: The definition of the message.
         name: Name of the field.
+        payloads: What was sent of the frames, where that was read before.
 
     Returns:
         The column (N,), or (N, k) of an array field. Texts are bytes, ``S``.
@@ -101,20 +135,21 @@ def decoded_field(
     assert definition.wire.fields is not None
     field_type, field_offset = definition.wire.fields[name][:2]
     width = field_type.itemsize
-    header_bytes = np.where(bytes_at(data, start) == MARKER_V1, HEADER_BYTES_V1, HEADER_BYTES_V2)
-    field_start = start.astype(np.int64) + header_bytes + field_offset
+    header_bytes, sent_bytes = payloads or sent_payloads(data, start)
+    field_start = start.astype(np.int64) + header_bytes
+    field_start += field_offset
     # A field is cut out at full width, whatever was sent of it. In the last frames of the stream this would reach
     # beyond its end, so their bytes are taken one by one, with the last byte repeated.
     exceeds_stream = np.flatnonzero(field_start + width > len(data))
     offsets = field_start[exceeds_stream, None] + np.arange(width)
     field_start[exceeds_stream] = 0
     # A stream that is shorter than the field has no piece of its width at all.
-    values = np.zeros((len(start), width), dtype=np.uint8)
     if len(exceeds_stream) < len(start):
         values = rows_of(data, field_start, width)
+    else:
+        values = np.zeros((len(start), width), dtype=np.uint8)
     values[exceeds_stream] = data.take(offsets, mode="clip")
     # What lies behind the sent bytes belongs to the checksum or to the next frame.
-    sent_bytes = bytes_at(data, start + LENGTH_BYTE)
     cut_rows = np.flatnonzero(sent_bytes < field_offset + width)
     cut_values = values[cut_rows]
     cut_values[np.arange(field_offset, field_offset + width) >= sent_bytes[cut_rows, None]] = 0

@@ -9,7 +9,12 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.byte_rows import Bytes, mapping_of
 from mavdem.ingest.mavlink.clocks import BootTimes
-from mavdem.ingest.mavlink.definitions import MessageDefinition, decoded_field
+from mavdem.ingest.mavlink.definitions import (
+    MessageDefinition,
+    SentPayloads,
+    decoded_field,
+    sent_payloads,
+)
 from mavdem.ingest.telemetry import Fields
 
 MAX_BYTES_OF_MAPPED_COLUMNS = 1 << 25
@@ -82,6 +87,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         self._definition = definition
         self._names = tuple(dict.fromkeys((*definition.fields, "time", "boot")))
         self._decoded = decoded or DecodedColumns(data)
+        self._payloads: SentPayloads | None = None
         # ``time`` and ``boot`` are no fields of the message.
         self._clock_columns: Fields = {"time": boot_times.time, "boot": boot_times.boot}
         for column in self._clock_columns.values():
@@ -96,7 +102,9 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         if column is None:
             if name not in self._names:
                 raise KeyError(name)
-            column = decoded_field(self._data, self._starts, self._definition, name)
+            if self._payloads is None:
+                self._payloads = sent_payloads(self._data, self._starts)
+            column = decoded_field(self._data, self._starts, self._definition, name, self._payloads)
             column.setflags(write=False)
             self._decoded.keep(message, name, column)
         return column

@@ -42,6 +42,9 @@ Two vehicles whose frames come by 50 in turn have twice as many.
 LAST_BYTES = np.dtype(np.uint32).itemsize
 """Number of a frame's last bytes by which frames are compared first."""
 
+MIXING_FACTOR = np.uint32(0x9E3779B1)
+"""Factor that spreads a small number over 32 bits: 2^32 divided by the golden ratio, as in Knuth, vol. 3, sec. 6.4."""
+
 
 @dataclass(frozen=True)
 class SenderStream:
@@ -83,11 +86,12 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     del sequence, steps, is_irregular
     reading_rows = _rows_of_possible_readings(all_frames, rows)
     frame_rows = rows[reading_rows]
-    keys = np.zeros(0, dtype=np.uint64)
+    keys = np.zeros(0, dtype=np.uint32)
     if has_irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
         keys = _frame_keys(data, all_frames, frame_rows)
     if not has_several_links and not _has_copies(data, all_frames, frame_rows, keys):
-        return SenderStream(np.ones(len(rows), dtype=np.bool_), max(lost, 0))
+        # One flag stands for all frames, and takes no memory.
+        return SenderStream(np.broadcast_to(np.True_, len(rows)), max(lost, 0))
     return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
 
 
@@ -223,27 +227,29 @@ def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> b
     return False
 
 
-def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint64]:
+def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint32]:
     """Returns keys (n,) that are equal for equal frames, and hardly ever for others.
 
     They are made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end of
-    a signature.
+    a signature. Both are mixed into 32 bits, since of a long recording the keys take much memory. Afterwards frames
+    with equal keys are compared byte by byte.
 
     Args:
         data: The stream (B,).
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of frames of one sender.
     """
-    keys = np.empty(len(rows), dtype=np.uint64)
+    keys = np.empty(len(rows), dtype=np.uint32)
     for first in range(0, len(rows), ROWS_AT_ONCE):
         frames = all_frames[rows[first : first + ROWS_AT_ONCE]]
         last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
-        sequence = frames.sequence.astype(np.uint64)
-        keys[first : first + ROWS_AT_ONCE] = sequence << np.uint64(8 * LAST_BYTES) | last_bytes
+        # The product of 32 bits leaves its upper ones out.
+        mixed_sequence = frames.sequence.astype(np.uint32) * MIXING_FACTOR
+        keys[first : first + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
     return keys
 
 
-def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint64]) -> bool:
+def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint32]) -> bool:
     """Returns whether a frame with a boot clock comes twice among the frames of a sender.
 
     Args:
@@ -266,7 +272,7 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
     return False
 
 
-def _possible_copies(keys: NDArray[np.uint64]) -> Rows:
+def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
     """Returns the rows of frames that may be copies of one that is still remembered, ascending.
 
     A frame is forgotten after ``RECENT_FRAMES`` other ones: a recording that is repeated later is no second link.

@@ -127,6 +127,8 @@ def assemble(stream: FrameStream) -> Log:
     del is_first
     frames_of_senders = _matching_frames(frames, sender_ids)
     unread = tuple(_unread_frames(frames, sender_ids, frames_of_senders))
+    # Of a recording of hours these take tens of megabytes.
+    del frames, sender_ids
     records = []
     for sender_id, frames_of_messages in frames_of_senders.items():
         records.append(
