@@ -326,10 +326,13 @@ def _label(name: str, last: LastFlight, names: GivenNames) -> str:
 
 
 def _note(vehicle: VehicleFlights) -> str:
-    """Returns what is to be known of a vehicle at a glance.
+    """Returns what is to be known of a vehicle at a glance: trouble with its motors, or else a headline that warns.
 
-    That is what is wrong with its motors, and else the headline of its latest flight where that warns. That nothing is
-    wrong is no note: most vehicles of a fleet would have the same.
+    The headline is that of its latest flight. That nothing is wrong is no note: most vehicles of a fleet would have the
+    same.
+
+    Args:
+        vehicle: what is known of the vehicle from its flights.
     """
     if vehicle.urgency.rank < MAX_URGENT_RANK:
         return f"{vehicle.words.conclusion} {vehicle.words.reason}".strip()
