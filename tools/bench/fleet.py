@@ -35,7 +35,7 @@ from mavdem.fleet.store import Store, open_store
 from mavdem.fleet.stored_rows import read_brief_rows, read_rows
 from mavdem.fleet.tracking import assess_rows
 from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
-from mavdem.fleet_pages import INDEX_FILE
+from mavdem.fleet_pages import INDEX_FILE, write_fleet_pages
 from mavdem.machine import free_port
 from mavdem.report.blocks import Table, markdown
 from mavdem.report.fleet_summary import fleet_counts
@@ -315,7 +315,9 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
     """Makes a fleet of so many logs, adds a log to it, compares two weeks of a vehicle and opens its page."""
     with open_store(fleet) as store:
         fill_store(store, rows, size)
-    write_stand_in_pages(fleet)
+        write_stand_in_pages(fleet)
+        # The last run of such a fleet has left its index page.
+        write_fleet_pages(store, {})
     added = mavdem("track", log, "--out", fleet, "--jobs", "1")
     named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
     weeks = ("--days-a", "2026-01-05..2026-01-18", "--days-b", "2026-03-02..2026-03-15")

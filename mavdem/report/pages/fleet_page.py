@@ -108,7 +108,7 @@ def fleet_page(
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
         calendar=_calendar(lines),
-        names_any=bool(names.vehicles),
+        has_given_names=bool(names.vehicles),
         rose=_rose(summaries),
         bars=_bar_count(vehicles_with_parts(summaries)),
         widths=[column.width for column in COLUMNS.values()],
