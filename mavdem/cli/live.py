@@ -209,13 +209,13 @@ def live_command(
             code = EXIT_DONE if is_model_kept else EXIT_ERROR
         executor.shutdown()
         judged_model = session.judge_final_model(learned)
-        # What is known is reported before the gains, which may take a minute.
+        # What is known is reported before the gains, which may take a minute. The judgement comes last, since it is
+        # that of the recording where gains were advised.
         status = _with_final_judgement(status, session)
         session.report_end(status, judged_model)
-        print_to_stderr(headline(status.overall_judgement.headline))
         session.report_gain_advice(is_at_end=True)
-        # Gains are what to do next.
         status = _with_final_judgement(status, session)
+        print_to_stderr(headline(status.overall_judgement.headline))
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:

@@ -8,11 +8,13 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
 from pathlib import Path
+from typing import NamedTuple
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.assessment.axis.tuning import Tuning, tuned
 from mavdem.assessment.axis.twin import predicted_errors
+from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
 from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.errors import Refusal
@@ -28,11 +30,22 @@ All else that is known has been reported by then. Advice takes some seconds on a
 """
 
 
+class GainAdvice(NamedTuple):
+    """What the recording of a session shows of its control loops."""
+
+    facts: Facts
+    """Which gains, what to expect of them, and their files; or why there are none."""
+
+    judgement: Judgement | None = None
+    """The judgement of the vehicle by the recording; None where that cannot be judged."""
+
+
 class GainAdviser:
     """Has controller gains computed in another process, from the growing recording of a session.
 
     Attributes:
         facts: the latest advice: which gains, what to expect of them, and their files; or why there are none.
+        judgement: the judgement of the vehicle by the recording, which the latest advice comes with; None without one.
         is_due: whether the vehicle has landed since the latest advice began.
     """
 
@@ -44,11 +57,12 @@ class GainAdviser:
             start_executor: starts the process that computes advice, with a niceness: 0 for normal priority.
         """
         self.facts: Facts = ()
+        self.judgement: Judgement | None = None
         self.is_due = False
         self._recording = recording
         self._start_executor = start_executor
         self._process = ExitStack()
-        self._pending: Future[Facts] | None = None
+        self._pending: Future[GainAdvice] | None = None
 
     @property
     def is_awaited(self) -> bool:
@@ -78,7 +92,7 @@ class GainAdviser:
         # In flight nothing waits for the other process; only the end of a session does.
         if not is_at_end and not self._pending.done():
             return ()
-        self.facts = self._result(self._pending)
+        self.facts, self.judgement = self._result(self._pending)
         self.close()
         return self.facts
 
@@ -96,7 +110,7 @@ class GainAdviser:
         executor = self._process.enter_context(self._start_executor(niceness))
         self._pending = executor.submit(advise_gains, self._recording, vehicle)
 
-    def _result(self, pending: Future[Facts]) -> Facts:
+    def _result(self, pending: Future[GainAdvice]) -> GainAdvice:
         """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it; the fact that it failed if there is none.
 
         Args:
@@ -106,14 +120,13 @@ class GainAdviser:
             return pending.result(MAX_WAIT_SECONDS)
         except Exception as error:
             # Whatever fails in the other process, or takes too long, must not end the session.
-            return (
-                Fact(
-                    Gains.ADVICE_FAILED,
-                    error=error,
-                    duration=MAX_WAIT_SECONDS,
-                    path=str(self._recording),
-                ),
+            failure = Fact(
+                Gains.ADVICE_FAILED,
+                error=error,
+                duration=MAX_WAIT_SECONDS,
+                path=str(self._recording),
             )
+            return GainAdvice((failure,))
 
     def close(self) -> None:
         """Ends the process, even if it is still computing advice."""
@@ -121,7 +134,7 @@ class GainAdviser:
         self._process.close()
 
 
-def advise_gains(recording: Path, vehicle: str) -> Facts:
+def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     """Advises gains for all axes by a recording, as ``mavdem tune`` does, and writes them into new files beside it.
 
     Args:
@@ -130,20 +143,24 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
 
     Returns:
         The gains of each axis, what the vehicle's twin does with them, and the files; or why no gains are advised. Of
-        axes without new gains, what was decided on their loops, if anything is to be done.
+        axes without new gains, what was decided on their loops, if anything is to be done. With them comes the
+        judgement of the vehicle that they belong to.
 
     Raises:
         OSError: the files cannot be written.
     """
     try:
         assessment = assess(read_log(recording), vehicle, AXES[0], Options(with_model=False))
-        assert assessment.evidence is not None
+    except Refusal as error:
+        return GainAdvice((Fact(Gains.GAINS_LEFT, because=error.fact),))
+    assert assessment.evidence is not None
+    try:
         tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
-        return (Fact(Gains.GAINS_LEFT, because=error.fact),)
+        return GainAdvice((Fact(Gains.GAINS_LEFT, because=error.fact),), assessment.judgement)
     facts = facts_of_tuning(tuning)
     if not tuning.parameters:
-        return facts
+        return GainAdvice(facts, tuning.judgement)
 
     twin_facts = predicted_errors(assessment.evidence, tuning.parameters)
     # Text of each file by the ending of its name.
@@ -156,7 +173,7 @@ def advise_gains(recording: Path, vehicle: str) -> Facts:
         path=stem + " and ".join(texts),
         because=tuning.judgement.next_step,
     )
-    return (*facts, *twin_facts, files_fact)
+    return GainAdvice((*facts, *twin_facts, files_fact), tuning.judgement)
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:

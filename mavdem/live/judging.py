@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from concurrent.futures import CancelledError, Executor, Future
 from contextlib import suppress
-from dataclasses import replace
 
 from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
 from mavdem.assessment.judgement import Judgement
@@ -135,7 +134,10 @@ class ModelJudging:
                 model = with_oscillation_torque_marked(model, torque_is_own)
         return model
 
-    def set_next_step(self, next_step: Fact) -> None:
-        """Replaces the next step of the judgement, where there is one."""
-        if self.judgement is not None:
-            self.judgement = replace(self.judgement, next_step=next_step)
+    def use_judgement_of_recording(self, judgement: Judgement) -> None:
+        """Replaces the judgement by that of the recording, which has the setpoints and all axes.
+
+        There is one judgement of a flight: margins by the model alone must not stand beside those that the recording
+        shows, or beside the reason why it shows none.
+        """
+        self.judgement = judgement

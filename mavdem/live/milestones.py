@@ -20,7 +20,11 @@ from mavdem.plant.parameters import Physical
 
 
 class Milestones:
-    """Reports what becomes known in a live session, so that its lines can be read without a dashboard."""
+    """Reports what becomes known in a live session, so that its lines can be read without a dashboard.
+
+    Attributes:
+        margins_follow: whether the recording will be judged, so that margins by the model alone are not reported.
+    """
 
     def __init__(self, axis: str, log: Callable[[Fact], None]) -> None:
         """Begins without a milestone.
@@ -31,6 +35,7 @@ class Milestones:
         """
         self._axis = axis
         self._log = log
+        self.margins_follow = False
         self._has_model = False
         self._has_parameters = False
         # Whether the vehicle flew at the latest update, and how many rows had been learned from at the last landing.
@@ -131,6 +136,7 @@ class Milestones:
                 axis=self._axis,
                 is_flying=status.is_flying,
                 is_fitted=physical is not None,
+                margins_follow=self.margins_follow,
                 phase_margin=None if margins is None else margins.figures["phase_margin"],
                 gain_margin=None if margins is None else margins.figures["gain_margin"],
                 because=() if wind is None else wind.facts,

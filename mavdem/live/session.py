@@ -146,6 +146,7 @@ class LiveSession:
             self.report_gain_advice()
             self._status_time = now
             status = self._update_status(now)
+            self._milestones.margins_follow = self.gain_adviser is not None
             self._milestones.update(self._learning, status, self.stream.now)
 
     def _postpone_tasks(self) -> None:
@@ -312,8 +313,8 @@ class LiveSession:
     def report_gain_advice(self, is_at_end: bool = False) -> None:
         """Has gains advised where that is due, and reports advice that is ready.
 
-        It is called once in ``STATUS_PERIOD``, and at the end. If gains were written into files, loading them becomes
-        the next step that the judgement of the flight recommends.
+        It is called once in ``STATUS_PERIOD``, and at the end. With the advice comes the judgement of the recording,
+        which takes the place of that by the model; where gains were written into files, its next step is to load them.
 
         Args:
             is_at_end: whether the session ends. Then a settled flight without a landing gets advice, too, and the call
@@ -329,8 +330,8 @@ class LiveSession:
             self._presentation.log(Fact(Gains.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         for fact in adviser.update(vehicle.name, self.backlog.is_late, is_at_end):
             self._presentation.log(fact)
-        if adviser.facts and adviser.facts[-1].code is Gains.GAINS_WRITTEN:
-            self.judging.set_next_step(adviser.facts[-1].figures["because"])
+        if adviser.judgement is not None:
+            self.judging.use_judgement_of_recording(adviser.judgement)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

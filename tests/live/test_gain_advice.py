@@ -9,9 +9,12 @@ from recorded_flights import SLOW
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.dem.parallel import LOW_PRIORITY
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains, Twins
+from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
-from mavdem.live.gain_advice import GainAdviser, advise_gains
+from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains
 
 TUNED_BADLY = """
 seed = 5
@@ -45,7 +48,8 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     before = tmp_path / "flight.gains.stage2.param"
     before.write_text("# of an earlier flight\n")
     capsys.readouterr()
-    roll, *_, twin, written = advise_gains(recording, "1:1")
+    advice = advise_gains(recording, "1:1")
+    roll, *_, twin, written = advice.facts
     assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
     assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
@@ -57,6 +61,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     sentence = told["axes"]["roll"]["sentence"]
     assert sentence.split(" Load them")[0] in roll.sentence
     assert "flight.gains-1.stage2.params and .stage2.param;" in written.sentence
+    assert advice.judgement.next_step.code is NextStep.LOAD_GAINS
     assert written.figures["because"].code == told["next_step_fact"]["code"] == "load_gains"
     for ending in ("stage2.params", "stage2.param"):
         path = tmp_path / f"flight.gains-1.{ending}"
@@ -67,7 +72,8 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
 def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording = tmp_path / SLOW.name
     recording.write_bytes(SLOW.read_bytes())
-    (left,) = advise_gains(recording, "1:1")
+    ((left,), judgement) = advise_gains(recording, "1:1")
+    assert judgement.lights[Light.MARGINS].code is not MarginsLight.LOOP_MARGINS
     assert left.code is Gains.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 
@@ -78,7 +84,7 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser.is_due = True
     assert [fact.code for fact in adviser.update("1:1", True, False)] == [Gains.ADVICE_WAITS]
     assert not adviser._start_executor.called
-    monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: ("gains",))
+    monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: GainAdvice(("gains",)))
     assert adviser.update("1:1", False, False) == ("gains",)
     assert adviser.update("1:1", False, True) == () and not adviser.is_awaited
 

@@ -207,7 +207,8 @@ def test_rates_are_asked_for_and_given_back(now, monkeypatch):
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
-    adviser = Mock(is_due=False, facts=(written,), **{"update.return_value": ()})
+    by_recording = replace(unjudged(written), next_step=TOO_FEW_SAMPLES)
+    adviser = Mock(is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()})
     one, _, said = session_of(batches(9.0), gain_adviser=adviser)
     run(one)
     record = one._learning.learner._memory.record()
@@ -240,7 +241,6 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     def kept():
         return one.final_model().settings.seed
 
-    one.judging.judgement = unjudged(written)
     one.report_gain_advice(is_at_end=True)
     assert not adviser.is_due and one.judging.judgement.next_step == TOO_FEW_SAMPLES, (
         "once, as what to do next"
