@@ -7,7 +7,6 @@ from contextlib import suppress
 from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
 from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
-from mavdem.facts import Fact
 from mavdem.facts.assessment import Override
 from mavdem.live.learning import FlightLearning
 from mavdem.live.model_judgement import judge_model

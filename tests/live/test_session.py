@@ -208,7 +208,9 @@ def test_rates_are_asked_for_and_given_back(now, monkeypatch):
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
     by_recording = replace(unjudged(written), next_step=TOO_FEW_SAMPLES)
-    adviser = Mock(is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()})
+    adviser = Mock(
+        is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()}
+    )
     one, _, said = session_of(batches(9.0), gain_adviser=adviser)
     run(one)
     record = one._learning.learner._memory.record()
