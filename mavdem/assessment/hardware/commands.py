@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.pilot_input import pilot_input
@@ -16,7 +17,7 @@ POSITION_MESSAGE = "LOCAL_POSITION_NED"
 """Message with the estimates of both."""
 
 MIN_STICK_CHANGE = {"%": 5.0, "µs": 50.0}
-"""Change of a stick in flight, by its unit, from which on it moved: ten times what receivers and springs leave."""
+"""Change of a stick in flight, by its unit, from which on it moved: a choice well above the noise of receivers."""
 
 MIN_SWITCH_CHANGE = 100.0
 """Change of a channel, µs, from which on its switch moved: those of three positions change by some 400."""
@@ -60,7 +61,7 @@ def _targets_fact(evidence: Evidence) -> Fact | None:
     )
 
 
-def _squared_errors(evidence: Evidence, axis: str) -> np.ndarray:
+def _squared_errors(evidence: Evidence, axis: str) -> Array:
     """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any.
 
     Args:
