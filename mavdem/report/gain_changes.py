@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import PurePath
+from types import MappingProxyType
 from typing import NamedTuple
 from urllib.parse import quote
 
@@ -11,7 +12,7 @@ from mavdem.assessment.axis.tuning import STAGE_REMARKS
 from mavdem.facts import Fact
 from mavdem.facts.loops import Gains, LoopActions
 from mavdem.ingest.parameter_file import parameter_files
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
 from mavdem.loops.gain_design import Stage
 from mavdem.report.blocks import Table
@@ -21,6 +22,9 @@ READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 
 LOWERING = (Gains.LOWER_GAINS, LoopActions.LOWER_BY_A_THIRD)
 """Facts whose ``changes`` are gains to lower: name, value now and value to set."""
+
+NO_PARAMETERS: Parameters = MappingProxyType({})
+"""No parameters besides the gains."""
 
 LOWERED_GAINS_REMARK = "Gains to lower before the next flight"
 """First line of the parameter files of gains to lower."""
@@ -63,7 +67,11 @@ class _GainSet(NamedTuple):
 
 
 def gain_changes(
-    log_name: str, vehicle: Telemetry, advice: AdviceByAxis, next_step: Fact
+    log_name: str,
+    vehicle: Telemetry,
+    advice: AdviceByAxis,
+    next_step: Fact,
+    notch_parameters: Parameters = NO_PARAMETERS,
 ) -> GainChanges | None:
     """Returns the gains to set of a judged flight: those to lower, if its next step names some, or the advised ones.
 
@@ -72,6 +80,7 @@ def gain_changes(
         vehicle: the vehicle that they are for.
         advice: gains that are advised by axis, or why there are none.
         next_step: next step of the judgement.
+        notch_parameters: parameters of a notch filter with which the gains were advised; they are set with the first.
 
     Returns:
         The table with its files; None where no gain changes.
@@ -83,11 +92,17 @@ def gain_changes(
         gain_sets = [*_advised_gain_sets(advice)]
     rows = []
     downloads = []
+    remaining_notch = notch_parameters
     for gain_set in gain_sets:
         for name, gain in gain_set.gains.items():
             factor = gain.set / gain.now if gain.now else 1.0
             rows.append([name, f"{gain.now:.4g}", f"{gain.set:.4g}", f"{factor:.2f}"])
         values = {name: gain.set for name, gain in gain_set.gains.items()}
+        for name, value in remaining_notch.items():
+            now = vehicle.parameters.get(name)
+            rows.append([name, "" if now is None else f"{now:.4g}", f"{value:.4g}", ""])
+        values |= remaining_notch
+        remaining_notch = NO_PARAMETERS
         files = parameter_files(values, vehicle, gain_set.remark)
         for ending in sorted(files):
             name = f"{PurePath(log_name).stem}{gain_set.suffix}{ending}"

@@ -45,7 +45,7 @@ ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
 
-def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
+def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = False) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
     Each remedy is given once, and not at all where the next step, which stands beside the report, gives it.
@@ -75,7 +75,11 @@ def tune_blocks(tuning: Tuning, is_full: bool = True) -> Blocks:
         blocks.append(Sentence(" ".join(sentences), f"{axis.capitalize()}:"))
         if isinstance(advice, Advice):
             if is_full:
-                blocks += [*_margin_blocks(advice, is_doubtful), *gain_blocks(advice)]
+                # What to set comes before the margins that it follows from.
+                gains = gain_blocks(advice)
+                if has_gain_table:
+                    gains = [block for block in gains if not isinstance(block, Table)]
+                blocks += [*gains, *_margin_blocks(advice, is_doubtful)]
             else:
                 # The first two blocks are the table of gains and what they are for.
                 blocks += gain_blocks(advice)[:2]

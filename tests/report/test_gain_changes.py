@@ -34,6 +34,20 @@ def test_gains_to_lower_are_a_table_and_files_within_the_page(tmp_path: Path):
     assert "flight.params" in {download.name for download in changes.downloads}
 
 
+def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
+    vehicle = Hover().telemetry(parameters={"INS_HNTCH_FREQ": 60.0})
+    notch = {"INS_HNTCH_ENABLE": 1.0, "INS_HNTCH_FREQ": 80.0}
+    next_step = Fact(NextStep.DO_AS_ADVISED, because=LOWER)
+    changes = gain_changes("flight.bin", vehicle, {}, next_step, notch)
+    assert changes.table.rows[1:] == [
+        ["INS_HNTCH_ENABLE", "", "1", ""],
+        ["INS_HNTCH_FREQ", "60", "80", ""],
+    ]
+    path = tmp_path / changes.downloads[0].name
+    path.write_text(unquote(changes.downloads[0].address.split(",", 1)[1]), encoding="utf-8")
+    assert read_parameters(path) == {"ATC_RAT_RLL_P": approx(0.09), **notch}
+
+
 def test_a_flight_whose_gains_stay_has_no_table():
     assert gain_changes("a.bin", Hover().telemetry(), {}, Fact(NextStep.KEEP_MODEL)) is None
 

@@ -24,7 +24,7 @@ from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.gain_changes import GainChanges
+from mavdem.report.gain_changes import GainChanges, gain_changes
 from mavdem.report.loops import compared_loops, tune_blocks
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
@@ -236,7 +236,16 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
         tuning: the advice for each axis.
         evidence: what the log shows of the vehicle, from which its twin is built.
     """
-    chapters = [Chapter("Margins and gains", tune_blocks(tuning))]
+    judgement = tuning.judgement
+    changes = gain_changes(
+        name,
+        evidence.signals.telemetry,
+        tuning.axes,
+        judgement.next_step,
+        tuning.notch_parameters,
+    )
+    blocks = tune_blocks(tuning, has_gain_table=changes is not None)
+    chapters = [Chapter("Margins and gains", blocks)]
     trials = gain_trial_groups(evidence, tuning.axes)
     caption = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
     for axis, advice in tuning.axes.items():
@@ -248,10 +257,9 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
                 groups.insert(0, trials[axis])
             chapters.append(Chapter(f"Loops of {axis}", (), groups))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
-    judgement = tuning.judgement
     conclusion_blocks = conclusion(judgement)
     result = [conclusion_blocks[0], conclusion_blocks[-1]]
-    head = Head(judgement.headline.level, judgement.lights)
+    head = Head(judgement.headline.level, judgement.lights, changes=changes)
     return render_document(name, subtitle, result, chapters, head=head)
 
 
