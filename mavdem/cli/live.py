@@ -39,7 +39,7 @@ from mavdem.report.pages.flight_page import live_page
 from mavdem.report.templates import as_clause, headline
 
 PRINTED_STATUS_PERIOD = 5.0
-"""Time between two reports of the status where they are printed below each other, s; a choice."""
+"""Time between two looks at the status where lines are printed below each other, s; a choice."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,9 @@ def live_command(
         session.report_end(status, judged_model)
         session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
-        print_to_stderr(headline(status.overall_judgement.headline))
+        judgement = status.overall_judgement
+        print_to_stderr(headline(judgement.headline))
+        print_to_stderr(f"Next: {judgement.next_step}")
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:

@@ -1,6 +1,9 @@
 """Status of a live session on standard error: one line that is updated on a terminal, elsewhere lines with news."""
 
 from contextlib import suppress
+from math import inf
+from time import monotonic, strftime
+from typing import NamedTuple
 
 from rich.console import Group
 from rich.live import Live
@@ -12,12 +15,26 @@ from mavdem.live.session import LiveSession
 from mavdem.report.live import watched_quantities
 from mavdem.report.templates import render_section
 
+UNCHANGED_STATE_PERIOD = 30.0
+"""Time between two lines of a state that is the same except for its figures, s; a choice."""
+
+
+class PrintedState(NamedTuple):
+    """What a line says of the state of a session, without its figures."""
+
+    vehicle: str | None
+    """The vehicle; None before it is known."""
+
+    obstacle: Fact | None
+    """Why there is no new model; None while all is well."""
+
 
 class StatusLines:
     """Shows the status of a live session on standard error.
 
-    On a terminal two lines are updated where they are. Elsewhere a line is printed with the sentences that are new.
-    Which quantities are watched, or no longer are, is printed when it changes.
+    On a terminal two lines are updated where they are. Elsewhere a line with the time of day is printed where the state
+    or a sentence is new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or no longer are, is
+    printed when it changes.
     """
 
     def __init__(self, terminal_text: Live | None) -> None:
@@ -27,7 +44,10 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self._terminal_text = terminal_text
-        self._printed_sentences: list[str] = []
+        # Sentences on problems, and the state, that were printed last; and when, s of the monotonic clock.
+        self._printed_problems: list[str] = []
+        self._printed_state: PrintedState | None = None
+        self._print_time = -inf
         self._watch_facts: NamedFacts = {}
 
     def show(self, session: LiveSession) -> None:
@@ -46,7 +66,7 @@ class StatusLines:
             for sentence in render_section("live_status", status=status)
         ]
         if self._terminal_text is None:
-            self._print_new(sentences)
+            self._print_new(PrintedState(status.vehicle, status.obstacle), sentences)
             return
         # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
         remarks = [*sentences[1:], watched_quantities(status.watch_facts)]
@@ -66,27 +86,36 @@ class StatusLines:
             fact for text, fact in self._watch_facts.items() if text not in former_texts
         ]
         if changed_facts:
-            print_to_stderr(watched_quantities(changed_facts))
+            print_to_stderr(timed(watched_quantities(changed_facts)))
 
-    def _print_new(self, sentences: list[str]) -> None:
+    def _print_new(self, state: PrintedState, sentences: list[str]) -> None:
         """Prints the sentences of a status that the status before did not have, as one line.
 
         Args:
-            sentences: The sentences of the status, in the order in which they are printed.
+            state: The vehicle and the obstacle to learning.
+            sentences: First that on the learning, whose figures always differ, then those on problems.
         """
-        new_sentences = [
-            sentence for sentence in sentences if sentence not in self._printed_sentences
-        ]
-        self._printed_sentences = sentences
-        if new_sentences:
-            print_to_stderr(" ".join(new_sentences))
+        learning, *problems = sentences
+        new_problems = [sentence for sentence in problems if sentence not in self._printed_problems]
+        self._printed_problems = problems
+        now = monotonic()
+        is_due = now - self._print_time >= UNCHANGED_STATE_PERIOD
+        if new_problems or state != self._printed_state or is_due:
+            self._printed_state = state
+            self._print_time = now
+            print_to_stderr(timed(" ".join([learning, *new_problems])))
 
 
 def print_fact(fact: Fact) -> None:
     """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line."""
-    text = Text(escape_unprintable(fact.advised), _style(fact))
+    text = Text(timed(escape_unprintable(fact.advised)), _style(fact))
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
+
+
+def timed(text: str) -> str:
+    """Returns a line with the time of day before it, by which a pilot finds it again."""
+    return f"{strftime('%H:%M:%S')} {text}"
 
 
 def _style(*facts: Fact) -> str:

@@ -9,7 +9,7 @@ from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.live import clock
 from mavdem.live.intake import LinkIntake
-from mavdem.live.link import MAX_TRIES, RETRY_SECONDS, SILENCE_SECONDS
+from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
 from mavdem.live.rate_request import ArrivalRates, RateRequest, greeting
 from mavdem.live.stream import LiveStream
 from mavdem.live.vehicle_selection import Component
@@ -72,8 +72,8 @@ class RateNegotiation:
             self._greeting_time = now
             self._intake.send([greeting()])
         vehicle = self._stream.followed_vehicle
-        # Requests into a silence would only use up their tries.
-        if vehicle is None or now - message_time > SILENCE_SECONDS:
+        # Requests into a silence would only use up their tries, and rates that fall with it are nobody's doing.
+        if vehicle is None or now - message_time > RETRY_SECONDS:
             return
         if self._request is None:
             self._request = self._request_to(vehicle, self._requested_rate)

@@ -8,9 +8,12 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 
 from mavdem.dem import Estimate, Learned, Settings
+from mavdem.dem.online.learner import FIRST_FIT_RUNNING
 from mavdem.dem.parallel import LearningProcess
 from mavdem.facts import Fact, Level
+from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.session import Missing, Session, Spent, Task
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
@@ -267,9 +270,11 @@ class LiveSession:
         else:
             self._learning.is_free = False
         if status.obstacle != self._obstacle:
+            # That there is a first model was reported when it came.
+            was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle
-            fact = status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD)
-            self._presentation.log(fact)
+            if status.obstacle is not None or not was_first_fit:
+                self._presentation.log(status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD))
         # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
         if not self.backlog:
             self._report.account_for(now)
@@ -328,7 +333,13 @@ class LiveSession:
             adviser.is_due = True
         if is_at_end and adviser.is_awaited:
             self._presentation.log(Fact(Gains.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
-        for fact in adviser.update(vehicle.name, self.backlog.is_late, is_at_end):
+        advice = adviser.update(vehicle.name, self.backlog.is_late, is_at_end)
+        if advice and adviser.judgement is not None:
+            margins = adviser.judgement.lights[Light.MARGINS]
+            # Why there are no margins is part of the advice.
+            if margins.code is MarginsLight.LOOP_MARGINS:
+                self._presentation.log(margins)
+        for fact in advice:
             self._presentation.log(fact)
         if adviser.judgement is not None:
             self.judging.use_judgement_of_recording(adviser.judgement)

@@ -20,6 +20,8 @@ class SilenceMonitor:
         self.message_time = clock.monotonic()
         self.motion_time = -inf
         self._sample_count = 0
+        # Whether any message has come: before that nothing can resume.
+        self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
         """Notes that some messages arrived together.
@@ -29,9 +31,10 @@ class SilenceMonitor:
             last_arrival: arrival of the last of them, s of the monotonic clock.
 
         Returns:
-            How long no message had come before them, s.
+            How long no message had come before them, s; 0 for the first ones.
         """
-        silence_before = first_arrival - self.message_time
+        silence_before = first_arrival - self.message_time if self._has_received else 0.0
+        self._has_received = True
         self.message_time = last_arrival
         return silence_before
 

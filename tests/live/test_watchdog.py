@@ -243,7 +243,8 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
     ground = Fact(Watch.NOT_WATCHED, time=3.0, subject=Watched.MOTORS, because=waiting)
     known = {"vehicle": "1:1", "obstacle": waiting, "watch_facts": (ground,)}
     lines = StatusLines(None)
-    for learned, count in ((0, 2), (0, 0), (1, 1)):
+    news = ((0, waiting, 2), (0, waiting, 0), (1, waiting, 0), (1, None, 1))
+    for learned, known["obstacle"], count in news:
         lines.show(Mock(status=SessionStatus(learned_rows=learned, **known)))
         assert len(capsys.readouterr().err.splitlines()) == count
 

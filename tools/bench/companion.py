@@ -257,18 +257,19 @@ def row_of(run: LiveRun, rate: float) -> dict[str, object]:
     share = (during[-1].processor - during[0].processor) / seconds
     document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
     latency = document["latency"]
-    first_models = [line for _, line in run.lines if line.startswith("First model")]
+    # Lines begin with the time of day.
+    first_models = [line for _, line in run.lines if "First model" in line]
     return {
         "Hz": rate,
         "rows": sum(document["samples"].values()),
         "latest sample, s": latency["max"],
         "p99, ms": 1e3 * latency["p99"],
         "core, %": 100 * share,
-        "processor in all, s": run.usages[-1].processor,
+        "processor in all, s": max(use.processor for use in run.usages),
         "memory, MB": max(use.memory for use in run.usages),
         "frames lost": document["lost"],
         "recorded": run.document["recorded"],
-        "first model": first_models[0] if first_models else "none",
+        "first model": first_models[0].partition(" ")[2] if first_models else "none",
     }
 
 
