@@ -180,7 +180,7 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
 
 
 def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | None, ...]:
-    """Returns how uncertain each motor's share of the work is: half widths of 90 % intervals.
+    """Returns the uncertainty of each motor's share of the work: half widths of 90 % intervals.
 
     With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the share is the ratio
     of means E[u_i]/E[m]; 1 for a motor that does as much as the others. To first order, the error of this ratio is the
@@ -267,7 +267,7 @@ def _tilt(signals: Signals, settled: Segments) -> Array:
 
 
 def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures | None:
-    """Returns how strongly the vehicle vibrates in settled flight, by the autopilot's own message.
+    """Returns the vibration of the vehicle in settled flight, by the autopilot's own message.
 
     Args:
         signals: signals of the vehicle.

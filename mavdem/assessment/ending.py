@@ -35,7 +35,7 @@ REPORTS_OF_LOSS = (Reported.CRASH_DETECTED, Reported.PARACHUTE_RELEASED)
 def ending_of(
     signals: Signals, events: Sequence[Fact], collective: float | None = None
 ) -> Fact | None:
-    """Returns how the last of the lost flights was lost, with what failed first; None if no flight was lost.
+    """Returns the fact on how the last lost flight was lost, with what failed first; None if no flight was lost.
 
     Only bad events count. The last one of those that may lose a vehicle is the loss; the autopilot's own reports of a
     loss count only where the motion shows none. What failed first comes from the commands of the motors
@@ -167,7 +167,7 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 
 
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
-    """Returns what the sensors show around a report of a crash, as witnesses of it.
+    """Returns the statements of the sensors around a report of a crash, as witnesses of it.
 
     Args:
         signals: signals of the vehicle.

@@ -125,7 +125,7 @@ class _Trouble(NamedTuple):
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
-    """Returns what failed first, before a vehicle was lost; None if nothing shows it.
+    """Returns the fact on what failed first, before a vehicle was lost; None if nothing shows it.
 
     A motor that was off or stood still as the loss began is the cause, or a setpoint that turned the vehicle over.
     Otherwise the commands of the motors are examined over a short interval (:func:`_trouble_before_impact`,
@@ -426,7 +426,7 @@ def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) ->
 
 
 def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact | None:
-    """Returns what failed first by the commands of the motors; None if they show nothing.
+    """Returns the fact on what failed first, by the commands of the motors; None if they show nothing.
 
     The commands in the time of trouble are compared with the usual ones of the ``RECOVERY_SECONDS`` before. They
     show, in this order: that all motors were switched off, that all thrust was in use, that one motor is too weak

@@ -105,7 +105,7 @@ def ground_contact(
     loss: Fact | None,
     reports: Sequence[Fact] = (),
 ) -> Fact | None:
-    """Returns how a flight met the ground, if it was not an ordinary landing; None otherwise.
+    """Returns the event of a flight that met the ground, if it was not an ordinary landing; None otherwise.
 
     Args:
         scene: sensors of the boot.
@@ -183,7 +183,7 @@ class _Contact:
         return None
 
     def _aftermath(self, time: float, rest: Rest | None, record_end: float) -> Facts:
-        """Returns what followed a contact, as a witness: that the vehicle rested, or else that the log ended soon.
+        """Returns the aftermath of a contact, as a witness: that the vehicle rested, or else that the log ended soon.
 
         The end of the log counts only after a loss of attitude.
 

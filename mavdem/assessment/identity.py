@@ -86,7 +86,7 @@ class _NameWithBasis(NamedTuple):
 
 
 def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identity:
-    """Returns which vehicle a log is of: its name, type, autopilot, firmware and board, and when and where it flew.
+    """Returns the identity of a log's vehicle: name, type, autopilot, firmware and board, and when and where it flew.
 
     Args:
         signals: signals of the vehicle.

@@ -43,7 +43,7 @@ class VehicleContents(NamedTuple):
 
 
 def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> JsonValues:
-    """Returns what a log contains, as the JSON object that ``mavdem info`` writes: senders, vehicles, unread messages.
+    """Returns the contents of a log as the JSON object of ``mavdem info``: senders, vehicles, unread messages.
 
     Two figures, both between 0 and 1, tell whether a link lost messages:
 
@@ -94,7 +94,7 @@ def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> Js
 
 
 def vehicle_contents(telemetry: Telemetry, log: Log) -> VehicleContents:
-    """Returns what a log holds of the vehicle of this ``telemetry``."""
+    """Returns the contents of a log on one vehicle, that of this ``telemetry``."""
     signals = Signals(telemetry)
     learnability = learnability_of(signals, log.components)
     identity = identity_of(signals, log.receive_time[0])
@@ -129,7 +129,7 @@ def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
 
 
 def _component_values(component: Component, missing_share: float | None) -> JsonValues:
-    """Returns what a MAVLink component sent and what was lost of it, as values of a document.
+    """Returns the counts of messages that a MAVLink component sent and that were lost, as values of a document.
 
     Args:
         component: counts of a component's messages.
@@ -152,7 +152,7 @@ def _component_values(component: Component, missing_share: float | None) -> Json
 
 
 def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
-    """Returns what a log holds of a vehicle, as values of a document.
+    """Returns the contents of a log on one vehicle, as values of a document.
 
     Args:
         vehicle: telemetry, learnability, condition and identity of the vehicle.

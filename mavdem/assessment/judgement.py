@@ -150,7 +150,7 @@ def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
 
 
 def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
-    """Returns what must be repaired before a vehicle is tuned: why it must not fly or, if it may, its bad motors.
+    """Returns the facts on repairs before a vehicle is tuned: why it must not fly or, if it may, its bad motors.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -317,7 +317,7 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
 
 
 def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
-    """Returns what to do next: repair what is wrong; else log what is missing; else improve the model.
+    """Returns the fact on what to do next: repair what is wrong; else log what is missing; else improve the model.
 
     Args:
         headline: headline of the judgement. If something is wrong, the next step is what it advises.

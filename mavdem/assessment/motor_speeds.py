@@ -275,7 +275,7 @@ def reports_on_motor(
 
 
 def speed_statements(signals: Signals, loss: Fact) -> Facts:
-    """Returns what the controller of a motor measured from its loss of thrust on, for or against the motor.
+    """Returns the statement of a motor's speed controller from its loss of thrust on, for or against the motor.
 
     A motor that turned more slowly although it was not commanded less lost thrust itself. One that turned as before,
     or faster, did not: then its propeller is to blame.

@@ -90,7 +90,7 @@ def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interva
 
 
 def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Facts:
-    """Returns what the autopilot did about a lost position: failsafes, and changes to modes that need no position.
+    """Returns the reactions of the autopilot to a lost position: failsafes, and changes to modes that need no position.
 
     Args:
         scene: sensors of the boot.

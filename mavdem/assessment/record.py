@@ -47,7 +47,7 @@ class NoLoop(NamedTuple):
 
 
 def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContents:
-    """Returns what a log holds of a vehicle, as its analysis has it: for an inventory of the log.
+    """Returns the contents of a log on one vehicle, as its analysis has it: for an inventory of the log.
 
     Args:
         signals: signals of the vehicle.

@@ -166,7 +166,7 @@ class FallAtStart(NamedTuple):
 
 
 def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
-    """Returns how the vehicle falls at the beginning of a boot, where height and vertical speed agree.
+    """Returns the fall of the vehicle at the beginning of a boot, where height and vertical speed agree.
 
     It hit the ground where a fall ends within ``MAX_STOP_SECONDS``, and the height rests from then on.
 

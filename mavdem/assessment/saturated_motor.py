@@ -102,7 +102,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
 
 
 def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | None:
-    """Returns how a flight was lost, with a motor that lost thrust as the cause if nothing else is known.
+    """Returns the event of a lost flight, with a motor that lost thrust as the cause if nothing else is known.
 
     The motor is named only if all losses before it, and the autopilot's own report, are of this one motor.
 

@@ -150,7 +150,7 @@ def diff_command(
 
 
 def _shown_name(source: str, days: Days | None) -> str:
-    """Returns what the page calls a log or a fleet: its name, with the days that are compared."""
+    """Returns the name that the page gives to a log or a fleet: its own, with the days that are compared."""
     name = Path(source).name
     return name if days is None else f"{name}, {days.first} to {days.last}"
 

@@ -129,7 +129,7 @@ def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
 
 
 def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns what flew, as the second part of a flight's provenance.
+    """Returns the name of what flew, as the second part of a flight's provenance.
 
     Args:
         signals: signals of the vehicle, for one axis.

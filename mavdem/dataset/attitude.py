@@ -219,7 +219,7 @@ def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Arr
 
 
 def _exceeds(quantities: list[Array], limit: float) -> Flags:
-    """Returns in which rows (N,) one of several quantities (N,) is finite and beyond a limit, whatever its sign."""
+    """Returns flags of the rows (N,) in which any of several quantities (N,) is finite and by size beyond a limit."""
     exceeds = np.zeros(len(quantities[0]), dtype=np.bool_)
     for values in quantities:
         magnitudes = np.abs(values)
@@ -274,7 +274,7 @@ def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
 
 
 def _is_between_messages(time: Array, sent_time: Array) -> Flags:
-    """Returns which times (N,) lie between two messages of one boot, at ``sent_time`` (M,), that no outage parts."""
+    """Returns flags of the times (N,) between two messages of one boot, at ``sent_time`` (M,), without an outage."""
     is_in_span = (time >= sent_time[0]) & (time <= sent_time[-1])
     steps = np.diff(sent_time, append=sent_time[-1])
     is_outage = steps > MAX_STEP_WITHOUT_OUTAGE * np.median(steps)

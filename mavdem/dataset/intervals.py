@@ -39,7 +39,7 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
 
 
 def longest_true_duration(time: Array, condition: Flags) -> float:
-    """Returns for how many seconds at most a sampled condition is true without a break.
+    """Returns the longest time, s, for which a sampled condition is true without a break.
 
     Args:
         time: (N,) stamps in seconds, rising; one at least.

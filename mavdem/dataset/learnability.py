@@ -171,7 +171,7 @@ def segment_learnabilities(
 
 
 def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
-    """Yields what makes a model of a segment less reliable.
+    """Yields cautions: facts on what makes a model of a segment less reliable.
 
     Args:
         signals: Signals of the vehicle for an axis.
@@ -279,7 +279,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
 
 
 def _missing_part_of_attitude(telemetry: Telemetry) -> str:
-    """Returns which part of the attitude a DataFlash log lacks: "angles", "rates", or "" where that is not clear.
+    """Returns the part of the attitude that a DataFlash log lacks: "angles", "rates", or "" where that is not clear.
 
     Angles and body rates are in the same messages as their setpoints, so that the setpoints show which were logged.
 

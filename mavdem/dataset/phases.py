@@ -556,7 +556,7 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns how fast roll and pitch change: the sum of the mean squares of their rates.
+    """Returns the speed at which roll and pitch change: the sum of the mean squares of their rates.
 
     Args:
         signals: signals of the vehicle.

@@ -43,7 +43,7 @@ OTHER_SOURCE_PARAMETERS = ("FLOW_TYPE", "FLOW_ENABLE", "VISO_TYPE", "BCN_TYPE", 
 
 
 def has_fix_by_row(columns: Columns) -> Flags:
-    """Returns for each message of a receiver (N,) whether it had a position in three dimensions.
+    """Returns flags (N,) of a receiver's messages: whether each had a position in three dimensions.
 
     Args:
         columns: Fields of GPS_RAW_INT or GPS2_RAW.

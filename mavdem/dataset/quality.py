@@ -198,7 +198,7 @@ def segment_quality(
 
 
 def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flags]:
-    """Returns which samples of which motors are at their limits.
+    """Returns flags of the samples in which each motor is at a limit.
 
     Args:
         fractions: Motor outputs as fractions of the range, of any shape.

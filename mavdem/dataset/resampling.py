@@ -164,7 +164,7 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array,
 
 
 def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Returns which sample of a stream is at each grid point, if each grid point has its own.
+    """Returns the row of a stream's sample at each grid point, if each grid point has its own.
 
     Args:
         grid: (T,) times of the grid, s.
@@ -210,7 +210,7 @@ def low_pass_impulse_response(rate: float, dt: float) -> Array:
 
 
 def _is_free_of_edges(grid: Array, dt: float, time: Array) -> Flags:
-    """Returns which grid points (T,) are far enough from the ends of a stream that its filter does not spoil them.
+    """Returns flags of the grid points (T,) so far from the ends of a stream that its filter does not spoil them.
 
     Args:
         grid: (T,) times of the grid, s.

@@ -60,7 +60,7 @@ Segments = Sequence[Segment]
 
 @cached_per_vehicle()
 def recorded_spans(signals: Signals) -> Segments:
-    """Returns from when to when something was recorded in each boot.
+    """Returns the span of time in which something was recorded, for each boot.
 
     Texts do not count: a log may begin with older ones.
 
@@ -137,7 +137,7 @@ def in_segments(
     *segments: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> Flags:
-    """Returns which samples of a stream belong to segments.
+    """Returns flags of the samples of a stream that belong to segments.
 
     Args:
         stream: N samples with their times and boots.

@@ -221,7 +221,7 @@ def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
 
 
 def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
-    """Returns for each message (N,) whether the controller was heard since the one before, by its counter.
+    """Returns flags (N,) of the messages: whether the controller was heard since the one before, by its counter.
 
     Args:
         columns: fields of the message, N rows.

@@ -93,7 +93,7 @@ def missing_quantities(
     estimates: Sequence[Sequence[Iterable[Quantity]]],
     obstacle: Fact | None,
 ) -> Iterator[MissingQuantity]:
-    """Yields what a reader would expect to be compared but is not, each with the reason.
+    """Yields the quantities that a reader would expect to be compared but is not, each with the reason.
 
     Expected are the trim shares, the effects of the motors, and damping and motor time constant of roll and pitch.
 

@@ -65,7 +65,7 @@ class Conditions(NamedTuple):
 
 
 def mean_conditions(flights: Flights) -> Conditions:
-    """Returns how flights were flown: means over the flights that have a value, ``None`` where no flight has one.
+    """Returns the conditions of flights: means over the flights that have a value, ``None`` where no flight has one.
 
     Args:
         flights: the flights of one state, each as the rows of its axes.
@@ -89,7 +89,7 @@ def mean_conditions(flights: Flights) -> Conditions:
 
 
 def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:
-    """Returns how much other conditions of flight alone may change a quantity between two states.
+    """Returns the amount by which other conditions of flight alone may change a quantity between two states.
 
     The trim shares depend on the lean of the vehicle, since drag acts above or below the centre of mass. The mean
     effect of the motors depends on voltage and thrust, and the margins on that effect. The other quantities get no

@@ -54,7 +54,7 @@ class GivenNames:
         return labels
 
     def vehicle(self, vehicle: str) -> str:
-        """Returns what a vehicle is called: the name that it was given, otherwise what its logs call it.
+        """Returns the name of a vehicle: that that it was given, otherwise what its logs call it.
 
         Vehicles are distinguished by what their logs call them; this is only for those who read it.
         """

@@ -155,7 +155,7 @@ def health_figures(row: FlightRow) -> HealthFigures:
 
 
 def _flight_key(row: FlightRow) -> FlightKey:
-    """Returns what identifies the flight of a row."""
+    """Returns the key of a row's flight, equal for all rows of it."""
     return row.key or row.file, row.vehicle, row.system, row.component
 
 

@@ -235,7 +235,7 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns what shows that two logs are not of the same vehicle; None where nothing does.
+    """Returns the reason why two logs are not of the same vehicle; None where nothing does.
 
     Args:
         earlier, later: The vehicle by each log, in the order of time.
@@ -276,7 +276,7 @@ def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
 def _separation_in_time(
     earlier: Recording, later: Recording, gap: float | None
 ) -> Separation | None:
-    """Returns what shows that two logs of a vehicle are not of one flight; None where nothing does.
+    """Returns the reason why two logs of a vehicle are not of one flight; None where nothing does.
 
     Args:
         earlier, later: The recordings in the order of time.

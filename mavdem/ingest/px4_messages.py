@@ -497,7 +497,7 @@ def motor_speeds(topics: Topics) -> Fields:
 
 
 def _is_online(topic: Columns, instance: int) -> Flags:
-    """Returns for each message of esc_status (N,) whether a controller reports, by its flags or the number of them.
+    """Returns flags (N,) of esc_status: whether a controller reports, by its flags or the number of controllers.
 
     Where neither was logged, one that ever turns reports throughout.
 

@@ -326,13 +326,13 @@ class RecordDefinitions:
         return PossibleRecords(starts, starts + HEADER.size + lengths[is_data])
 
     def _layout(self, name: str) -> TopicLayout | None:
-        """Returns what the data records of a message look like, or None (see ``_layout_of_format``)."""
+        """Returns the layout of a message's data records, or None (see ``_layout_of_format``)."""
         if name not in self._layouts:
             self._layouts[name] = self._layout_of_format(name)
         return self._layouts[name]
 
     def _layout_of_format(self, name: str) -> TopicLayout | None:
-        """Returns what the data records of a message look like: its numbers and their offsets.
+        """Returns the layout of a message's data records: its numbers and their offsets.
 
         Padding at the end is not always logged, and is left out of the numbers.
 

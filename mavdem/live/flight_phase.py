@@ -107,11 +107,11 @@ class FlightPhase:
         return self.is_in_air or (self.is_flying and self._free_climb_start < inf)
 
     def settled_start(self, now: float) -> float | None:
-        """Returns since when the flight is settled, s; None where it is not settled ``now``, s."""
+        """Returns the time since which the flight is settled, s; None where it is not settled ``now``, s."""
         return self._settled_start if self.is_settled(now) else None
 
     def pop_landing_time(self) -> float | None:
-        """Returns since when samples that counted as settled were of a landing, s; None without a new landing."""
+        """Returns the time, s, since which samples that counted as settled were of a landing; None without one."""
         landing_time = self._landing_time
         self._landing_time = None
         return landing_time
@@ -264,7 +264,7 @@ def _is_recent(landed_state: TimeSeries, now: float) -> bool:
 
 
 def _end_of_validity(landed_state: TimeSeries | None, now: float) -> float:
-    """Returns until when the latest report of the landed state counts, s of the boot clock.
+    """Returns the time until which the latest report of the landed state counts, s of the boot clock.
 
     Args:
         landed_state: the reports of the last seconds; None where none came.

@@ -302,7 +302,7 @@ class LiveHistory:
                 self._rows[number] = cleared
 
     def errors(self) -> list[HorizonErrors]:
-        """Returns how well the flight's outputs were predicted, for each horizon, the shortest first.
+        """Returns the errors with which the flight's outputs were predicted, for each horizon, the shortest first.
 
         A horizon is how far ahead a prediction was made, s. For each there are the mean squared error of the
         predictions of the m outputs, that of the baseline, which predicts that the outputs stay as they were, and the

@@ -101,7 +101,7 @@ class _MessageReader(NamedTuple):
 
 @cache
 def message_readers() -> dict[int, _MessageReader]:
-    """Returns how each message of ``MESSAGE_FIELDS`` is decoded, by message id; the first call takes a while.
+    """Returns the decoder of each message of ``MESSAGE_FIELDS``, by message id; the first call takes a while.
 
     A payload is read by a structured NumPy type of only the needed fields, with the time stamp as the last one. A stamp
     of n bits in units of 1/u s wraps after 2ⁿ/u s: ``time_boot_ms`` after 49.7 days.

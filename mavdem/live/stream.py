@@ -207,7 +207,7 @@ class LiveStream:
         return self._phase.takeoff_time
 
     def pop_landing_time(self) -> float | None:
-        """Returns since when settled rows were of a landing, s of this boot; None without a new landing."""
+        """Returns the time since which settled rows were of a landing, s of this boot; None without a new landing."""
         return self._phase.pop_landing_time()
 
     def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:

@@ -202,7 +202,7 @@ class Controller(ImmutableResult):
         return controller_from_parameters(changed, self.axis, self.motor_weights)
 
     def outputs_per_demand(self, outputs: Sequence[float]) -> Numbers:
-        """Returns how much each motor's output changes per unit of demand about the axis.
+        """Returns the change of each motor's output per unit of demand about the axis.
 
         The mixer gives the change dT of each motor's thrust. The thrust curve T(u) = (1 − e) u + e u² is linearised
         about the present outputs, which gives the change of the command: du = dT / (1 − e + 2 e u).

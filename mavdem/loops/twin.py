@@ -306,7 +306,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
 def _notes(
     loops: LoopsByAxis, is_mass_given: bool, is_arm_measured: bool, drag: Drag
 ) -> dict[str, Fact]:
-    """Returns how certain the attributes of a twin are, by the names of the attributes.
+    """Returns facts on how certain the attributes of a twin are, by the names of the attributes.
 
     Args:
         loops: identified loops by axis.

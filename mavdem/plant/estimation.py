@@ -98,7 +98,7 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
 
 
 def _mixer_directions(record: Record) -> Array | None:
-    """Returns how strongly each motor turns the vehicle about the axis, relative to the others.
+    """Returns the relative strength with which each motor turns the vehicle about the axis.
 
     The record has it where the vehicle's mixer is known. Otherwise the mixer is estimated by the joint model of motors
     and motion (:func:`axis_mixer`). That estimate is only used if it is the pattern of an X or plus frame, whose motors

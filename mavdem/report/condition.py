@@ -48,7 +48,7 @@ def log_blocks(contents: JsonValues) -> Blocks:
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns what a log contains of a vehicle: whether a model can be learned, repairs, settled flight, and messages.
+    """Returns the report on a log of a vehicle: whether a model can be learned, repairs, settled flight, and messages.
 
     Args:
         vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``).
@@ -241,7 +241,7 @@ def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -
 
 
 def air_blocks(assessment: Assessment) -> Blocks:
-    """Returns what an assessment knows about the air: wind speed and direction, and its share of the wind torque.
+    """Returns the report on the air by an assessment: wind speed and direction, and its share of the wind torque.
 
     The wind torque is the part of the torque that the motors do not explain; gusts of the estimated wind explain some
     of it. The result is empty where the vehicle was not judged at all.

@@ -79,7 +79,7 @@ def difference_blocks(
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
 ) -> Blocks:
-    """Returns in sentences what differs between two states of a vehicle, or two vehicles, and how sure that is.
+    """Returns sentences on what differs between two states of a vehicle, or two vehicles, and how sure that is.
 
     Doubts about the vehicles come first, then parameters, what changed, what could not be compared, and the conditions.
 
@@ -120,7 +120,7 @@ def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
-    """Returns what differs between a vehicle's latest flight and its flights of the baseline.
+    """Returns the report on what differs between a vehicle's latest flight and its flights of the baseline.
 
     Args:
         latest: row of the latest flight.

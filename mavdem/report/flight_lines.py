@@ -93,7 +93,7 @@ def _tier(flight: AxisRows) -> str:
 
 
 def _badge(flight: AxisRows) -> str:
-    """Returns how a flight went, in one word."""
+    """Returns the one word that says how a flight went."""
     return badge([flight])
 
 

@@ -92,7 +92,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
-    """Returns what to do about the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
+    """Returns the remedies for the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
 
     Args:
         decision: on the loops of the axis; None where there is none.
@@ -123,7 +123,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
 
 
 def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
-    """Returns what is wrong with the control loops and what to do about it, one sentence for all axes with the same.
+    """Returns the decisions on control loops, what is wrong and what to do, one sentence for all axes with the same.
 
     If several axes need the same action for different reasons, each reason has a sentence, and the action has one of
     its own after them.

@@ -97,7 +97,7 @@ def _light_lines(lights: NamedFacts, columns: int) -> list[str]:
 
 
 def _last_lines(assessment: Assessment, light_count: int, columns: int) -> list[str]:
-    """Returns what follows the lights: as many alarms as there is room for, the headline, and the next step.
+    """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
 
     Args:
         assessment: what is reviewed.

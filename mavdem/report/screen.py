@@ -230,7 +230,7 @@ def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
 
 
 def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
-    """Returns what is known of each motor as tables, and of the motion that they cause as a sentence.
+    """Returns the report on the motors: tables of each motor, and of the motion that they cause as a sentence.
 
     There are two sources. A model gives the control effectiveness: the angular acceleration per unit of motor output.
     The hover figures tell how hard each motor works: its mean output ("trim"), the deviation of that from the mean of
@@ -486,7 +486,7 @@ def _text_of_reason(is_doubtful: bool) -> Callable[[Fact], str]:
 
 
 def detail_blocks(learned: Learned) -> Blocks:
-    """Returns what the screen leaves out: cautions, poles, and how a model was learned; files have its matrices.
+    """Returns the details that the screen leaves out: cautions, poles, and how a model was learned, but no matrices.
 
     Learning is described by the gain of the free energy over its iterations, nats, both of DEM and, where there was
     one, of the fit by simulation that followed.

@@ -140,7 +140,7 @@ class Library:
         return self.folder / RESULTS / entry.digest
 
     def progress(self, entry: Entry) -> JsonValues:
-        """Returns what the process that works on a log has written into its progress file so far.
+        """Returns the progress of the process that works on a log, from its progress file.
 
         The file is in the final folder of results or, while the log is worked on, in a hidden folder beside it. It is
         missing before the work begins, and for a moment while the folder is renamed; then there are no values.

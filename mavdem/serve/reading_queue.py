@@ -89,7 +89,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
-    """Returns how much longer the reading of a log probably takes, s.
+    """Returns the time, s, that the reading of a log probably still takes.
 
     A log that has taken longer than its estimate is expected to go on for ``MIN_REMAINING_SHARE`` of the time so far.
 

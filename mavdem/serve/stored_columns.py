@@ -78,7 +78,7 @@ class StoredLog(NamedTuple):
     """Bytes of the file of columns, mapped into memory."""
 
     def vehicle(self, name: str) -> StoredVehicle:
-        """Returns what is listed of a vehicle.
+        """Returns the list entry of a vehicle.
 
         Args:
             name: ``SYSTEM_COMPONENT``; empty for the first one.

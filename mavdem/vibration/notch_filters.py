@@ -162,7 +162,7 @@ def _narrowest_notch(
 def _relative_notch_frequency(
     controller: Controller, line: SpectralLine, spectrum: Spectrum
 ) -> Array:
-    """Returns how the centre of a notch would have moved in flight, relative to its centre at the median drive.
+    """Returns the course of a notch's centre in flight, relative to its centre at the median drive.
 
     A notch on a line of motors follows the motors' speed where ESCs report it, so that the line has an ``order``. Else,
     ArduPilot's notch follows the root of the throttle. All other notches stay.

@@ -435,7 +435,7 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
 
 
 def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) -> int | None:
-    """Returns which of several fundamentals a line is a harmonic of.
+    """Returns the one of several fundamentals of which a line is a harmonic.
 
     Args:
         line: the line.
@@ -451,7 +451,7 @@ def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) ->
 
 
 def _multiple(fundamental: SpectralLine, line: SpectralLine) -> int:
-    """Returns which multiple of a fundamental's frequency a line is, 2 to ``MAX_HARMONIC``; 0 where it is none."""
+    """Returns the multiple of a fundamental's frequency that a line is, 2 to ``MAX_HARMONIC``; 0 where it is none."""
     ratio = line.frequency / fundamental.frequency
     nearest = round(ratio)
     if 2 <= nearest <= MAX_HARMONIC and abs(ratio / nearest - 1) <= HARMONIC_TOLERANCE:

@@ -77,7 +77,7 @@ class Pose:
         return float(np.hypot(*self.rotors.T).max())
 
     def airborne_samples(self) -> Flags:
-        """Returns which of the N samples are airborne, by the speed of the rotors; all samples if none is.
+        """Returns flags (N,) of the airborne samples, by the speed of the rotors; all samples if none is.
 
         The median of the mean rotor speed while armed stands for the speed in hover, since most of a flight is near
         hover. In a descent slightly slower rotors carry the vehicle, hence ``AIRBORNE_SPEED_SHARE``.

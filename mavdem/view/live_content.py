@@ -108,7 +108,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
 
 def first_tab_paths(axis: str) -> dict[str, str]:
-    """Returns which data of the Rerun recording each plot of the first tab shows.
+    """Returns the paths of the data in the Rerun recording that each plot of the first tab shows.
 
     Rerun stores each line under a path, like a file in a folder ("air/1_speed"). A plot shows all lines under its path.
 

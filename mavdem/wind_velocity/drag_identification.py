@@ -267,7 +267,7 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
 
 
 def steered_share(moved: MotionGrid) -> float:
-    """Returns how much of the changes of the force is drag in manoeuvres, and so shows the drag coefficients.
+    """Returns the share of the force's changes that is drag in manoeuvres, and so shows the drag coefficients.
 
     In a manoeuvre the vehicle flies faster, and drag opposes its velocity: force and velocity change in opposite
     directions. A gust pushes the vehicle along: both change in the same direction. So the share is the square of the
@@ -296,7 +296,7 @@ def steered_share(moved: MotionGrid) -> float:
 
 
 def _turned_share(moved: MotionGrid) -> float:
-    """Returns how much the yaw turns: 1 minus the square of the mean heading vector's length, 0 to 1."""
+    """Returns the spread of the yaw: 1 minus the square of the mean heading vector's length, 0 to 1."""
     ahead = moved.body_axes[moved.complete, 0, :2]
     headings = ahead / np.hypot(*ahead.T)[:, None]
     return max(1 - np.hypot(*headings.mean(axis=0)) ** 2, 0.0)

@@ -441,7 +441,7 @@ def _doubts(
     steered_share: float,
     prior_source: DragSource,
 ) -> list[_Doubt]:
-    """Returns which of drag, speed and direction are not reported, and why.
+    """Returns the reasons why drag, speed or direction are not reported.
 
     A figure is reported if its interval is narrow enough. Otherwise it is biased, which means that it is given with a
     warning, or not identifiable, which means that the flight hardly tells it.

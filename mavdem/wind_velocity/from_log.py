@@ -161,7 +161,7 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 
 
 def wind_evidence(signals: Signals) -> WindEvidence:
-    """Returns what the signals of a vehicle show of the wind, or why there is no estimate.
+    """Returns the evidence of the wind in the signals of a vehicle, or why there is no estimate.
 
     Only a multirotor leans against the wind; of another vehicle only the autopilot's own estimate is known.
 
@@ -494,7 +494,7 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
 
 
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
-    """Returns which parameters of the autopilot's own drag model should be set to make its wind estimate better.
+    """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
     There are none for the population's drag, which is not that of this vehicle. A DataFlash log has all parameters of
     the firmware, so those that it does not have are left out: the firmware does not know them.

@@ -254,7 +254,7 @@ def _body_axes(attitude: Array) -> Array:
 
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
-    """Returns which steps (T,) are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
+    """Returns flags of the steps (T,) that are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
 
     Args:
         grid: motion of the vehicle on an even grid of times, with gaps.

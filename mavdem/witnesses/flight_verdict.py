@@ -104,7 +104,7 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
 
 
 def _rise_statements(rise: float | None, source: str) -> Facts:
-    """Returns what the rise of the vehicle says of a flight; nothing if it is not known, or neither large nor small.
+    """Returns the statement of the vehicle's rise on a flight; nothing if it is not known, or neither large nor small.
 
     Args:
         rise: height gained under power, m; None if it is not known.
@@ -120,7 +120,7 @@ def _rise_statements(rise: float | None, source: str) -> Facts:
 
 
 def _rotation_statements(signals: Signals, boot: int) -> Facts:
-    """Returns what roll, pitch and the body rates say of a flight.
+    """Returns the statements of roll, pitch and the body rates on a flight.
 
     Args:
         signals: signals of the vehicle.

@@ -126,7 +126,7 @@ def is_usable_barometer(noise: float | None) -> bool:
 
 
 def barometer_noise(altitude: TimeSeries) -> float | None:
-    """Returns how noisy a barometer is: the robust RMS, m/s², of the second differences of its means over 1 s.
+    """Returns the noise of a barometer: the robust RMS, m/s², of the second differences of its means over 1 s.
 
     The second difference of an altitude over 1 s steps is a vertical acceleration. No multirotor keeps up an
     acceleration beyond ``MAX_BAROMETER_NOISE``, so that a larger figure is of the sensor and not of the flight. Robust

@@ -92,7 +92,7 @@ class PositionWitness:
 
 @cached_per_vehicle()
 def position_witness(signals: Signals, boot: int) -> PositionWitness:
-    """Returns what receivers and estimator report of the position in a boot.
+    """Returns the report of receivers and estimator on the position in a boot.
 
     Args:
         signals: signals of the vehicle.
@@ -107,7 +107,7 @@ def position_witness(signals: Signals, boot: int) -> PositionWitness:
 
 
 def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float | None:
-    """Returns for which share of the time under power a state was 1.
+    """Returns the share of the time under power in which a state was 1.
 
     Under power means that the motors could carry the vehicle. Without motor outputs all samples count.
 

@@ -251,7 +251,7 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
 
 
 def trust_of_boots(signals: Signals) -> tuple[SensorTrust, ...]:
-    """Returns what can be trusted in each boot in which the attitude was recorded, in order.
+    """Returns the trust in the sensors for each boot in which the attitude was recorded, in order.
 
     Args:
         signals: signals of the vehicle.

@@ -177,7 +177,7 @@ def analyse(
 def analyse_without_model(
     log: Log, signals: Signals, axis: str = ALL_AXES, options: Options | None = None
 ) -> LogAnalysis:
-    """Returns what a log shows of one vehicle before a model is learned, which is known sooner than the rest.
+    """Returns the analysis of one vehicle's log before a model is learned, which is known sooner than the rest.
 
     Args:
         log, signals, axis, options: as for :func:`analyse`, which takes the result as its ``other_axis``.
@@ -198,7 +198,7 @@ def _analysis_without_model(
     *,
     with_motors: bool,
 ) -> LogAnalysis:
-    """Returns what a log shows of a vehicle without a model, and why it allows no full one.
+    """Returns the analysis of a vehicle's log without a model, with the reason why it allows no full one.
 
     Args:
         log: the log.

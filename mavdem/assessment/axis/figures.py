@@ -288,7 +288,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 
 
 def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
-    """Returns how the simulation-error fit of a model went, by the keys of ``report.json``.
+    """Returns figures of the simulation-error fit of a model, by the keys of ``report.json``.
 
     Args:
         learned: the model.

@@ -90,7 +90,7 @@ class Findings(NamedTuple):
     """What must be known before the model is used."""
 
     def grade(self, purpose: Purpose) -> Grade | None:
-        """Returns how well the model serves a ``purpose``; None if that was not judged."""
+        """Returns the grade with which the model serves a ``purpose``; None if that was not judged."""
         for finding in self.purposes:
             if finding.purpose is purpose:
                 return finding.grade
@@ -420,7 +420,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
 
 
 def next_step_for_model(purposes: Sequence[Finding]) -> Fact:
-    """Returns what to do next for a better model.
+    """Returns the next step towards a better model, as a fact.
 
     Args:
         purposes: graded. The first of the ``DECIDING_PURPOSES`` that is not served decides; one that was not judged

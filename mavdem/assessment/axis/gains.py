@@ -171,7 +171,7 @@ class _GainReport(NamedTuple):
 
 
 def gain_history(signals: Signals) -> list[GainSet]:
-    """Returns how the controller's gains of one axis changed in a log.
+    """Returns the changes of the controller's gains of one axis in a log.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -330,7 +330,7 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
 
 
 def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
-    """Returns how the stability margins of a loop rate with each of several sets of gains.
+    """Returns the rating of a loop's stability margins with each of several sets of gains.
 
     The plant stays as it was identified; only the controller is built anew with each set.
 

@@ -95,7 +95,7 @@ class AxisMargins:
 def margins_of(
     signals: Signals, segments: Segments, loops: Mapping[str, Loop | Fact]
 ) -> tuple[AxisMargins, ...]:
-    """Returns what is known of the stability margins of roll, pitch and yaw.
+    """Returns the stability margins of roll, pitch and yaw, as far as they are known.
 
     There are four sources for each axis: the identified loop, the response of the rate to its setpoint, a peak in the
     spectrum of the rate, and the loop as measured by an injected signal.

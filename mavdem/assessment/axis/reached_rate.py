@@ -62,7 +62,7 @@ class _Turn(NamedTuple):
 
 
 def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
-    """Returns how much of its setpoint the rate reaches in turns about the axis of ``signals``.
+    """Returns the share of its setpoint that the rate reaches in turns about the axis of ``signals``.
 
     A turn is a time of at least ``MIN_TURN_SECONDS`` in which the setpoint has one sign and exceeds half of the largest
     setpoint of the flight.

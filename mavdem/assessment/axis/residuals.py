@@ -115,7 +115,7 @@ def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
 
 
 def input_directions(learned: Learned) -> Array:
-    """Returns how each input of a model turns the vehicle, relative to the others.
+    """Returns the direction in which each input of a model turns the vehicle, relative to the others.
 
     The inputs weighted by it give one command, with which the residuals are correlated. The weights are those of the
     mixer if it is known, otherwise the estimated effects, and all 1 if these are 0.

@@ -128,7 +128,7 @@ class _TrackingRating(NamedTuple):
 
 
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
-    """Returns how roll, pitch and yaw follow their setpoints, by axis.
+    """Returns the tracking of roll, pitch and yaw, how they follow their setpoints, by axis.
 
     Args:
         signals: signals of the vehicle.
@@ -280,7 +280,7 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
 
 
 def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
-    """Returns how much the setpoint of yaw moves: the RMS of its change in ``YAW_MOVEMENT_SECONDS``, rad.
+    """Returns the movement of yaw's setpoint: the RMS of its change in ``YAW_MOVEMENT_SECONDS``, rad.
 
     Args:
         setpoint: setpoint of yaw, rad, without jumps by a turn.

@@ -61,7 +61,7 @@ class CalibratedSensor(NamedTuple):
 
 
 def calibration_fact(telemetry: Telemetry) -> Fact | None:
-    """Returns which sensors are calibrated; to be watched where one that is used is not. None without parameters.
+    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None without parameters.
 
     Args:
         telemetry: telemetry of the vehicle.

@@ -24,7 +24,7 @@ MIN_SWITCH_CHANGE = 100.0
 
 
 def command_facts(evidence: Evidence) -> NamedFacts:
-    """Returns what is known of setpoints and sticks, by its name; nothing where they were not recorded in flight.
+    """Returns facts on setpoints and sticks, by their names; nothing where they were not recorded in flight.
 
     Neither is judged: how near a vehicle should keep to its position depends on gusts and on what is flown.
 
@@ -81,7 +81,7 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:
-    """Returns which sticks and switches moved in flight; None where none was recorded.
+    """Returns the fact on which sticks and switches moved in flight; None where none was recorded.
 
     Args:
         evidence: what the log shows of the vehicle.
@@ -102,5 +102,5 @@ def _sticks_fact(evidence: Evidence) -> Fact | None:
 
 
 def _change_in_flight(evidence: Evidence, series: TimeSeries) -> float:
-    """Returns by how much a series (N,) changed within a flight at most, in its unit."""
+    """Returns the largest change of a series (N,) within a flight, in its unit."""
     return max((float(np.ptp(part.values)) for part in evidence.in_flight(series)), default=0.0)

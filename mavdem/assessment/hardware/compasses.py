@@ -29,7 +29,7 @@ in twenty by more than 0.63."""
 
 
 def field_fact(evidence: Evidence) -> Fact | None:
-    """Returns how the field at the used compass that changed most differs in flight, and how it follows the motors.
+    """Returns the fact on the field at the used compass that changed most: its change in flight, and with the motors.
 
     It is judged by its change from the ground to the flight; where the ground was not recorded, it is not.
 

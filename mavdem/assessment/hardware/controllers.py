@@ -12,7 +12,7 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def controllers_fact(evidence: Evidence) -> Fact | None:
-    """Returns what the speed controllers measured in flight; None without a flight or a controller that reports.
+    """Returns the fact on what the speed controllers measured in flight; None without a flight or a report of theirs.
 
     The level is to be watched where one of them counted more than ``MAX_ERROR_RATE`` errors per second, good where
     all count errors and none did; without counts it is unknown.

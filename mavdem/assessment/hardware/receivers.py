@@ -32,7 +32,7 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
-    """Returns how well the first satellite receiver measured in flight; None where it was not recorded then.
+    """Returns the fact on how well the first satellite receiver measured; None where it was not recorded then.
 
     It is to be watched where it usually (by the median) had fewer satellites or was less accurate than the autopilot's
     filter asks for, or where its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.

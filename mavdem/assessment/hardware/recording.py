@@ -9,7 +9,7 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def recording_fact(evidence: Evidence) -> Fact | None:
-    """Returns how evenly the attitude was recorded in flight; None without two samples in flight.
+    """Returns the fact on how evenly the attitude was recorded in flight; None without two samples in flight.
 
     It is to be watched where the light on the log would be: a gap above ``MAX_GAP``, or messages that the logger lost.
 

@@ -99,7 +99,7 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
-    """Returns how often the attitude itself was recorded, Hz, between outages.
+    """Returns the rate at which the attitude itself was recorded, Hz, between outages.
 
     The attitude that models use has the stamps of the body rates, where those were logged more often: its angles are
     interpolated between those that were logged (PX4), or integrated from the rates (ArduPilot's PID_TUNING).
@@ -121,7 +121,7 @@ def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
 
 
 def _damage(telemetry: Telemetry) -> Fact | None:
-    """Returns how much of a damaged log, of any format, could not be read; None for a sound one, or one merely cut.
+    """Returns the fact on how much of a damaged log could not be read; None for a sound one, or one merely cut.
 
     Args:
         telemetry: repairs of the file that the vehicle was read from.

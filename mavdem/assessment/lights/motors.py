@@ -173,7 +173,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
 
 
 def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
-    """Returns which motor was at its upper limit for the longest time in flight, or that several were alike.
+    """Returns the fact on which motor was at its upper limit longest in flight, or that several were alike.
 
     The times at the limit of all events of a motor are added. Motors with at least half of the longest time are alike
     (:func:`mavdem.motors.saturation.most_limited_motors`) and named together: then no single motor is weak.
@@ -200,7 +200,7 @@ def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
 
 
 def _duration(event: Fact) -> float:
-    """Returns how long an event lasted, s; infinite for one that lasted to the end of the record."""
+    """Returns the duration of an event, s; infinite for one that lasted to the end of the record."""
     if event.time is None:
         return 0.0
     return inf if event.until is None else event.until - event.time

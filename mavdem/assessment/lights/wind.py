@@ -80,7 +80,7 @@ def _other_core(telemetry: Telemetry) -> dict[str, Any]:
 
 
 def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
-    """Returns how much of its largest lean the vehicle needs to hold against the wind.
+    """Returns the share of its largest lean that the vehicle needs to hold against the wind.
 
     The lean is the length of the vector of mean roll and pitch in settled flight, rad.
 

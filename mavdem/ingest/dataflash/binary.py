@@ -260,7 +260,7 @@ def read_binary(content: FileContent) -> DataflashRecording:
 
 
 def _marker_count(data: Bytes) -> int:
-    """Returns how often the marker of a message occurs in a log (B,).
+    """Returns the number of times that the marker of a message occurs in a log (B,).
 
     Args:
         data: The log (B,).

@@ -143,7 +143,7 @@ class _VehicleTrack:
             self.position = reading
 
     def contradiction(self, reading: Reading) -> Contradiction | None:
-        """Returns what shows that a reading is not of this vehicle; None where it can be.
+        """Returns the contradiction between a reading and this vehicle; None where it can be.
 
         Args:
             reading: the next reading under the same ids.

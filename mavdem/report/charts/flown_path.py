@@ -127,7 +127,7 @@ def _height_keys(lowest: float, height_range: float) -> list[_Key]:
 
 
 def _mode_numbers(time: Array, modes: Sequence[Span], names: Sequence[str]) -> Array:
-    """Returns for each time (N,) the number of its flight mode among the names; −1 where the mode is not known."""
+    """Returns the number of the flight mode at each time (N,) among the names; −1 where the mode is not known."""
     numbers = np.full(len(time), -1)
     for mode in modes:
         numbers[(time >= mode.start) & (time <= mode.end)] = names.index(mode.name)

@@ -126,7 +126,7 @@ def comparison_page(
 
 
 def _legend_name(side: str, name: str, review: Review) -> str:
-    """Returns what a side is called in legends: its letter, file, and the date of its flight if that is known."""
+    """Returns the name of a side in legends: its letter, file, and the date of its flight if that is known."""
     date = value_at(review, "identity.date")
     return f"{side}: {name}, {date[:ISO_DATE_LENGTH]}" if date else f"{side}: {name}"
 
