@@ -76,6 +76,8 @@ class FlightConditions(Document):
     """standard deviation of the angle from level"""
     wind_torque: dict[str, AngularAcceleration]
     """standard deviation of the wind torque, by axis"""
+    step_sources: dict[str, list[str]]
+    """where overshoot and rise come from, by axis: measured, identified_loop, or both"""
 
 
 class Difference(Document):

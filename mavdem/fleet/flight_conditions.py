@@ -5,6 +5,7 @@ from math import hypot, log
 from statistics import fmean
 from typing import NamedTuple
 
+from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.flights import Flights
 from mavdem.fleet.quantities import (
@@ -63,6 +64,12 @@ class Conditions(NamedTuple):
     wind_torque: dict[str, float]
     """Standard deviation of the wind torque by axis, rad/s²."""
 
+    step_sources: dict[str, Names]
+    """Where overshoot and rise time of the rate come from, by axis: measured, identified_loop, or both.
+
+    A step of the identified loop is that of a model: where the two states differ in this, so may their steps.
+    """
+
 
 def mean_conditions(flights: Flights) -> Conditions:
     """Returns the conditions of flights: means over the flights that have a value, ``None`` where no flight has one.
@@ -73,9 +80,13 @@ def mean_conditions(flights: Flights) -> Conditions:
     # The conditions are the same in the rows of all axes, but for the wind torque.
     first_rows = [flight[0] for flight in flights]
     wind_torques = {}
+    step_sources = dict[str, Names]()
     for axis in AXES:
-        torques = [row.wind_torque_sd for flight in flights for row in flight if row.axis == axis]
-        mean_torque = _mean_of_known(torques)
+        rows_of_axis = [row for flight in flights for row in flight if row.axis == axis]
+        sources = {row.rate_step_source for row in rows_of_axis if row.rate_step_source}
+        if sources:
+            step_sources[axis] = tuple(sorted(sources))
+        mean_torque = _mean_of_known(row.wind_torque_sd for row in rows_of_axis)
         if mean_torque is not None:
             wind_torques[axis] = mean_torque
     return Conditions(
@@ -85,6 +96,7 @@ def mean_conditions(flights: Flights) -> Conditions:
         lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
         tilt_sd=_mean_of_known(row.tilt_sd for row in first_rows),
         wind_torque=ReadOnlyDict(wind_torques),
+        step_sources=ReadOnlyDict(step_sources),
     )
 
 

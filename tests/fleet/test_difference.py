@@ -300,3 +300,14 @@ def test_parameters_that_somebody_set_are_told_and_those_of_control_first():
     changes = changed_parameters(before, after | {"ANGLE_NEW": 1.0})
     assert changes == [("ATC_RAT_RLL_P", 0.135, 0.2), ("ANGLE_MAX", 3000.0, 4500.0)]
     assert states_without_gains(before, {"MIS_TOTAL": 1.0}) == ("B",)
+
+
+def test_the_document_states_where_the_steps_of_each_axis_come_from():
+    before = flight(0, rate_step_source="measured")
+    after = [replace(row, rate_step_source="identified_loop") for row in flight(1)]
+    conditions = vehicle_difference(before, after).conditions
+    axis = before[0].axis
+    assert [state.step_sources[axis] for state in conditions] == [
+        ("measured",),
+        ("identified_loop",),
+    ]
