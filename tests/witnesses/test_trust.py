@@ -119,6 +119,14 @@ def test_a_height_that_ran_away_gives_way_to_the_barometer():
     assert sound.source == "estimate"
 
 
+def test_heights_above_each_of_many_take_offs_take_no_memory():
+    signals = Signals(flight(), inputs="motors")
+    for take_off in np.arange(TAKE_OFF, TAKE_OFF + 5.0):
+        assert trusted_height(signals, 0, float(take_off)).source == "estimate"
+    kept = [value for key, value in signals.cache.items() if key[-1] in np.arange(5) + TAKE_OFF]
+    assert kept == ["estimate"] * 5
+
+
 @mark.parametrize("gravity, is_sound", [(9.4, True), (8.2, False)])
 def test_an_accelerometer_must_measure_gravity_at_rest(gravity, is_sound):
     made = changed(flight(), "HIGHRES_IMU", zacc=-gravity)

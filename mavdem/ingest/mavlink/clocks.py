@@ -6,7 +6,7 @@ reboots and outliers; all other stamps are compared with it, which undoes their 
 ``time_usec`` may also be UNIX time: a type whose stamps lie on another epoch is moved as a whole.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -264,41 +264,73 @@ def _fill_unstamped(
             )
     if not timed_types:
         return
+    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
+    first_boot = first_type.boot[0]
+    untimed_types = []
     for message_type in message_types:
         times = boot_times[message_type.message]
-        is_missing = np.isnan(times.time)
-        if is_missing.any():
-            latest = _latest_readings(timed_types, message_type.positions[is_missing])
-            times.time[is_missing] = latest.time
+        missing_rows = np.flatnonzero(np.isnan(times.time))
+        if len(missing_rows):
+            times.time[missing_rows] = first_type.time[0]
             if times.boot.flags.writeable:
-                times.boot[is_missing] = latest.boot
+                times.boot[missing_rows] = first_boot
+            positions = message_type.positions[missing_rows]
+            untimed_types.append(_UntimedMessages(times, missing_rows, positions))
+    if not untimed_types:
+        return
+    for readings in _readings_in_stream_order(timed_types):
+        # A later part of the stream replaces what an earlier one gives.
+        for times, missing_rows, positions in untimed_types:
+            first = int(np.searchsorted(positions, readings.positions[0]))
+            latest = _last_rows_before(readings.positions, positions[first:])
+            times.time[missing_rows[first:]] = readings.time[latest]
+            if times.boot.flags.writeable:
+                times.boot[missing_rows[first:]] = readings.boot[latest]
 
 
-def _latest_readings(
-    timed_types: Sequence[_ClockReadings], query: StreamPositions
-) -> _ClockReadings:
-    """Returns the last reading of any message type at or before each position; the very first where all are after it.
+class _UntimedMessages(NamedTuple):
+    """The m messages of one type that have no time of their own."""
 
-    Of readings at one position that of the later type in the sequence is returned.
+    times: BootTimes
+    """Times of all messages of the type."""
+    rows: Rows
+    """Rows of the m messages among them, ascending."""
+    positions: StreamPositions
+    """Positions of the m messages in the stream."""
+
+
+READINGS_AT_ONCE = 1 << 20
+"""Number of readings that are put in the order of the stream at once, about: a choice, which bounds the memory."""
+
+
+def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator[_ClockReadings]:
+    """Yields the readings of all message types in the order of the stream, part by part, without empty parts.
+
+    Of readings at one position that of the later type in the sequence comes last.
 
     Args:
-        timed_types: The readings of each type, at least one reading of at least one type.
-        query: Positions (m,) in the stream.
+        timed_types: The readings of each type, at least one reading of each.
     """
-    first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
-    latest = _ClockReadings(
-        np.full(len(query), -1, dtype=np.int64),
-        np.full(len(query), first_type.time[0]),
-        np.full(len(query), first_type.boot[0]),
-    )
-    for readings in timed_types:
-        rows = np.searchsorted(readings.positions, query, side="right") - 1
-        is_later = (rows >= 0) & (readings.positions[rows] >= latest.positions)
-        later_rows = rows[is_later]
-        latest.positions[is_later] = readings.positions[later_rows]
-        latest.time[is_later] = readings.time[later_rows]
-        latest.boot[is_later] = readings.boot[later_rows]
-    return latest
+    part_count = sum(len(readings.positions) for readings in timed_types) // READINGS_AT_ONCE + 1
+    first = min(int(readings.positions[0]) for readings in timed_types)
+    end = max(int(readings.positions[-1]) for readings in timed_types) + 1
+    for part_number in range(part_count):
+        part_bounds = [
+            first + (end - first) * number // part_count
+            for number in (part_number, part_number + 1)
+        ]
+        parts = []
+        for readings in timed_types:
+            # Bounds of the type of the positions: otherwise these would be converted, and take much memory.
+            bounds = np.array(part_bounds, dtype=readings.positions.dtype)
+            rows = slice(*np.searchsorted(readings.positions, bounds).tolist())
+            parts.append(_ClockReadings(*(column[rows] for column in readings)))
+        positions = np.concatenate([part.positions for part in parts])
+        order = np.argsort(positions, kind="stable")
+        if len(order):
+            time = np.concatenate([part.time for part in parts])
+            boot = np.concatenate([part.boot for part in parts])
+            yield _ClockReadings(positions[order], time[order], boot[order])
 
 
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
