@@ -280,12 +280,12 @@ def _fill_unstamped(
         return
     for readings in _readings_in_stream_order(timed_types):
         # A later part of the stream replaces what an earlier one gives.
-        for times, missing_rows, positions in untimed_types:
-            first = int(np.searchsorted(positions, readings.positions[0]))
-            latest = _last_rows_before(readings.positions, positions[first:])
-            times.time[missing_rows[first:]] = readings.time[latest]
-            if times.boot.flags.writeable:
-                times.boot[missing_rows[first:]] = readings.boot[latest]
+        for untimed in untimed_types:
+            first = int(np.searchsorted(untimed.positions, readings.positions[0]))
+            latest = _last_rows_before(readings.positions, untimed.positions[first:])
+            untimed.times.time[untimed.rows[first:]] = readings.time[latest]
+            if untimed.times.boot.flags.writeable:
+                untimed.times.boot[untimed.rows[first:]] = readings.boot[latest]
 
 
 class _UntimedMessages(NamedTuple):
@@ -324,7 +324,9 @@ def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator
             # Bounds of the type of the positions: otherwise these would be converted, and take much memory.
             bounds = np.array(part_bounds, dtype=readings.positions.dtype)
             rows = slice(*np.searchsorted(readings.positions, bounds).tolist())
-            parts.append(_ClockReadings(*(column[rows] for column in readings)))
+            parts.append(
+                _ClockReadings(readings.positions[rows], readings.time[rows], readings.boot[rows])
+            )
         positions = np.concatenate([part.positions for part in parts])
         order = np.argsort(positions, kind="stable")
         if len(order):
