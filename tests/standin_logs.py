@@ -13,7 +13,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import JobLimits, JobOutcome, outcome_of
 
-LIMITS = JobLimits(seconds=2, megabytes=600)
+LIMITS = JobLimits(seconds=1, megabytes=600)
 _held = []
 _read = []  # names, by this process
 

@@ -135,7 +135,7 @@ from mavdem.cli import track
 from mavdem.cli.commands import main
 from mavdem.cli.termination import raise_on_termination_signals
 if __name__ == "__main__":
-    track.rows_of_log = rows_of_log
+    track.ROWS_OF_LOG = rows_of_log
     raise_on_termination_signals()
     sys.exit(main(["track", sys.argv[1], "--out", sys.argv[2], "--jobs", "2"]))
 """

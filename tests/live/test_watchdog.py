@@ -315,6 +315,7 @@ def test_a_climb_at_one_throttle_is_no_stop_of_the_motors(top):
     assert not said(made, MotorsLight.MOTOR_LIMITED)
 
 
+@mark.slow
 def test_no_message_waits_for_more_than_a_part_of_a_review(monkeypatch):
     """Choice of inputs in two parts, phase and limit cycle: a row would come as late as all of them take."""
     worked = []

@@ -18,7 +18,7 @@ from mavdem.serve import link_monitor
 from mavdem.serve.library import Library
 from mavdem.serve.link_monitor import LinkMonitor
 
-FRAMES = FLIGHT.read_bytes()[:200_000]
+FRAMES = FLIGHT.read_bytes()[:100_000]
 
 
 @fixture

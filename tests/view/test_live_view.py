@@ -169,6 +169,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@mark.slow
 def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tiny(recording):
     assert [text for text in texts(recording) if "unusual" not in text] == [
         "attached.",
@@ -224,6 +225,7 @@ def test_a_wind_torque_smaller_than_its_error_is_not_identifiable():
     )
 
 
+@mark.slow
 def test_parameters_and_surprises_are_drawn_and_axes_have_three_ticks(recording):
     lines = drawn(recording)
     effect, lag = (lines[f"parameters/{number}_line"][1] for number in (3, 5))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
-from pytest import approx, raises
+from pytest import approx, mark, raises
 from scipy.constants import g as GRAVITY  # noqa: N812
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
@@ -29,6 +29,7 @@ def test_thrust_that_climbs_and_sinks_makes_no_force_across_itself():
     assert_allclose(moved.force[moved.complete], 0.0, atol=1e-9)
 
 
+@mark.slow
 def test_circles_in_calm_air_show_the_drag_and_no_wind():
     """Gusts far smaller than the population's: scoring overshoots."""
     time = np.arange(0.0, 240.0, 0.2)

@@ -115,6 +115,7 @@ def test_legs_show_wind_drag_and_lean(seed):
     assert np.all(low < LINEAR) and np.all(high > LINEAR)
 
 
+@mark.slow
 def test_band_holds_and_a_jump_is_followed():
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > 60))
@@ -130,6 +131,7 @@ def test_band_holds_and_a_jump_is_followed():
     assert layers == [(5.0, 1), (15.0, 2)]
 
 
+@mark.slow
 @mark.parametrize("legs", [5.0, 0.0])
 def test_the_torque_share_is_known_where_the_air_velocity_along_the_body_changes(legs):
     time, attitude, velocity, _ = flight(legs=legs, turning=0.0, seed=5)
@@ -187,6 +189,7 @@ def test_hover_takes_the_drag_of_another_flight():
     assert abs(known.speed - 5) < 0.7 and widths[0] < 0.6 * widths[1]
 
 
+@mark.slow
 def test_calm_air_is_below_a_speed():
     wind = mavdem.estimate_wind(*flight(wind=(0, 0), gusts=0.05)[:3])
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
@@ -223,6 +226,7 @@ def test_resets_are_no_motion():
     assert refusal.figures["airborne"] == 0.0
 
 
+@mark.slow
 def test_velocity_of_another_core_stands_in_for_the_primary_s():
     log = read_log(shared("sitl_events/ap_quiet10.BIN"))
     (vehicle,) = log.vehicles
@@ -297,6 +301,7 @@ def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
         assert code is not NoWind.STUCK
 
 
+@mark.slow
 def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refused():
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")
     columns = telemetry.messages["ATTITUDE"]
@@ -305,15 +310,16 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
         return wind_of_signals(Signals(changed(telemetry, "ATTITUDE", **values)))
 
     yaw = np.where(np.arange(len(columns["yaw"])) % 50, columns["yaw"], 1e30)
-    assert found(yaw=yaw).speed == approx(found().speed, abs=0.1)
+    sound = found()
+    assert found(yaw=yaw).speed == approx(sound.speed, abs=0.1)
     middle = np.median(columns["time"])
     spun = columns["yaw"] + 2.0 * (columns["time"] > 120)
     reset = columns["yaw"] + 2.0 * (columns["time"] < 60)
-    assert drag_settings(found().drag, telemetry) and not drag_settings(
+    assert drag_settings(sound.drag, telemetry) and not drag_settings(
         Drag.validated_or_population(None), telemetry
     )
-    assert found(yaw=spun).speed == found().speed
-    assert found(yaw=reset).time[0] > 60 > found().time[0]
+    assert found(yaw=spun).speed == sound.speed
+    assert found(yaw=reset).time[0] > 60 > sound.time[0]
     late = {
         name: table | {"time": table["time"] + 2e6 * (table["time"] > middle)}
         for name, table in telemetry.messages.items()
