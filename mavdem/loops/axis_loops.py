@@ -140,7 +140,14 @@ class Loop(Margins):
         Args:
             parameters: new values by the autopilot's name.
         """
-        controller = self.controller.with_parameters(parameters)
+        return self.with_controller(self.controller.with_parameters(parameters))
+
+    def with_controller(self, controller: Controller) -> Loop:
+        """Returns the same plant in a loop with another controller, without the response that was measured in flight.
+
+        Args:
+            controller: the controller of the axis.
+        """
         changed = replace(self, controller=controller, measured=None)
         if controller.gyro_path == self.controller.gyro_path:
             # The cached property of the new loop: a search for gains tries hundreds of controllers with one plant.

@@ -245,10 +245,10 @@ class GainSearch:
         for ratio in self._derivative_ratios():
             for number, factor in enumerate(FACTORS):
                 gains = self._rate_gains(factor, ratio)
-                loop = self.models.with_parameters(gains)
-                noise = demand_deviation(loop.controller, self.gyro_noise)
-                if noise > self.max_demand_noise:
+                controller = self.models.controller.with_parameters(gains)
+                if demand_deviation(controller, self.gyro_noise) > self.max_demand_noise:
                     continue
+                loop = self.models.with_controller(controller)
                 score = self.margin_score(loop.rate)
                 if score > closest_score:
                     closest_gains, closest_score = gains, score

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from numpy.linalg import LinAlgError
 
 from mavdem.arrays import Array
 
@@ -57,7 +58,7 @@ class Objective(Protocol):
         """Returns the value at a point (f,); NaN where the function is not defined."""
 
     def expand(self, point: Array, /) -> QuadraticExpansion:
-        """Returns the second-order expansion about a point (f,)."""
+        """Returns the second-order expansion about a point (f,); may raise LinAlgError where there is none."""
 
 
 class Damping(NamedTuple):
@@ -125,23 +126,56 @@ def gauss_newton(
     trace = [start]
     damping_now = damping.initial
     gain = np.inf
+    attempt = 0
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
         current = trace[-1]
         # More damping makes a step shorter, and turns it towards the gradient, until it increases the function.
-        for _ in range(damping.max_attempts):
+        following = None
+        needed_one_attempt = attempt == 0
+        for attempt in range(damping.max_attempts):
             damped_curvature = current.curvature + damping_now * np.diag(
                 current.curvature.diagonal()
             )
             newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
             step = damping.limit_step(newton_step)
-            gain = objective.value(current.point + step) - current.value
-            if gain > 0:
+            following = _higher_expansion(
+                objective,
+                current.point + step,
+                current.value,
+                # A step after one that needed no second attempt mostly needs none either.
+                is_likely=needed_one_attempt and attempt == 0,
+            )
+            if following is not None:
                 break
             damping_now *= damping.factor
-        # A gain of NaN, where the function is not defined, is no gain either.
-        if not gain > 0:
+        if following is None:
             return trace, current.predicted_gain
+        gain = following.value - current.value
         predicted_gain = float(current.gradient @ step - 0.5 * step @ current.curvature @ step)
         damping_now = damping.after_step(damping_now, gain, predicted_gain)
-        trace.append(objective.expand(current.point + step))
+        trace.append(following)
     return trace, gain
+
+
+def _higher_expansion(
+    objective: Objective, point: Array, value: float, *, is_likely: bool
+) -> QuadraticExpansion | None:
+    """Returns the expansion about a point, if the function is higher there than a value, or else ``None``.
+
+    An expansion contains the value at its point, so that a point that is likely to be higher is expanded at once. At
+    others the value comes first: it takes less time, and decides mostly that no expansion is needed.
+
+    Args:
+        objective: the function.
+        point: the point (f,).
+        value: what the function has to exceed, nats.
+        is_likely: whether the function is likely to exceed it.
+    """
+    # A comparison with NaN, where the function is not defined, is false.
+    if not is_likely and not objective.value(point) > value:
+        return None
+    try:
+        expansion = objective.expand(point)
+    except LinAlgError:
+        return None
+    return expansion if expansion.value > value else None
