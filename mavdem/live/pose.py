@@ -1,6 +1,6 @@
 """The latest attitude of a live vehicle with its setpoint, and its heading while it follows that."""
 
-from math import inf, nan
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,9 @@ from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
 from mavdem.dataset.steady_flight import strays_from_setpoint
 from mavdem.live.messages import AttitudeSample
+
+MAX_POSITION_AGE = 1.0
+"""Age up to which a position counts as the present one, s: autopilots send it once a second or faster; a choice."""
 
 
 class LatestPose(NamedTuple):
@@ -27,6 +30,9 @@ class LatestPose(NamedTuple):
     setpoint: Numbers
     """Roll and pitch that the attitude controller tracks, rad; NaN where they are not known."""
 
+    position: Numbers | None = None
+    """The latest position, north, east and down of the autopilot's origin, m; None where none comes."""
+
 
 class PoseTracker:
     """Joins each attitude with the latest setpoint, and decides whether the vehicle follows it.
@@ -41,10 +47,24 @@ class PoseTracker:
         self.heading = 0.0
         self._setpoint_time = -inf
         self._setpoint = (nan, nan)
+        self._position_time = -inf
+        self._position: Numbers = ()
 
     def restart(self) -> None:
-        """Forgets the setpoint, at a reboot, after which the clock begins anew."""
+        """Forgets setpoint and position, at a reboot, after which the clock begins anew."""
         self._setpoint_time = -inf
+        self._position_time = -inf
+
+    def take_position(self, time: float, position: Numbers) -> None:
+        """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
+
+        Args:
+            time: s of the boot clock.
+            position: north, east and down, m.
+        """
+        if all(map(isfinite, position)):
+            self._position_time = time
+            self._position = position
 
     def take_setpoint(self, time: float, setpoint: tuple[float, float]) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
@@ -74,6 +94,7 @@ class PoseTracker:
             (sample.roll, sample.pitch, sample.yaw),
             (sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
             setpoint,
+            self._position if time - self._position_time <= MAX_POSITION_AGE else None,
         )
         self.heading = sample.yaw
         if max(abs(sample.roll), abs(sample.pitch)) >= MAX_TILT:

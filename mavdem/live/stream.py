@@ -336,7 +336,9 @@ class LiveStream:
         elif name in ESTIMATOR_FLAG_MESSAGES:
             self.wind.estimator_flags = message.values[0]
         elif name in VELOCITY_MESSAGES:
-            first_wind = self.wind.add_velocity(name, time, message.values)
+            first_wind = self.wind.add_velocity(name, time, message.values[:3])
+            if name == "LOCAL_POSITION_NED":
+                self._pose.take_position(time, message.values[3:])
             if first_wind is not None:
                 self._report(first_wind)
         if name in STATUS_MESSAGES or name in PHASE_MESSAGES:

@@ -28,6 +28,7 @@ from mavdem.report.screen import assessment_blocks
 from mavdem.report.templates import render_section
 from mavdem.view.axes import WIDTH_PER_SPAN
 from mavdem.view.first_tab import SideTexts, first_tab, plot_titles
+from mavdem.view.live_scene import live_scene_view
 from mavdem.view.plots import BOOT_CLOCK, LEGEND, blueprint, events_view
 
 FLIGHT_SECONDS = 20.0
@@ -67,7 +68,7 @@ class Channels(NamedTuple):
 
 
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
-    """Returns the layout of a live flight in four tabs: the flight, the rest of its motion, free energy, status.
+    """Returns the layout of a live flight in five tabs: the flight, the rest of its motion, 3D, free energy, status.
 
     The first tab has five plots over the last seconds, and beside them the figures of now with the events. The paths of
     entities are those that ``LiveWriter`` and ``SinkThread`` write to.
@@ -103,7 +104,8 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     )
     status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)
     status_and_log = rrb.Horizontal(status, events_view(), name="Status")
-    tabs = rrb.Tabs(flight, motion, free_energy, status_and_log, active_tab=0)
+    scene = rrb.Vertical(live_scene_view(), name="3D")
+    tabs = rrb.Tabs(flight, motion, scene, free_energy, status_and_log, active_tab=0)
     return blueprint(tabs, play_state="following")
 
 

@@ -36,6 +36,7 @@ from mavdem.view.live_content import (
     first_tab_paths,
     live_blueprint,
 )
+from mavdem.view.live_scene import LiveScene
 from mavdem.view.parameter_traces import ParameterTrace, parameter_estimates, parameter_traces
 from mavdem.view.plots import BOOT_CLOCK, CLIP_SPANS, Lines, colour_on_dark
 
@@ -118,6 +119,7 @@ class LiveWriter:
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
+        self._scene = LiveScene(recording)
         # Smallest and largest value that was drawn without clipping so far, by plot.
         self._plot_ranges: dict[str, Interval] = {}
         # For the plots of the first tab: how many intervals between ticks they have room for, and the ranges of the
@@ -149,6 +151,7 @@ class LiveWriter:
         self._draw_predicted_angle(rows)
         self._draw_attitude(rows)
         self._draw_wind(rows)
+        self._scene.draw(rows)
         estimates = [(row, row.estimate) for row in rows if row.estimate is not None]
         self._draw_wind_torque(estimates)
         self._draw_free_energy(estimates)

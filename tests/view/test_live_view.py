@@ -160,7 +160,8 @@ def recording(tmp_path_factory):
             )
         )
         for t, y, u, known in zip(TIME, OUTPUTS, INPUTS, ESTIMATES, strict=True):
-            pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan))
+            position = (t, 2.0, -5.0)
+            pose = LatestPose(t, (y[0], 0.1, 0.2), (y[1], 0.3, 0.4), (0.5, np.nan), position)
             wind = replace(WIND, time=round(t, 1))
             view.put(DisplayRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
@@ -178,6 +179,8 @@ def test_log_status_and_blueprint_show_what_is_there_in_batches_that_are_not_tin
     assert_allclose(drawn(recording)["axes/roll/0_asked"][1], np.degrees(0.5))
     document = texts(recording, "TextDocument:text")[-1]
     assert CHANNELS.title in document and "No motion." in document
+    moved = [batch for name, _, batch in chunks(recording) if name == "world/here/vehicle"]
+    assert sum(batch.num_rows for batch in moved) >= 9 * (TIME[-1] - TIME[0])
     entities = {name: batch.num_rows for name, _, batch in chunks(recording)}
     lines = ("axes/pitch/1_measured", "axes/roll/1_measured", "axes/roll/2_predicted", "motors")
     assert min(entities[name] for name in lines) >= 100
