@@ -33,7 +33,7 @@ class Published(NamedTuple):
 
 
 DOCUMENTS = {
-    "review": Published("review.Review", 14, "report.json of review, and `--json` of review"),
+    "review": Published("review.Review", 15, "report.json of review, and `--json` of review"),
     "learn": Published("flight.LearnReport", 11, "report.json, and `--json` of learn and open"),
     "info": Published("inventory.Inventory", 7, "`--json` of info"),
     "wind": Published("wind.Wind", 5, "`--json` of wind"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis.responses import LoopResponse
+from mavdem.assessment.hardware import hardware_facts
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.documents.document import Document, OptionalFact, Sentence
@@ -11,7 +12,7 @@ from mavdem.documents.flight import Report, report_document
 from mavdem.documents.loops import Loop
 from mavdem.documents.vehicle import BootTrust, Condition, Identity, Instance, trust_documents
 from mavdem.documents.wind import WindVelocity, reported_wind
-from mavdem.facts import Fact
+from mavdem.facts import Fact, NamedFacts
 from mavdem.units import (
     Hertz,
     Number,
@@ -204,6 +205,8 @@ class Review(Document):
     """figures of the vehicle that any rate shows"""
     instances: list[Instance]
     """all of them"""
+    hardware: dict[str, Sentence]
+    """what the log shows of each part of the hardware, with its level; a level that is unknown is not judged"""
     trust: list[BootTrust]
     """what can be trusted, by boot"""
     axes: dict[str, Axis]
@@ -243,6 +246,7 @@ def review_document(assessment: Assessment) -> JsonValues:
         "identity": None if analysis is None else analysis.identity,
         "condition": None if analysis is None else analysis.condition,
         "instances": assessment.instances,
+        "hardware": _hardware_values(assessment),
         "trust": trust_documents(assessment.trust),
         "axes": _axis_values(assessment),
         "wind": reported_wind(assessment),
@@ -252,6 +256,13 @@ def review_document(assessment: Assessment) -> JsonValues:
         "changed_defaults": _changed_defaults(assessment),
         "files": {},
     }
+
+
+def _hardware_values(assessment: Assessment) -> NamedFacts:
+    """Returns the facts on each part of the hardware by its name; none where no vehicle was judged."""
+    if assessment.evidence is None:
+        return {}
+    return hardware_facts(assessment.evidence, assessment.lights)
 
 
 def _changed_defaults(assessment: Assessment) -> list[JsonValues]:

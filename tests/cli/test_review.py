@@ -34,6 +34,7 @@ def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
     assert {path.name for path in folder.iterdir()} == {"report.html", "report.json"}
     document = document_of(capsys, "review", SLOW, "--out", "other")
     assert strict_json((here / "other" / "report.json").read_text()) == document
+    assert document["hardware"]["recording"]["level"] == "good"
 
 
 def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
