@@ -82,7 +82,11 @@ def file_option(name: str, text: str) -> Callable[[Command], Command]:
 
 
 def _combined(*decorators: Callable[[Command], Command]) -> Callable[[Command], Command]:
-    """Returns a decorator that adds several options to a command; the help lists them in the given order."""
+    """Returns a decorator that adds several options to a command; the help lists them in the given order.
+
+    Args:
+        decorators: The decorators, each of which adds one option.
+    """
 
     def decorate(command: Command) -> Command:
         # As with decorators in a source file, Click lists first what is added last.

@@ -268,7 +268,12 @@ def _harmonics(tried: TriedFilter) -> dict[int, bool]:
 
 
 def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
-    """Returns the filters by the keys that ``notch.js`` reads, with the constants of its equations."""
+    """Returns the filters by the keys that ``notch.js`` reads, with the constants of its equations.
+
+    Args:
+        controller: controller with the gyro's filters.
+        filters: the notch filters that are tried.
+    """
     models = []
     for title, tried in zip(_titles(filters), filters, strict=True):
         parameters = {**controller.parameters, **tried.parameters}

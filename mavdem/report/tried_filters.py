@@ -221,7 +221,11 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
 
 
 def _motor_notches(tried: TriedFilter) -> list[Notch]:
-    """Returns the notches of a filter that follows the motors, at their speeds, or at its lowest centre below it."""
+    """Returns the notches of a filter that follows the motors, at their speeds, or at its lowest centre below it.
+
+    Args:
+        tried: the filter, with the frequencies of the motors, Hz.
+    """
     values = {setting: tried.parameters[name] for setting, name in tried.names.items()}
     least_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
     if least_center <= 0:

@@ -323,7 +323,7 @@ def continuous_loop(parameters: GenerativeParameters, controller: LoopController
     """Builds the differential equation of the closed loop, row by row as the module's equations have it.
 
     Args:
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
         controller: controller, of which the form and the feed-forwards are used.
     """
     shape = np.shape(parameters.effect)
@@ -363,7 +363,7 @@ def _controller_signals(
     """Returns the signals of the attitude and rate controller as weights of the states.
 
     Args:
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
         controller: controller, of which the form and the feed-forwards are used.
     """
     # Row i of the unit matrix is the weight of state i alone.
@@ -397,7 +397,7 @@ def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> Non
 
     Args:
         A: system matrix (…, n, n), whose rows are written.
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
         motors: weights (…, n) of the states in the motors' combination.
     """
     unit = np.eye(STATES)
@@ -425,7 +425,7 @@ def _wind_torque_weights(parameters: GenerativeParameters) -> Array:
     variance 1.
 
     Args:
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
     """
     weights = np.zeros((*np.shape(parameters.effect), STATES))
     weights[..., State.DRIFT] = parameters.drift_size
@@ -439,7 +439,7 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
 
     Args:
         A: system matrix (…, n, n), whose rows are written.
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
         signals: signals of the controller, which the filters take.
     """
     unit = np.eye(STATES)
@@ -463,7 +463,7 @@ def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) 
     Args:
         A: system matrix (…, n, n), whose rows are written.
         noise_gains: gains (…, n, sources) of the white noises, which are written.
-        parameters: parameters, (…) each.
+        parameters: parameters of the loop, each a number or an array (…).
     """
     shape = np.shape(parameters.effect)
     # The setpoint is a Matérn process of smoothness 3/2, which has a double pole at −κ.

@@ -445,6 +445,9 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
 
     The bytes come in rows of one abscissa each, as in ``Spectrogram.power``; "ends" are the first and the last
     frequency, and "range" is the power, dB, from the lowest to the highest.
+
+    Args:
+        spectrogram: the spectrogram, in dB.
     """
     power = spectrogram.power
     # The lower limit only avoids a division by zero where all power is the same.

@@ -62,6 +62,9 @@ def _prose(text: str) -> Markup:
     """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign.
 
     The text is escaped first, since it may come from a log. Where a backquote has no partner, all stay as they are.
+
+    Args:
+        text: plain text of one sentence or more.
     """
     html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
     has_unpaired_backquote = html.count("`") % 2 == 1

@@ -382,7 +382,13 @@ def _fastest_loop(assessment: Assessment) -> Loop | None:
 
 
 def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
-    """Returns the notch filter whose settings the page lets one try; None without a spectrum or a known controller."""
+    """Returns the notch filter whose settings the page lets one try; None without a spectrum or a known controller.
+
+    Args:
+        name: name of the log.
+        assessment: assessment of the log.
+        evidence: what the log shows of the vehicle.
+    """
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
     loop = _fastest_loop(assessment)
