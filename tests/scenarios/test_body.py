@@ -5,7 +5,13 @@ from pytest import approx
 from scipy.integrate import solve_ivp
 
 from sitl_scenarios.damage import Damage
-from sitl_scenarios.dynamics import AirState, Body, State, vehicle_dynamics
+from sitl_scenarios.dynamics import (
+    AirState,
+    Body,
+    State,
+    disturbance_of_states,
+    vehicle_dynamics,
+)
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES
 
@@ -96,3 +102,22 @@ def test_wind_acts_where_the_hull_is_and_so_turns_a_vehicle_whose_load_has_shift
         acting.disturbance_moment == approx(np.cross(hubs, force))
         and abs(acting.disturbance_moment[2]) > 1e-3
     )
+
+
+def test_the_disturbance_of_many_states_is_that_of_each():
+    vehicle = VehicleSpec(model="iris")
+    condition = Damage(thrust=(1.0, 0.8, 1.0, 1.0), centre_of_mass=(0.02, -0.03))
+    body = Body(vehicle, CYCLE / 4)
+    body.apply_damage(condition)
+    states = [normed(begun())]
+    for cycle in range(20):
+        states.append(body.advanced(states[-1], targets(cycle), GUSTY, 4))
+    columns = [np.array([getattr(state, name) for state in states]) for name in State._fields[1:5]]
+    velocity, attitude, rates, rotors = columns
+    air = np.tile(GUSTY, (len(states), 1))
+    disturbance = disturbance_of_states(vehicle, condition, attitude, velocity, rates, rotors, air)
+    change = vehicle_dynamics(vehicle, condition)
+    for row, state in enumerate(states):
+        acting = change(state.attitude, state.velocity, state.rates, state.rotors, GUSTY)
+        assert tuple(disturbance.force[row]) == acting.disturbance_force
+        assert tuple(disturbance.moment[row]) == acting.disturbance_moment
