@@ -24,6 +24,7 @@ from mavdem.view.vehicle_scene import (
     log_axes,
     log_body,
     log_motion,
+    log_north,
     log_wind,
 )
 
@@ -91,6 +92,7 @@ class LiveScene:
             if self._last_segment is None:
                 log_axes(self._recording)
                 log_body(self._recording, ARM * ROTORS)
+                log_north(self._recording, np.array(pose.position), ARM)
             self._add_to_path(pose.position, row.segment)
             self._last_time = time
             times.append(time)

@@ -11,7 +11,6 @@ from mavdem.assessment.time_history import TimeHistory
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.ingest.vocabulary import quaternion
-from mavdem.report import palette
 from mavdem.report.charts.plans import MIN_PATH_SIZE
 from mavdem.report.numbers import rounded
 from mavdem.view.plots import MAX_STROKES
@@ -20,6 +19,7 @@ from mavdem.view.vehicle_scene import (
     log_axes,
     log_body,
     log_motion,
+    log_north,
     log_path,
     log_wind,
 )
@@ -34,11 +34,6 @@ PATH_RADIUS = 0.015
 
 ROTORS = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / np.sqrt(2)
 """(4, 2) rotors of the drawn vehicle, forward and right, in arms: a sign for any vehicle, not its own geometry."""
-
-NORTH_ARROW_LENGTH = 3.0
-"""Length of the arrow to the north, which begins where the path does, in drawn arms."""
-
-NORTH_COLOUR = palette.channels(palette.MEASURED)
 
 EYE_DISTANCE = np.array([-0.8, 0.55, -0.6])
 """Where the eye is from the middle of the path, in extents of the path: south-east of it, and above."""
@@ -69,15 +64,7 @@ def flight_scene(
     log_motion(recording, time, path, _attitude_at(history, time))
     log_body(recording, arm * ROTORS)
     log_path(recording, path, PATH_RADIUS * arm)
-    north = rr.Arrows3D(
-        vectors=[[NORTH_ARROW_LENGTH * arm, 0, 0]],
-        origins=path[:1],
-        radii=0.04 * arm,
-        labels=["north"],
-        show_labels=True,
-        colors=NORTH_COLOUR,
-    )
-    recording.log("world/north", north, static=True)
+    log_north(recording, path[0], arm)
     title = f"Path in 3D; the vehicle is drawn with arms of {rounded(arm)} m, its nose red"
     if wind is not None and wind.speed_identifiable and wind.direction_identifiable:
         # Directions say where the wind comes from, the arrow where the air moves to.

@@ -25,11 +25,15 @@ WIND_ARROW_DISTANCE = 1.4
 SMALLEST_SPEED = 1e-9
 """Speed, m/s or rad/s, that keeps zero from being divided by."""
 
+NORTH_ARROW_LENGTH = 3.0
+"""Length of the arrow to the north, which begins where the path does, in arms."""
+
 HUB_HEIGHT = 0.12
 """Height of the rotors above the body's centre, in arms."""
 
 BODY_COLOUR = palette.channels(palette.BOUND)
 NOSE_COLOUR = palette.channels(palette.BAD)
+NORTH_COLOUR = palette.channels(palette.MEASURED)
 PATH_COLOUR = palette.channels(palette.COMMAND)
 
 
@@ -118,6 +122,25 @@ def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float
     columns = rr.Arrows3D.columns(vectors=vectors, origins=heads - vectors, labels=labels)
     index = [rr.TimeColumn(BOOT_CLOCK, duration=time)]
     recording.send_columns(f"{POSITION_FRAME}/wind", index, columns)
+
+
+def log_north(recording: rr.RecordingStream, start: Array, arm: float) -> None:
+    """Draws an arrow to the north.
+
+    Args:
+        recording: where to draw.
+        start: (3,) the first point of the path, where the arrow begins: north, east and down, m.
+        arm: length of an arm, m.
+    """
+    north = rr.Arrows3D(
+        vectors=[[NORTH_ARROW_LENGTH * arm, 0, 0]],
+        origins=[start],
+        radii=0.04 * arm,
+        labels=["north"],
+        show_labels=True,
+        colors=NORTH_COLOUR,
+    )
+    recording.log("world/north", north, static=True)
 
 
 def log_path(recording: rr.RecordingStream, position: Array, radius: float) -> None:
