@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -79,6 +80,19 @@ UNMODELLED_PARAMETERS = {
 
 A name without an underscore is the ending of a parameter that each axis has, as in ``ATC_RAT_RLL_SMAX``.
 """
+
+
+class GyroPath(NamedTuple):
+    """All of a controller that the frequency response of the plant depends on: controllers with the same share it."""
+
+    low_pass: float
+    """Cut-off of the gyro's low-pass, Hz."""
+    notches: tuple[Notch, ...]
+    """Notch filters of the gyro."""
+    filter_rate: float
+    """Rate at which the filters run, Hz."""
+    loop_period: float
+    """Time between two runs of the rate controller, s."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,9 +171,9 @@ class Controller(ImmutableResult):
                 raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=name, value=value)
 
     @property
-    def gyro_path(self) -> tuple[object, ...]:
-        """What of the controller changes the plant's response: the gyro's filters, and the period of the loop."""
-        return self.gyro_filter, self.notches, self.gyro_rate, self.loop_period
+    def gyro_path(self) -> GyroPath:
+        """The gyro's filters and the period of the loop."""
+        return GyroPath(self.gyro_filter, self.notches, self.gyro_rate, self.loop_period)
 
     @property
     def is_ardupilot(self) -> bool:
