@@ -100,10 +100,12 @@ def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
     headers = rows_of(data, start, LENGTH_BYTE + 1)
     is_version_1 = headers[:, 0] == MARKER_V1
     header_bytes = np.where(is_version_1, HEADER_BYTES_V1, HEADER_BYTES_V2).astype(np.uint8)
-    return SentPayloads(_of_little_memory(header_bytes), _of_little_memory(headers[:, LENGTH_BYTE]))
+    return SentPayloads(
+        _broadcast_if_constant(header_bytes), _broadcast_if_constant(headers[:, LENGTH_BYTE])
+    )
 
 
-def _of_little_memory(values: Bytes) -> Bytes:
+def _broadcast_if_constant(values: Bytes) -> Bytes:
     """Returns the same values (N,); where all are equal, one stands for all."""
     if len(values) and (values == values[0]).all():
         return np.broadcast_to(values[0], len(values))
