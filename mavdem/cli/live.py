@@ -217,7 +217,8 @@ def live_command(
         status = _with_final_judgement(status, session)
         judgement = status.overall_judgement
         print_to_stderr(headline(judgement.headline))
-        print_to_stderr(f"Next: {judgement.next_step}")
+        if judgement.next_step != judgement.headline:
+            print_to_stderr(f"Next: {judgement.next_step}")
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:
