@@ -329,6 +329,7 @@ def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterato
     vibration = reported_vibration(signals)
     if vibration is None:
         return
+    # The counts (N, IMUs) are added, and become one series at the times of the vibration levels.
     clips_of_log = replace(vibration.levels, values=vibration.clips.sum(axis=1))
     clips = series_of_boot(clips_of_log, boot)
     if clips is None:

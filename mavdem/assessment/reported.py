@@ -402,7 +402,7 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields the faults of sensors, radio and battery that last for some time, while the motors are armed.
+    """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
     Before arming, sensors start and radios are off, so faults then mean nothing.
 

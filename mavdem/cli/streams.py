@@ -52,10 +52,10 @@ def has_known_width() -> bool:
 
 
 def text_columns() -> int:
-    """Returns the characters of a line of standard output, by which all commands lay out screens and tables.
+    """Returns how many characters a line of standard output has, by which all commands lay out screens and tables.
 
-    They are those of the environment variable COLUMNS, else of the terminal, between the narrowest and the widest line
-    of a screen; the widest where there is neither.
+    The number is that of the environment variable COLUMNS, else of the terminal, limited to ``MIN_COLUMNS`` and
+    ``MAX_COLUMNS``; without both it is ``MAX_COLUMNS``.
     """
     if not has_known_width():
         return MAX_COLUMNS

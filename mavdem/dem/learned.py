@@ -386,14 +386,15 @@ class Learned(ImmutableResult, ForecasterBase):
         """Returns half widths of the band about :meth:`forecast`.
 
         Args:
-            inputs: Inputs after the training data, (H, r).
+            inputs: The r inputs of the H samples after the training data, (H, r).
             level: Probability that a sample lies in the band.
 
         Returns:
-            Half widths, (H, m), in the units of the outputs.
+            Half widths, (H, m), in the units of the m outputs.
         """
         variance = self.forecast_variance(inputs)
-        return self.half_widths(variance, level, len(variance))
+        steps = len(variance)
+        return self.half_widths(variance, level, steps)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Simulates the vehicle as if these inputs were commanded: the plant alone, by :attr:`physical`.

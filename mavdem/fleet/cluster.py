@@ -93,6 +93,9 @@ class Cluster:
             limits: time and memory for it.
             read: the function that reads it.
 
+        Returns:
+            The outcome. Where the log has killed the workers that tried to read it, the outcome says so.
+
         Raises:
             Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.
         """
@@ -106,6 +109,7 @@ class Cluster:
         except KilledWorker:
             return failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
         except Exception as error:
+            # The cluster itself has failed, so that the connection is of no use for the other logs either.
             self.stop()
             raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
 

@@ -216,18 +216,26 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
 
 
 def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
-    """Returns the centre of a harmonic notch in hover over its parameter ``FREQ``; 1 if it does not follow throttle.
+    """Returns by what factor a harmonic notch stands higher in hover than its parameter ``FREQ`` says.
+
+    A notch that follows the throttle has the frequency ``FREQ`` at the throttle ``REF``. At another throttle it moves
+    with its square root, as the speed of the motors does, but never below ``FM_RAT`` times ``FREQ``
+    (``AP_Vehicle::update_throttle_notch``). Other notches are taken to stand at ``FREQ``.
 
     Args:
         parameters: parameters of the log, by name.
         prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+
+    Returns:
+        The factor, without a unit; 1 if the notch does not follow the throttle.
     """
     reference_throttle = parameters.get(f"{prefix}REF", 0.0)
     if parameters.get(f"{prefix}MODE", 0.0) != NotchMode.THROTTLE or reference_throttle <= 0:
         return 1.0
     hover_throttle = parameters.get("MOT_THST_HOVER", reference_throttle)
-    throttle_ratio = hover_throttle / reference_throttle
-    return max(parameters.get(f"{prefix}FM_RAT", 1.0), sqrt(max(throttle_ratio, 0.0)))
+    throttle_ratio = max(hover_throttle / reference_throttle, 0.0)
+    least_ratio = parameters.get(f"{prefix}FM_RAT", 1.0)
+    return max(least_ratio, sqrt(throttle_ratio))
 
 
 def notch_source_count(parameters: Parameters, prefix: str) -> int:

@@ -68,9 +68,12 @@ def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
         path: A log in one of the formats of ``mavdem.ingest.read_log``.
         vehicle: "system" or "system:component", where the log holds several vehicles.
 
+    Returns:
+        Output and headroom of each motor, and the mean lean of the vehicle.
+
     Raises:
         Unreadable: The log cannot be read.
-        NotLearnable: The log has no vehicle, several of which none was chosen, or no settled flight with motor outputs.
+        NotLearnable: The log has no vehicle, has several vehicles while ``vehicle`` names none, or has no settled flight with motor outputs.
 
     See Also:
         :func:`mavdem.read_flight`.

@@ -123,7 +123,9 @@ class ReadingThreads:
             self._log_added.wait(RETRY_SECONDS)
 
     def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
-        """Has a claimed log read, and stores its outcome; without an outcome the server is ending.
+        """Has a claimed log read, and stores its outcome.
+
+        There is no outcome where the server ends while the log is read: another server, or the next start, reads it.
 
         Args:
             reader: reads the log, within the limits of time and memory.
@@ -144,7 +146,9 @@ class ReadingThreads:
             )
 
     def _make_recordings(self, reader: LogReader | Cluster, entry: Entry) -> None:
-        """Has the recordings of a flight made, and stores the outcome; without an outcome the server is ending.
+        """Has the recordings of a flight made, and stores the outcome.
+
+        There is no outcome where the server ends meanwhile: the recordings are then made later.
 
         Args:
             reader: runs the work, within the limits of time and memory.

@@ -94,9 +94,10 @@ class Pose:
         return is_airborne
 
     def drawn_samples(self) -> Indices:
-        """Returns indices of the samples that are drawn in 3D, at even distances.
+        """Returns the indices of the samples that are drawn in 3D: every n-th of the flight.
 
-        They come at about ``MIN_STREAM_RATE``, and less often in a flight that would have more than ``MAX_STROKES``.
+        They come at about ``MIN_STREAM_RATE``, and less often in a long flight, which is drawn with no more than
+        ``MAX_STROKES`` samples so that the viewer stays fast.
         """
         time_step = np.median(np.diff(self.time))
         count = len(self.time)

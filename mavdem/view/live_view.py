@@ -101,13 +101,13 @@ class SinkThread(threading.Thread):
         while not is_ending:
             is_ending = self.closing.wait(self.sink.period)
             if is_ending:
-                # The last status is sent without waiting for its turn.
+                # The last status is sent at once, whenever the one before was.
                 self._next_status = 0.0
-            self.turn()
+            self.send_waiting()
         if self._recording is not None:
             self._recording.disconnect()
 
-    def turn(self) -> None:
+    def send_waiting(self) -> None:
         """Opens the sink if it is not open and an attempt is due, and sends what waits."""
         self._attempt(self._open)
         self._attempt(self._send)

@@ -415,10 +415,10 @@ def test_rows_wait_while_they_are_held_and_come_when_it_closes(tmp_path):
     sending.is_paused = True
     for at in TIME:
         sending.put(CHANNELS, ROW._replace(time=at))
-    sending.turn()
+    sending.send_waiting()
     assert "motors" not in drawn(path)
     sending.closing.set()
-    sending.turn()
+    sending.send_waiting()
     assert_allclose(drawn(path)["motors"][0], TIME, atol=1e-8)
 
 

@@ -161,8 +161,9 @@ def _compared_response(
 
     Args:
         measured: the measured response of the rate or attitude loop, or why it is not known.
-        loop: the identified loops of the axis.
-        open_loop: that one of its loops, rate or attitude, which was measured; row 0 is the estimate.
+        loop: the axis with its two identified loops, rate and attitude.
+        open_loop: the one of these two whose response was measured; row 0 is the estimate, later rows are draws from
+            its posterior.
         closed_loop: (F,) its predicted frequency response from setpoint to rate or angle, at ``open_loop.frequency``.
 
     Returns:

@@ -181,7 +181,7 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
 def _boot_stamps(tables: Tables, boot: float) -> Array:
     """Returns the stamps (N,), s, of everything that was logged in a boot but texts, ascending, each once.
 
-    Texts (MSG) may be older than the log.
+    A text (MSG) is no witness that the log ran at its stamp: ArduPilot stamps it when it is said, and may log it later.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.

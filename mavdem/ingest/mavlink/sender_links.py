@@ -234,19 +234,24 @@ class SenderLinks:
     ) -> bool:
         """Returns whether a readable frame is a copy of a recent one, which a slower second link has brought.
 
-        A frame with a reading of the boot clock is a copy if a recent frame has its bytes, since no time since boot
-        comes twice. It shows that there is a second link, and how late that is.
+        A frame with a time since boot is a copy if a recent frame has its bytes, since no time since boot comes twice.
+        Such a copy shows that there is a second link, and how late that is: its delay is noted here, by which frames
+        without a time are judged later.
 
         Args:
             content: all bytes of the frame.
             message_id: number of its message.
             sequence: its sequence number.
-            reading: the reading of the boot clock in it; None where it has none.
+            reading: the time since boot in it; None where its message has none.
+
+        Returns:
+            True if it is a copy.
         """
         earlier_count = self._recent.get(content)
         if earlier_count is None:
             return False
         if reading is not None:
+            # The latest frame of the first link is of ``self._clock``; the copy is of ``reading.clock``, which is earlier.
             self._count_at_latest_copy = self._frame_count
             self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
             return True
