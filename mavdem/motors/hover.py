@@ -73,7 +73,8 @@ def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
 
     Raises:
         Unreadable: The log cannot be read.
-        NotLearnable: The log has no vehicle, has several vehicles while ``vehicle`` names none, or has no settled flight with motor outputs.
+        NotLearnable: The log has no vehicle, has several while ``vehicle`` names none, or has no settled flight with
+            motor outputs.
 
     See Also:
         :func:`mavdem.read_flight`.

@@ -251,7 +251,7 @@ class SenderLinks:
         if earlier_count is None:
             return False
         if reading is not None:
-            # The latest frame of the first link is of ``self._clock``; the copy is of ``reading.clock``, which is earlier.
+            # The first link has come to ``self._clock``; the copy is of an earlier time.
             self._count_at_latest_copy = self._frame_count
             self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
             return True
