@@ -168,7 +168,7 @@ def samples(
         "count": len(values),
         "minimum": float(values.min()),
         "maximum": float(values.max()),
-        "mean": float(values.mean()),
+        "mean": float(values.mean(dtype=np.float64)),
         "every": stride,
         "time_s": time[::stride].round(4).tolist(),
         "values": values[::stride].tolist(),

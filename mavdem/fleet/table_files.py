@@ -70,17 +70,20 @@ def update_table(store: Store) -> None:
     # meanwhile.
     with FileLock(folder / TABLE_LOCK):
         with store.transaction():
-            changes = store.db.execute("select change, vehicle from unpublished").fetchall()
-            is_whole = _needs_whole_table(store, {vehicle for _, vehicle in changes})
+            changes = store.db.execute("select vehicle from unpublished").fetchall()
+            is_whole = _needs_whole_table(store, {vehicle for (vehicle,) in changes})
             if is_whole:
+                # The files change their vehicles. A run that ends before it has written them all leaves the whole table
+                # to the next one; otherwise some vehicles would be in two files.
+                store.db.execute("insert into unpublished (vehicle) values (null)")
                 store.db.execute("delete from table_files")
+            (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
             _assign_vehicles(store.db)
             numbers = _outdated_files(store, is_whole)
         for number in sorted(numbers):
             write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
         if is_whole:
             _remove_other_files(folder, numbers)
-        last_change = max((change for change, _ in changes), default=0)
         store.db.execute("delete from unpublished where change <= ?", [last_change])
 
 
@@ -90,7 +93,7 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
     Args:
         store: the open store of the fleet.
         changed_vehicles: names of the vehicles whose rows have changed; None where a change names no vehicle, which is
-            one of another version of the columns.
+            one of another version of the columns, or of a run that did not write the whole table.
     """
     if None in changed_vehicles:
         return True

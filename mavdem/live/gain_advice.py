@@ -45,7 +45,8 @@ class GainAdviser:
 
     Attributes:
         facts: the latest advice: which gains, what to expect of them, and their files; or why there are none.
-        judgement: the judgement of the vehicle by the recording, which the latest advice comes with; None without one.
+        judgement: the judgement of the vehicle by the recording, which the latest advice comes with; None without one,
+            and while advice on a later flight is due or being computed.
         is_due: whether the vehicle has landed since the latest advice began.
     """
 
@@ -83,6 +84,8 @@ class GainAdviser:
             The advice, once, when it is ready; the fact that it is put off; else nothing.
         """
         if self.is_due:
+            # It is that of an earlier flight.
+            self.judgement = None
             if is_busy and not is_at_end:
                 return (Fact(Gains.ADVICE_WAITS),)
             # At the end no sample waits for a core any more, and on a busy computer low priority would take too long.

@@ -341,7 +341,9 @@ class LiveSession:
                 self._presentation.log(margins)
         for fact in advice:
             self._presentation.log(fact)
-        if adviser.judgement is not None:
+        # In flight the latest advice is on an earlier flight; what the model shows now must not be hidden by it.
+        is_of_latest_flight = is_at_end or not self.stream.is_flying
+        if adviser.judgement is not None and is_of_latest_flight:
             self.judging.use_judgement_of_recording(adviser.judgement)
 
     def end(self) -> None:

@@ -202,6 +202,11 @@ class LiveStream:
                 )
 
     @property
+    def is_flying(self) -> bool:
+        """Whether the vehicle is in the air."""
+        return self._phase.is_flying
+
+    @property
     def takeoff_time(self) -> float:
         """When the vehicle left the ground last, s of this boot; minus infinity where that was not seen."""
         return self._phase.takeoff_time
@@ -243,7 +248,7 @@ class LiveStream:
             vehicle=vehicle.name if vehicle else None,
             obstacle=obstacle,
             rates=self._rows.rates(now),
-            is_flying=self._phase.is_flying,
+            is_flying=self.is_flying,
             lost_messages=vehicle.lost_messages if vehicle else 0,
             gap_seconds=vehicle.uncounted_gap_seconds if vehicle else 0.0,
             late_samples=self._rows.late_samples,

@@ -287,6 +287,22 @@ def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, mo
     assert len(parquet.read_table(table_path(tmp_path))) == 12 and not paths[2].exists()
 
 
+def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypatch):
+    monkeypatch.setattr(table_files, "ROWS_PER_FILE", 2)
+    rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "bcd"]
+    fleet_of(tmp_path, rows)
+    first = replace(FULL, file="a.bin", key="a-1", vehicle="a")
+    table_path(tmp_path).unlink()
+    with monkeypatch.context() as disk:
+        full_disk = Mock(side_effect=[None, OSError(28, "No space left on device")])
+        disk.setattr(table_files, "write_file", full_disk)
+        assert refusal(lambda: fleet_of(tmp_path, [first])) is Folder.FLEET_NOT_WRITTEN
+    write_file(table_path(tmp_path), [], tmp_path)
+    fleet_of(tmp_path, [first])
+    vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
+    assert sorted(vehicles) == ["a", "b", "c", "d"]
+
+
 def test_the_rows_of_a_vehicle_with_any_name_are_spliced(tmp_path):
     row = replace(FULL, key="a-1", vehicle="quad\x007")
     fleet_of(tmp_path, [row])

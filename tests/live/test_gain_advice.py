@@ -8,6 +8,8 @@ from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis.twin import predicted_errors
+from mavdem.assessment.judgement import unjudged
+from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
@@ -87,6 +89,16 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: GainAdvice(("gains",)))
     assert adviser.update("1:1", False, False) == ("gains",)
     assert adviser.update("1:1", False, True) == () and not adviser.is_awaited
+
+
+def test_the_judgement_of_an_earlier_flight_ends_with_the_next_one(tmp_path):
+    adviser = adviser_of(tmp_path)
+    adviser.judgement = unjudged(TOO_FEW_SAMPLES)
+    adviser.update("1:1", False, False)
+    assert adviser.judgement is not None
+    adviser.is_due = True
+    adviser.update("1:1", True, False)
+    assert adviser.judgement is None
 
 
 def test_only_at_the_end_advice_has_the_priority_of_other_programs(tmp_path):

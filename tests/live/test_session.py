@@ -204,6 +204,17 @@ def test_rates_are_asked_for_and_given_back(now, monkeypatch):
     assert one.history.events[-1].fact.code is RateFact.RATES_NOT_RESTORED
 
 
+def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
+    by_recording = unjudged(TOO_FEW_SAMPLES)
+    adviser = Mock(judgement=by_recording, **{"update.return_value": ()})
+    one, _, _ = session_of([], gain_adviser=adviser)
+    one.stream = Mock(is_flying=True)
+    one.report_gain_advice()
+    assert one.judging.judgement is None
+    one.report_gain_advice(is_at_end=True)
+    assert one.judging.judgement is by_recording
+
+
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
     written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
