@@ -117,10 +117,18 @@ class Terminal(io.StringIO):
         return True
 
 
+def shown_after_commands(page):
+    """The commands and what they print of each block of a page that is followed by a block of text."""
+    text = (ROOT / page).read_text()
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    return [
+        (commands, shown) for (_, commands), (kind, shown) in pairwise(blocks) if kind == "text"
+    ]
+
+
 @mark.slow
 @mark.usefixtures("without_pages", "logs_read_once")
-@mark.parametrize("page", ["README.md", "docs/tutorial.md"])
-def test_a_page_shows_what_its_commands_print(page, here, monkeypatch, request):
+def test_the_tutorial_shows_what_its_commands_print(here, monkeypatch, request):
     """On a terminal of 80 columns: what the commands of the block before print.
 
     What is flown for it takes half of the time, and is flown only with ``--in-full`` or to be written anew: ``fly``,
@@ -131,16 +139,16 @@ def test_a_page_shows_what_its_commands_print(page, here, monkeypatch, request):
     (here / "logs").symlink_to(ROOT / "logs")
     for name, value in {"COLUMNS": "80", "TERM": "dumb", "NO_COLOR": "1"}.items():
         monkeypatch.setenv(name, value)
-    text = (ROOT / page).read_text()
-    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    for (_, commands), (kind, shown) in pairwise(blocks):
-        if kind == "text" and (flies or "mavdem fly " not in commands):
+    page = ROOT / "docs" / "tutorial.md"
+    text = page.read_text()
+    for commands, shown in shown_after_commands(page):
+        if flies or "mavdem fly " not in commands:
             # The same commands follow, of the flight after.
             commands = "".join(re.findall(r"^(?!.*--out before).*\n", commands, re.MULTILINE))
             now = _printed(commands, monkeypatch)
-            if request.config.getoption("--write-golden"):
+            if options.write_golden:
                 text = text.replace(f"```text\n{shown}", f"```text\n{now}", 1)
-                (ROOT / page).write_text(text)
+                page.write_text(text)
                 shown = now
             assert alike(*(re.sub(r"took [0-9.]+ s", "", one) for one in (now, shown)))
 
@@ -157,3 +165,18 @@ def _printed(commands, monkeypatch):
         # A command that refuses something, such as new gains, says so and returns 1.
         assert main(shlex.split(command)[1:]) in (0, 1)
     return terminal.getvalue()
+
+
+def test_the_readme_shows_the_screen_of_the_tutorial(request):
+    """Both review the same log: what the test above prints for the tutorial is what the README shows, but its page."""
+    tutorial_command, tutorial_screen = shown_after_commands("docs/tutorial.md")[0]
+    ((readme_command, readme_screen),) = shown_after_commands("README.md")
+    assert tutorial_command == f"{readme_command.rstrip()} --out flight\n"
+    tutorial_lines, _, _ = tutorial_screen.rpartition("Page: ")
+    readme_lines, _, readme_page = readme_screen.rpartition("Page: ")
+    if request.config.getoption("--write-golden"):
+        text = (ROOT / "README.md").read_text()
+        (ROOT / "README.md").write_text(text.replace(readme_lines, tutorial_lines, 1))
+        readme_lines = tutorial_lines
+    assert readme_lines == tutorial_lines
+    assert readme_page.startswith("first_flight_ardupilot/report.html (took ")

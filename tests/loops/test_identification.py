@@ -285,7 +285,8 @@ def test_what_the_angles_error_asks_for_is_added_to_ardupilots_setpoint_of_the_r
 def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():
     """Of ArduPilot, by the plant without its loop."""
     steered = {"kind": "multisine", "sd": 3.0, "lowest": 0.2, "highest": 4.0, "period": 10.0}
-    vehicle = {"model": "iris", "rate_gain": 1.4}
+    parameters = {"SCHED_LOOP_RATE": 200}
+    vehicle = {"model": "iris", "rate_gain": 1.4, "parameters": parameters}
     stream = {"autopilot": "ardupilot", "rates": {"ATTITUDE_TARGET": 100}}
     scenario = {"excitation": steered, "stream": stream, "seed": 5, "duration": 45}
     known, log = logged(scenario_of(scenario | {"vehicle": vehicle}))

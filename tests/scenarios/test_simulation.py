@@ -18,7 +18,7 @@ WINDY = (
 
 
 def brief(**given):
-    return Scenario(**{"duration": 20.0, "seed": 5, "wind": WINDY} | given)
+    return Scenario(**{"duration": 15.0, "seed": 5, "wind": WINDY} | given)
 
 
 def roll(motion):

@@ -11,7 +11,7 @@ from sitl_scenarios.truth import truth, write_truth
 
 @fixture(scope="module")
 def flown():
-    scenario = load("system_2").model_copy(update={"duration": 25.0})
+    scenario = load("system_2").model_copy(update={"duration": 15.0})
     return scenario, fly(scenario)
 
 
@@ -40,7 +40,7 @@ def test_the_linear_system_moves_about_every_axis_as_the_vehicle_did():
     moments = tuple(Moment(axis=axis, sd=sd / 2, s=0.1) for axis, sd in inertias.items())
     vehicle = VehicleSpec(model="ardrone2")
     scenario = Scenario(
-        duration=25.0, vehicle=vehicle, excitation=excitation, moments=moments, seed=4
+        duration=20.0, vehicle=vehicle, excitation=excitation, moments=moments, seed=4
     )
     motion = fly(scenario)
     known = truth(scenario, motion)
@@ -48,15 +48,16 @@ def test_the_linear_system_moves_about_every_axis_as_the_vehicle_did():
         true, predicted = accelerations(scenario, motion, axis)
         assert np.polyfit(predicted, true, 1)[0] == approx(1, abs=0.03)
         assert (true - predicted).std() < 0.05 * true.std()
-        # 0.5 rad/s²; 17 s hold about 48 independent values.
+        # 0.5 rad/s²; 12 s hold about 34 independent values.
         assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == approx(0.5, rel=0.4)
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
     def swing(gain):
         scenario = Scenario(
-            duration=16.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4)
+            duration=15.0, vehicle=VehicleSpec(rate_gain=gain), sensors=Sensors(rate_sd=1e-4)
         )
         motion = fly(scenario)
         return truth(scenario, motion)["pitch_rate_margins"][2], motion.rates[2000:2500, 1].std()
@@ -66,6 +67,7 @@ def test_the_rate_loop_oscillates_above_its_gain_margin_and_not_below():
 
 
 @mark.slow
+@mark.usefixtures("coarse_physics")
 def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     plain = VehicleSpec()
     base = abs(effect(plain))
