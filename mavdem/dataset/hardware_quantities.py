@@ -17,6 +17,8 @@ class QuantitySource(NamedTuple):
     """Name of the field."""
     scale: float
     """What the field is multiplied by for the unit of the quantity."""
+    is_of_logs_alone: bool = False
+    """Whether the field has the quantity only where the message was made of a log's own; a stream has another one."""
 
 
 class HardwareQuantity(NamedTuple):
@@ -86,12 +88,13 @@ IMU_TEMPERATURE = HardwareQuantity(
     "IMU",
     "°C",
     (
-        QuantitySource("HIGHRES_IMU", "temperature", 1.0),
+        QuantitySource("HIGHRES_IMU", "temperature", 1.0, is_of_logs_alone=True),
         QuantitySource("SCALED_IMU", "temperature", 0.01),
     ),
     (-60.0, 150.0),
 )
-"""Temperature of the first IMU. MAVLink's common.xml has 0 in SCALED_IMU for "not measured"."""
+"""Temperature of the first IMU. MAVLink's common.xml has 0 in SCALED_IMU for "not measured". In its stream PX4 sends the
+temperature of the barometer, or of the air, in HIGHRES_IMU (PX4's HIGHRES_IMU.hpp)."""
 
 BAROMETER_TEMPERATURE = HardwareQuantity(
     "barometer",
@@ -141,6 +144,9 @@ def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSerie
         quantity: the quantity, with its sources in the order of preference.
     """
     for source in quantity.sources:
+        is_of_log = source.message in signals.telemetry.source_names
+        if source.is_of_logs_alone and not is_of_log:
+            continue
         series = recorded_series(signals.telemetry, source.message, source.field)
         if series is None:
             continue

@@ -226,8 +226,9 @@ def process_pool(
 class LearningProcess(Executor):
     """An executor with one process of low priority; if the process is killed, the next job runs in a new one.
 
-    Where that is safe the process is forked, and so shares the modules of this one: on a small computer that saves a
-    third of the memory and the time of importing them. Sockets and files that are open then stay open in it.
+    Where that is safe the first process is forked, and so shares the modules of this one: on a small computer that
+    saves a third of the memory and the time of importing them. Sockets and files that are open then stay open in it. So
+    a further one is started afresh: a lost link could not be opened again while it holds the socket or serial port.
 
     Attributes:
         is_suspended: whether the process is paused.
@@ -242,7 +243,7 @@ class LearningProcess(Executor):
         self.is_suspended = False
         self._niceness = niceness
         self._exits = ExitStack()
-        self._start()
+        self._start(may_fork=True)
 
     def suspend(self, is_suspended: bool) -> None:
         """Pauses the process within some milliseconds, or lets it go on, in the middle of whatever it computes.
@@ -275,7 +276,7 @@ class LearningProcess(Executor):
         try:
             return self._pool.submit(job, *args, **kwargs)
         except BrokenExecutor:
-            self._start()
+            self._start(may_fork=False)
             return self._pool.submit(job, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -284,8 +285,12 @@ class LearningProcess(Executor):
             process.kill()
         self._exits.close()
 
-    def _start(self) -> None:
-        """Ends the process, if there is one, and starts a new one."""
+    def _start(self, may_fork: bool) -> None:
+        """Ends the process, if there is one, and starts a new one.
+
+        Args:
+            may_fork: whether it is forked where that is safe.
+        """
         self._exits.close()
         self.is_suspended = False
         pause_receiver, self._pause_sender = get_context("spawn").Pipe(duplex=False)
@@ -294,7 +299,7 @@ class LearningProcess(Executor):
         with pause_receiver:
             prepare = partial(_prepare_learning, self._niceness, pause_receiver)
             start_method: Literal["spawn", "fork"] = "spawn"
-            if _is_fork_safe():
+            if may_fork and _is_fork_safe():
                 start_method = "fork"
                 # A collection in this process would write to each of its objects, and so copy what both share.
                 gc.collect()

@@ -218,10 +218,16 @@ def _row_groups(rows: Iterable[StoredRow]) -> Iterator[Any]:
     Raises:
         sqlite3.DatabaseError: a row is damaged.
     """
+    import pyarrow
+
     rows = iter(rows)
     group = list(islice(rows, ROWS_PER_GROUP))
     while group:
-        yield _arrow_table(group)
+        try:
+            table = _arrow_table(group)
+        except pyarrow.ArrowInvalid as error:
+            raise sqlite3.DatabaseError(error) from None
+        yield table
         group = list(islice(rows, ROWS_PER_GROUP))
 
 
@@ -234,7 +240,7 @@ def _arrow_table(rows: Sequence[StoredRow]) -> Any:
         rows: rows as they are stored.
 
     Raises:
-        sqlite3.DatabaseError: a row is damaged.
+        pyarrow.ArrowInvalid: a row is damaged.
     """
     import pyarrow
 
@@ -261,18 +267,15 @@ def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
         schema: pyarrow's schema, with names and types of the columns.
 
     Raises:
-        sqlite3.DatabaseError: a text is no such object.
+        pyarrow.ArrowInvalid: a text is no such object.
     """
     import pyarrow
     from pyarrow import json as arrow_json
 
     # A line is a row, as long as no row contains a line break; a damaged one may.
     lines = "\n".join(text.replace("\n", " ") for text in texts).encode()
-    try:
-        return arrow_json.read_json(
-            pyarrow.BufferReader(lines),
-            arrow_json.ReadOptions(use_threads=False, block_size=max(len(lines), 1)),
-            arrow_json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="ignore"),
-        )
-    except pyarrow.ArrowInvalid as error:
-        raise sqlite3.DatabaseError(error) from None
+    return arrow_json.read_json(
+        pyarrow.BufferReader(lines),
+        arrow_json.ReadOptions(use_threads=False, block_size=max(len(lines), 1)),
+        arrow_json.ParseOptions(explicit_schema=schema, unexpected_field_behavior="ignore"),
+    )

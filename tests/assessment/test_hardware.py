@@ -114,6 +114,13 @@ def test_temperatures_are_stated_and_not_judged():
     assert (fact.level, fact.sentence) == ("unknown", "In flight barometer 20 to 25 °C.")
 
 
+def test_only_a_log_has_the_temperature_of_the_imu_in_highres_imu():
+    sent = changed(TELEMETRY, "HIGHRES_IMU", **columns(TIME, temperature=31.0))
+    assert temperatures_fact(evidence_of(Signals(sent))) is None
+    logged = replace(sent, source_names={"HIGHRES_IMU": "IMU"})
+    assert temperatures_fact(evidence_of(Signals(logged))).sentence == "In flight IMU 31 °C."
+
+
 def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
     parameters = {
         "INS_ACC_ID": 2621706,
@@ -133,6 +140,8 @@ def test_ardupilots_compasses_are_numbered_by_priority_and_need_offsets():
     assert (fact.level, fact.figures["missing"]) == ("watch", ("compass 2",))
     unused = calibration_fact(replace(TELEMETRY, parameters=parameters | {"COMPASS_USE2": 0}))
     assert (unused.level, unused.figures["names"]) == ("good", ("accelerometer 1", "compass 1"))
+    disabled = calibration_fact(replace(TELEMETRY, parameters=parameters | {"COMPASS_ENABLE": 0}))
+    assert (disabled.level, disabled.figures["names"]) == ("good", ("accelerometer 1",))
     # The offsets of the second compass are not in the stream.
     del parameters["COMPASS_OFS3_X"]
     assert calibration_fact(replace(TELEMETRY, parameters=parameters)).level == "good"

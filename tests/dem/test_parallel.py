@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import sys
 import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
@@ -18,12 +19,19 @@ pytestmark = mark.slow
 def test_a_process_that_is_killed_is_replaced():
     with LearningProcess() as executor:
         first = executor.submit(os.getpid).result()
+        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        link.bind(("127.0.0.1", 0))
+        address = link.getsockname()
         lost = executor.submit(time.sleep, 3600)
         os.kill(first, signal.SIGKILL)
         with raises(BrokenExecutor):
             lost.result(timeout=300)
         second = executor.submit(os.getpid).result()
         assert second not in (first, os.getpid())
+        # A link that is opened again, while the process lives, is not held open by it.
+        link.close()
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reopened:
+            reopened.bind(address)
         assert executor.submit(os.nice, 0).result() - os.nice(0) == min(
             LOW_PRIORITY, 19 - os.nice(0)
         )

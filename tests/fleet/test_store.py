@@ -14,7 +14,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 from pyarrow import parquet
-from pytest import approx, fixture, mark
+from pytest import approx, fixture, mark, raises
 from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
@@ -285,6 +285,13 @@ def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, mo
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 100)
     fleet_of(tmp_path, [new])
     assert len(parquet.read_table(table_path(tmp_path))) == 12 and not paths[2].exists()
+
+
+@mark.parametrize("date", ["2026-01-01T00:00:00", "tomorrow", 5])
+def test_a_row_whose_date_is_damaged_is_a_damaged_store(tmp_path, date):
+    text = json.dumps(FULL.as_dict() | {"date": date})
+    with raises(sqlite3.DatabaseError):
+        write_file(table_path(tmp_path), [StoredRow(text, "a.bin")], tmp_path)
 
 
 def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypatch):

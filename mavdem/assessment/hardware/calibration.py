@@ -31,12 +31,19 @@ class SensorParameters(NamedTuple):
     """The parameter that says whether it is used."""
     priority: str = ""
     """The parameter with the device id in the order of priority, which then numbers the sensors; empty without one."""
+    enable: str = ""
+    """The parameter that switches all sensors of the kind off, by 0; empty without one."""
 
 
 ARDUPILOT_SENSORS = (
     SensorParameters("accelerometer", "INS_ACC{}_ID", "INS_ACC{}OFFS_", "INS_USE{}"),
     SensorParameters(
-        "compass", "COMPASS_DEV_ID{}", "COMPASS_OFS{}_", "COMPASS_USE{}", "COMPASS_PRIO{}_ID"
+        "compass",
+        "COMPASS_DEV_ID{}",
+        "COMPASS_OFS{}_",
+        "COMPASS_USE{}",
+        "COMPASS_PRIO{}_ID",
+        "COMPASS_ENABLE",
     ),
 )
 """ArduPilot's sensors that are calibrated before the first flight. ``AP_Arming`` refuses to arm where one that is used
@@ -61,15 +68,14 @@ class CalibratedSensor(NamedTuple):
 
 
 def calibration_fact(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None without parameters.
+    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None where none is used.
 
     Args:
         telemetry: telemetry of the vehicle.
     """
-    sensors = list(sensors_of(telemetry))
-    if not sensors:
+    used = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
+    if not used:
         return None
-    used = [sensor for sensor in sensors if sensor.is_used]
     missing = [sensor.name for sensor in used if not sensor.is_calibrated]
     return Fact(
         HardwareFact.SENSORS_CALIBRATED,
@@ -100,6 +106,7 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
         parameters: parameters of the autopilot, by name.
     """
     for sensor in ARDUPILOT_SENSORS:
+        is_enabled = parameters.get(sensor.enable, 1) > 0
         identifiers = _identifiers(parameters, sensor.identifier)
         is_calibrated = {}
         for identifier, suffix in identifiers.items():
@@ -113,10 +120,11 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
         for identifier, suffix in order.items():
             if identifier not in is_calibrated:
                 continue
+            use = sensor.use.format("" if suffix == "1" else suffix)
             yield CalibratedSensor(
                 f"{sensor.kind} {suffix or 1}",
                 bus_name(identifier),
-                is_used=parameters.get(sensor.use.format("" if suffix == "1" else suffix), 1) > 0,
+                is_used=is_enabled and parameters.get(use, 1) > 0,
                 is_calibrated=is_calibrated[identifier],
             )
 
