@@ -93,8 +93,8 @@ IMU_TEMPERATURE = HardwareQuantity(
     ),
     (-60.0, 150.0),
 )
-"""Temperature of the first IMU. MAVLink's common.xml has 0 in SCALED_IMU for "not measured". In its stream PX4 sends the
-temperature of the barometer, or of the air, in HIGHRES_IMU (PX4's HIGHRES_IMU.hpp)."""
+"""Temperature of the first IMU. MAVLink's common.xml has 0 in SCALED_IMU for "not measured". In HIGHRES_IMU of a stream
+PX4 sends the temperature of the barometer, or of the air (PX4's HIGHRES_IMU.hpp)."""
 
 BAROMETER_TEMPERATURE = HardwareQuantity(
     "barometer",
