@@ -4,6 +4,8 @@ from importlib import import_module
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
+from mavdem.lazy_names import lazy_names
+
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.assessment import Assessment, review
@@ -70,19 +72,19 @@ _MODULES = {
 }
 """Module below ``mavdem`` that defines each public name, except the modules ``baselines`` and ``evaluate``."""
 
+_imported_name = lazy_names(__name__, _MODULES)
+
 
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used (PEP 562).
 
     An eager import would load scipy, which takes most of a second: ``mavdem --help`` need not wait for it.
     """
-    if name in _MODULES:
-        return getattr(import_module(f"mavdem.{_MODULES[name]}"), name)
     if name in ("baselines", "evaluate"):
         return import_module(f"mavdem.{name}")
     if name == "__version__":
         return version("mavdem")
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return _imported_name(name)
 
 
 def __dir__() -> list[str]:

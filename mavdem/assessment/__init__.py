@@ -1,7 +1,8 @@
 """Assessment: what happened in a log, how it ended, and eight lights on the vehicle, whatever the log's rate."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from mavdem.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mavdem.assessment.assess import review
@@ -9,15 +10,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Assessment", "review"]
 
-_MODULES = {"Assessment": "record", "review": "assess"}
-"""Module below ``mavdem.assessment`` that defines each public name."""
-
-
-def __getattr__(name: str) -> Any:
-    """Imports a public name when it is first used (PEP 562): one light or event alone needs no models."""
-    if name in _MODULES:
-        return getattr(import_module(f"mavdem.assessment.{_MODULES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# One light or event alone needs no models.
+__getattr__ = lazy_names(__name__, {"Assessment": "record", "review": "assess"})
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,8 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learned model out."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from mavdem.lazy_names import lazy_names
 
 if TYPE_CHECKING:
     from mavdem.dem.engine.ascent import FreeEnergy, Learning
@@ -38,9 +39,5 @@ _MODULES = {
 }
 """Module below ``mavdem.dem`` that defines each public name."""
 
-
-def __getattr__(name: str) -> Any:
-    """Imports a public name when it is first used (PEP 562): single modules, such as ``parallel``, need no engine."""
-    if name in _MODULES:
-        return getattr(import_module(f"mavdem.dem.{_MODULES[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+# Single modules, such as ``parallel``, need no engine.
+__getattr__ = lazy_names(__name__, _MODULES)
