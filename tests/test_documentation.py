@@ -58,7 +58,7 @@ def test_examples_run(page, printed, here, monkeypatch, capsys):
     for code in re.findall(r"```python\n(.*?)```", PAGES[page], re.DOTALL):
         exec(code, names)
         if page == "docs/python.md":
-            names["flight"] = names["flight"][:1000]  # of which the learner has a model, too
+            names["flight"] = names["flight"][:800]  # of which the learner has a model, too
     assert printed in capsys.readouterr().out
 
 

@@ -85,9 +85,9 @@ if "MAVDEM_SHARED_DATA" in os.environ or SHARED.exists():
 
 
 def pytest_generate_tests(metafunc):
-    """Every twelfth log, and with ``--in-full`` all of them: an assessment takes seconds."""
+    """Every 24th log, and with ``--in-full`` all of them: an assessment takes seconds."""
     if "path" in metafunc.fixturenames:
-        logs = REACHED if metafunc.config.getoption("--in-full") else REACHED[::12]
+        logs = REACHED if metafunc.config.getoption("--in-full") else REACHED[::24]
         metafunc.parametrize("path", logs, ids=lambda path: path.name)
 
 

@@ -4,6 +4,8 @@ Deconvolution knows setpoint and rate only at the stamps of their messages, so i
 of them. Identification models the sampling and the controller's cycle, and shows such a loop better.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.random import default_rng
 
@@ -86,8 +88,27 @@ def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Arra
     Returns:
         Step responses (N, K).
     """
-    midpoints = np.arange(FREQUENCY_STEP / 2, frequency[-1], FREQUENCY_STEP)
+    midpoints = _midpoints(frequency[-1])
     real_parts = np.array([np.interp(midpoints, frequency, row.real) for row in closed])
-    phases = 2 * np.pi * np.outer(midpoints, time)
-    kernel = np.sin(phases) / midpoints[:, None]
+    kernel = _sine_kernel(frequency[-1], tuple(time.tolist()))
     return np.asarray(real_parts @ kernel * FREQUENCY_STEP * 2 / np.pi)
+
+
+def _midpoints(highest: float) -> Array:
+    """Returns the midpoints (M,) of even steps of ``FREQUENCY_STEP`` up to the highest frequency, Hz."""
+    return np.arange(FREQUENCY_STEP / 2, highest, FREQUENCY_STEP)
+
+
+@lru_cache(maxsize=2)
+def _sine_kernel(highest: float, time: tuple[float, ...]) -> Array:
+    """Returns sin(2πft) / f at the midpoints f and times t (M, K), s.
+
+    The loops of a flight share their frequencies and times, and the sines take longer than all else of a response.
+
+    Args:
+        highest: highest frequency, Hz.
+        time: times after the step (K,), s.
+    """
+    midpoints = _midpoints(highest)
+    phases = 2 * np.pi * np.outer(midpoints, time)
+    return np.asarray(np.sin(phases) / midpoints[:, None])

@@ -7,7 +7,7 @@ from made_up_analysis import held_out
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import fixture, mark, raises
-from recorded_flights import FLIGHT, LOGS
+from recorded_flights import FLIGHT, short_flight
 
 import mavdem
 from mavdem.assessment.assess import assess
@@ -81,16 +81,13 @@ def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, win
             assert refusal.figures["p_value"] is not None
 
 
-PX4 = LOGS / "px4_wind5_steps.tlog"
-
-
 @mark.slow
-def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it():
-    log = read_log(PX4)
-    found = assess(log)
+def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it(tmp_path):
+    path = short_flight(tmp_path)
+    found = assess(read_log(path))
     axes = found.analysis.axes
     assert list(axes) == ["roll", "pitch", "yaw"]
-    alone = physical(mavdem.read_segments(PX4, axis="yaw"))
+    alone = physical(mavdem.read_segments(path, axis="yaw"))
     assert_allclose(axes["yaw"].physical.effect, alone.effect)
     assert axes["yaw"].physical.status == alone.status
     pitch = found.with_axis("pitch").analyses["pitch"].learned

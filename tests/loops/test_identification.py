@@ -44,11 +44,11 @@ SCENARIO = scenario_of(
             "rate_gain": 2.0,
             "lag_up": 0.02,
             "lag_down": 0.02,
-            "parameters": {"IMU_GYRO_RATEMAX": 400},
+            "parameters": {"IMU_GYRO_RATEMAX": 200},
         },
         "wind": [{"kind": "gaussian", "sd": 0.5, "s": 0.3}],
         "excitation": {"kind": "doublets", "amplitude": 8.0, "width": 0.13, "period": 2.7},
-        "stream": {"rate": 400, "rates": {"ATTITUDE_TARGET": 400}},
+        "stream": {"rate": 200, "rates": {"ATTITUDE_TARGET": 200}},
     }
 )
 
@@ -87,8 +87,8 @@ def flown(log):
     return signals, segments
 
 
-@mark.parametrize("every, within", [(1, (5.0, 1.5)), (16, (12.0, np.inf))])
-def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
+@mark.parametrize("every, within", [(1, (5.0, 1.5)), (8, (12.0, np.inf))])
+def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known, log = flight
     signals, flights = flown(thinned(log, every))
@@ -100,14 +100,14 @@ def test_a_loop_has_its_true_margins_at_400_and_at_25_hz(flight, every, within):
         wider = (high - low) / 4  # of one flight 90 % are too few to test: 99 %
         assert low - wider <= true <= high + wider
     codes = [caution.code for caution in loop.cautions]
-    if every == 16:
+    if every == 8:
         assert Loops.GAIN_MARGIN_EXTRAPOLATED in codes
     else:
         assert Loops.GAIN_MARGIN_EXTRAPOLATED not in codes
 
 
 def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):
-    slow = thinned(log, 16)
+    slow = thinned(log, 8)
     assert not loop_of_axis(Signals(slow.vehicles[0]), slow).plant.filtered
 
 
@@ -118,7 +118,7 @@ def refusal(signals, flights):
 def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     signals, flights = flown(log)
     (flight,) = flights
-    assert refusal(signals, [flight[:4000]]) is Loops.LOOP_TOO_SHORT
+    assert refusal(signals, [flight[:2000]]) is Loops.LOOP_TOO_SHORT
     without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
     blind = Signals(replace(signals.telemetry, messages=without))
     assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
@@ -161,12 +161,12 @@ def rows_of(columns, rows):
     ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
 )
 def test_setpoints_that_say_too_little_are_refused(log, change, code):
-    signals, flights = flown(with_setpoints(thinned(log, 16), change))
+    signals, flights = flown(with_setpoints(thinned(log, 8), change))
     assert refusal(signals, flights) is code
 
 
 def test_another_boot_at_the_same_stamps_does_not_count(log):
-    signals, (flight,) = flown(thinned(log, 16))
+    signals, (flight,) = flown(thinned(log, 8))
     segment = {**flight.provenance["segment"], "boot": 1}
     other = replace(flight[:-1], provenance={**flight.provenance, "segment": segment})
     alone = identify_plant_in_loop(signals, [flight])
@@ -175,7 +175,7 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
 
 
 def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn(log, monkeypatch):
-    signals, flights = flown(thinned(log, 16))
+    signals, flights = flown(thinned(log, 8))
 
     def plant_with(share):
         def spread(axis):
@@ -215,15 +215,15 @@ def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
 @mark.parametrize(
     "more, change, status",
     [
-        (3.0, {}, Status.REPORTED),  # a phase margin of 31°
-        (4.0, {}, Status.BIASED),  # of 19°
-        (0.9, {"lag": 0.002, "delay": 0.03}, Status.REPORTED),  # of 20°, for the delay's sake
+        (2.0, {}, Status.REPORTED),  # a phase margin of 33°
+        (2.6, {}, Status.BIASED),  # of 19°
+        (0.9, {"lag": 0.002, "delay": 0.05}, Status.REPORTED),  # of 19°, for the delay's sake
     ],
 )
 def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
     log, more, change, status
 ):
-    signals, flights = flown(thinned(log, 16))
+    signals, flights = flown(thinned(log, 8))
     plant = identify_plant_in_loop(signals, flights)
     _, controller, directions = in_flight._identified_loop(signals, tuple(flights))
     sure = plant._replace(effect=more * plant.effect, covariance=1e-4 * plant.covariance)
@@ -233,7 +233,7 @@ def test_of_a_loop_that_rings_beyond_its_motors_effect_and_lag_are_biased(
 
 @mark.parametrize("gain", [0.0, 0.5])
 def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
-    signals, (flight,) = flown(thinned(log, 16))
+    signals, (flight,) = flown(thinned(log, 8))
     parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}
     other = replace(flight, provenance={**flight.provenance, "parameters": parameters})
     assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND

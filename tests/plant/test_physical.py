@@ -435,7 +435,7 @@ SETTINGS = Settings(order=3, window=9, parameter_precision=10.0)
 def test_bands_hold_commanded_flights():
     inside = []
     errors = []
-    for seed in range(8):
+    for seed in range(5):
         flight = in_closed_loop(
             seed, steering=1.0, samples=700 + STEPS, wind=0.5, commanded=DOUBLET
         )

@@ -238,6 +238,13 @@ def tunings(assessments, searches_once):
     return made
 
 
+@fixture(scope="module")
+def surfaces_of(assessments, tunings, tmp_path_factory):
+    """What each surface says of a flight, computed once for its name."""
+    path = tmp_path_factory.mktemp("surfaces") / "flight.rrd"
+    return cache(lambda name: surfaces(assessments[name], tunings[name], path))
+
+
 def texts(blocks):
     """Sentences and rows of tables as lines."""
     for block in blocks:
@@ -329,7 +336,7 @@ LOWERED = ("Lower P and D", "P gain of the roll angle")
 
 @mark.slow
 @mark.parametrize("name", FLIGHTS)
-def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunings, tmp_path):
+def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunings, surfaces_of):
     assessment = assessments[name]
     tuning = tunings[name]
     decided = decided_directions(assessment, tuning)
@@ -345,7 +352,7 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
         assert {action.code for action in actions} & {*ADVICE_TO_TUNE}
     else:
         assert LoopActions.LOAD_ADVISED_GAINS not in {action.code for action in actions}
-    for surface, text in surfaces(assessment, tuning, tmp_path / "flight.rrd").items():
+    for surface, text in surfaces_of(name).items():
         assert directions(text) <= decided, surface
         if not has_gains_to_load:
             assert not any(words in text for words in LOADED), surface
@@ -363,9 +370,8 @@ def test_the_lights_show_the_action_of_the_axis_that_they_name(assessments):
 
 
 @mark.slow
-def test_no_goal_is_met_by_an_axis_that_does_not_follow(assessments, tunings, tmp_path):
-    name = "sound but slow"
-    said = surfaces(assessments[name], tunings[name], tmp_path / "flight.rrd")
+def test_no_goal_is_met_by_an_axis_that_does_not_follow(surfaces_of):
+    said = surfaces_of("sound but slow")
     for surface, text in said.items():
         assert "goal met: the roll" not in text, surface
     assert "Enough margin, but the axis does not follow its setpoint" in said["tune"]

@@ -310,25 +310,25 @@ class Held(RecordingFile):
 
 @mark.slow
 def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path, monkeypatch):
-    monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 2000)
+    monkeypatch.setattr("mavdem.view.live_view.MAX_SAMPLES", 1000)
     stalled = Held(tmp_path / "stalled.rrd")
     other = RecordingFile(tmp_path / "other.rrd")
     known = estimate(20, 50.0)
     other.period = 0.01
-    rows = 3000
+    rows = 1500
     with showing(stalled, other) as view:
         waiting = view._threads[1]._rows
         # Comes to its end, although the first sink takes nothing.
         for i in range(rows):
             view.put(ROW._replace(time=50.0 + DT * i, estimate=known))
-            if i % 1000 == 999:
+            if i % 500 == 499:
                 until(lambda: not waiting)
-        assert [thread.dropped for thread in view._threads] == [1000, 0]
+        assert [thread.dropped for thread in view._threads] == [500, 0]
         stalled.go.set()
     assert view.troubles == []
     assert len(drawn(other.path)["motors"][0]) == rows
-    assert_allclose(drawn(stalled.path)["motors"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
-    assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path)
+    assert_allclose(drawn(stalled.path)["motors"][0], 50.0 + DT * np.arange(500, rows), atol=1e-7)
+    assert "500 rows are not shown here: this view is too slow" in texts(stalled.path)
 
 
 def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight():

@@ -6,7 +6,7 @@ import numpy as np
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
 from pytest import approx, fixture, mark
-from recorded_flights import FLIGHT
+from recorded_flights import short_flight
 from rerun.chunk import RrdReader
 from rerun_file import chunks, drawn, views
 
@@ -32,9 +32,9 @@ SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iteration
 
 
 @fixture(scope="module")
-def assessed():
+def assessed(tmp_path_factory):
     """An assessment with alarms, the first before the flight."""
-    log = read_log(FLIGHT)
+    log = read_log(short_flight(tmp_path_factory.mktemp("log")))
     known = assess(log, axis="roll", options=Options(settings=SETTINGS))
     time = known.analysis.flights[0].time
     at = (time[0] - 500.0, time[100])
