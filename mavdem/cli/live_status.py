@@ -1,5 +1,6 @@
 """Status of a live session on standard error: one line that is updated on a terminal, elsewhere lines with news."""
 
+import re
 from contextlib import suppress
 from math import inf
 from time import monotonic, strftime
@@ -10,13 +11,17 @@ from rich.live import Live
 from rich.text import Text
 
 from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
-from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts import Fact, Facts
 from mavdem.live.session import LiveSession
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import watched_quantities
 from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
+
+MEASUREMENT = re.compile(r"\d[\d.,]*(?= ?(?:Hz|ms|min|s|V|A|m|m/s|%|°)(?!\w))")
+"""A number with a unit in a sentence. It varies from second to second, and is no news; the number of a motor is."""
 
 
 class PrintedState(NamedTuple):
@@ -25,8 +30,8 @@ class PrintedState(NamedTuple):
     vehicle: str | None
     """The vehicle; None before it is known."""
 
-    obstacle: Fact | None
-    """Why there is no new model; None while all is well."""
+    obstacle: str
+    """Code of the fact why there is no new model; empty while all is well."""
 
 
 class StatusLines:
@@ -44,11 +49,12 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self._terminal_text = terminal_text
-        # Sentences on problems, and the state, that were printed last; and when, s of the monotonic clock.
-        self._printed_problems: list[str] = []
+        # The last sentences on problems and on what is watched, without measurements; the state that was printed last;
+        # and when, s of the monotonic clock.
+        self._printed_problems: set[str] = set()
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
-        self._watch_facts: NamedFacts = {}
+        self._watch_texts: set[str] = set()
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
@@ -66,7 +72,7 @@ class StatusLines:
             for sentence in render_section("live_status", status=status)
         ]
         if self._terminal_text is None:
-            self._print_new(PrintedState(status.vehicle, status.obstacle), sentences)
+            self._print_new(_printed_state(status), sentences)
             return
         # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
         remarks = [*sentences[1:], watched_quantities(status.watch_facts)]
@@ -80,30 +86,49 @@ class StatusLines:
         Args:
             watch_facts: For each quantity the fact that it is watched, or why it is not.
         """
-        former_texts = set(self._watch_facts)
-        self._watch_facts = {watched_quantities([fact]): fact for fact in watch_facts}
-        changed_facts = [
-            fact for text, fact in self._watch_facts.items() if text not in former_texts
-        ]
+        former_texts = self._watch_texts
+        self._watch_texts = set()
+        changed_facts = []
+        for fact in watch_facts:
+            text = _without_measurements(watched_quantities([fact]))
+            self._watch_texts.add(text)
+            if text not in former_texts:
+                changed_facts.append(fact)
         if changed_facts:
             print_to_stderr(timed(watched_quantities(changed_facts)))
 
     def _print_new(self, state: PrintedState, sentences: list[str]) -> None:
-        """Prints the sentences of a status that the status before did not have, as one line.
+        """Prints the sentences of a status that the status before did not have, as one line. Other figures alone are no news.
 
         Args:
             state: The vehicle and the obstacle to learning.
             sentences: First that on the learning, whose figures always differ, then those on problems.
         """
         learning, *problems = sentences
-        new_problems = [sentence for sentence in problems if sentence not in self._printed_problems]
-        self._printed_problems = problems
+        former_problems = self._printed_problems
+        self._printed_problems = {_without_measurements(sentence) for sentence in problems}
+        new_problems = [
+            sentence
+            for sentence in problems
+            if _without_measurements(sentence) not in former_problems
+        ]
         now = monotonic()
         is_due = now - self._print_time >= UNCHANGED_STATE_PERIOD
         if new_problems or state != self._printed_state or is_due:
             self._printed_state = state
             self._print_time = now
             print_to_stderr(timed(" ".join([learning, *new_problems])))
+
+
+def _printed_state(status: SessionStatus) -> PrintedState:
+    """Returns what a line says of the state of a session, without its figures."""
+    obstacle = "" if status.obstacle is None else str(status.obstacle.code)
+    return PrintedState(status.vehicle, obstacle)
+
+
+def _without_measurements(sentence: str) -> str:
+    """Returns a sentence with a sign in the place of each measurement, by which it is found to be the same."""
+    return MEASUREMENT.sub("#", sentence)
 
 
 def print_fact(fact: Fact) -> None:

@@ -14,13 +14,14 @@ from rich.console import Console
 from rich.live import Live
 
 from mavdem.cli.live_status import StatusLines
+from mavdem.dataset.learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.events import Reported
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import Session
+from mavdem.facts.session import Rows, Session
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import Watch, Watched
 from mavdem.live import LiveStream
@@ -202,6 +203,20 @@ def test_what_is_watched_is_always_shown():
         status.watch_facts
     ) and "battery" in watched_quantities(status.watch_facts)
     assert not watched_quantities([])
+
+
+def test_rates_that_vary_are_no_news(capsys):
+    lines = StatusLines(None)
+    counts = []
+    for rate in (5.5, 5.5, 5.6, 4.9):
+        rates = {"ATTITUDE": rate, "SERVO_OUTPUT_RAW": 6.0}
+        slow = slow_streams(rates, "roll")
+        obstacle = Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=True, because=slow)
+        watch = Fact(Watch.NOT_WATCHED, subject=Watched.OSCILLATION, because=slow)
+        status = SessionStatus(vehicle="1:1", obstacle=obstacle, watch_facts=(watch,))
+        lines.show(Mock(status=status))
+        counts.append(len(capsys.readouterr().err.splitlines()))
+    assert counts == [2, 0, 0, 0]
 
 
 def test_a_wind_that_may_come_from_anywhere_is_half_a_turn_uncertain():
