@@ -98,7 +98,9 @@ class StatusLines:
             print_to_stderr(timed(watched_quantities(changed_facts)))
 
     def _print_new(self, state: PrintedState, sentences: list[str]) -> None:
-        """Prints the sentences of a status that the status before did not have, as one line. Other figures alone are no news.
+        """Prints the sentences of a status that the status before did not have, as one line.
+
+        Other figures alone are no news.
 
         Args:
             state: The vehicle and the obstacle to learning.
