@@ -126,7 +126,7 @@ def logs_read_once(monkeypatch):
     from mavdem.ingest import read_log
 
     logs = {}
-    cache = {}
+    caches = {}
 
     def read_once(path):
         status = os.stat(path)
@@ -135,8 +135,10 @@ def logs_read_once(monkeypatch):
             logs[key] = read_log(path)
         return logs[key]
 
-    def signals_with_cache(*arguments, **options):
-        return Signals(*arguments, cache=cache, **options)
+    def signals_with_cache(telemetry, *arguments, **options):
+        # What is derived of one vehicle is never taken for that of another. Each is kept, so that no other has its id.
+        _, cache = caches.setdefault(id(telemetry), (telemetry, {}))
+        return Signals(telemetry, *arguments, cache=cache, **options)
 
     for module in READERS:
         monkeypatch.setattr(f"mavdem.{module}.read_log", read_once)
