@@ -531,8 +531,11 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
         fields["Curr"] = topic[f"{field}esc_current"]
     if f"{field}esc_temperature" in topic:
         temperature = topic[f"{field}esc_temperature"].astype(np.float64)
-        is_kelvin = temperature.max(initial=0.0) > MAX_ESC_CELSIUS
-        fields["Temp"] = temperature - ZERO_CELSIUS if is_kelvin else temperature
+        # Before the first report of a controller it is 0 or NaN.
+        reported = temperature[temperature > 0]
+        if len(reported) and np.median(reported) > MAX_ESC_CELSIUS:
+            temperature = np.where(temperature > 0, temperature - ZERO_CELSIUS, np.nan)
+        fields["Temp"] = temperature
     if f"{field}esc_errorcount" in topic:
         fields["ErrorCount"] = topic[f"{field}esc_errorcount"]
     if f"{field}actuator_function" in topic:

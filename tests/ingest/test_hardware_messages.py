@@ -2,6 +2,7 @@
 
 import numpy as np
 from numpy.testing import assert_allclose
+from pytest import mark
 
 from mavdem.ingest.dataflash.translation import translated
 from mavdem.ingest.px4_messages import motor_speeds
@@ -90,3 +91,18 @@ def test_temperatures_of_dronecan_controllers_in_kelvin_become_celsius():
     speeds = motor_speeds({"esc_status": {0: topic}})
     assert_allclose(speeds["Temp"], [20, 30, 40])
     assert_allclose(speeds["Curr"], 4)
+
+
+@mark.parametrize(
+    "temperatures, celsius",
+    [
+        ([0.0, np.nan, 313.15], [np.nan, np.nan, 40.0]),
+        ([50.0, 60.0, 3000.0], [50.0, 60.0, 3000.0]),
+        ([-5.0, 0.0, 5.0], [-5.0, 0.0, 5.0]),
+    ],
+)
+def test_a_controller_before_its_first_report_or_one_wrong_value_changes_no_unit(
+    temperatures, celsius
+):
+    topic = table(**{"esc[0].esc_rpm": 5000, "esc[0].esc_temperature": temperatures})
+    assert_allclose(motor_speeds({"esc_status": {0: topic}})["Temp"], celsius)
