@@ -396,7 +396,7 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
 
 
 @mark.parametrize(
-    "limits, read", [(JobLimits(2, 600), 0), (JobLimits(3, 600), 1), (JobLimits(2, 700), 1)]
+    "limits, read", [(JobLimits(1, 600), 0), (JobLimits(2, 600), 1), (JobLimits(1, 700), 1)]
 )
 def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
     class TooSlow(InThisProcess):
