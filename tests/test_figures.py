@@ -40,11 +40,10 @@ FLIGHTS = {
     # What is learned: of a telemetry log and of PX4's log.
     "ardupilot_wind5_steps.tlog": ["review", "tune", "info", "convert"],
     "real/logs/px4_default_rates_learnable.ulg": ["review", "tune", "> tune --verbose"],
-    # What is in logs of slow streams, of several vehicles and of a short flight.
+    # What is in logs of slow streams and of a short flight.
     "ardupilot_default_rates.tlog": ["info", "review", "> convert"],
     "real/logs/low_flight_climb_channel_zero.tlog": ["info"],
     "logs/pyulog_sample.ulg": ["review"],
-    "sitl_px4/px4_two_vehicles_gcslink.tlog": ["info"],
     # Simulated flights, live and from their log.
     "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
     "iris_gusts": ["fly", "learn"],
@@ -89,6 +88,7 @@ MORE_FLIGHTS = {
     "logs/dronekit_flight.tlog": ["review"],
     "logs/wlichon_baseline.BIN": ["review"],
     "sitl_events/ap_motor.tlog": ["info"],
+    "sitl_px4/px4_two_vehicles_gcslink.tlog": ["info"],
     "sitl_events/ap_quiet10.BIN": ["info"],
     "sitl_events/px4_windjump.ulg.xz": ["info", "wind", "> wind --verbose"],
     "sitl_loops/ap_t_half_f1_with_params.tlog.xz": ["info", "tune"],

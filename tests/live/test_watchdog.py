@@ -274,7 +274,7 @@ def test_slow_messages_show_no_limit_cycle_and_that_is_said():
 @mark.slow
 def test_every_vehicle_on_a_link_is_watched():
     flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
-    frames = by_time(*(flight.frames(end=18.0) for flight in flights))
+    frames = by_time(*(flight.frames(end=13.0) for flight in flights))
     made = replay(frames)
     found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
