@@ -347,12 +347,12 @@ def marked(marks, surprise):
 
 @mark.slow
 def test_marks_without_a_change_are_as_rare_as_stated():
-    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for half an hour; four deviations of what is expected."""
+    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for a quarter of an hour; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
-        surprise = surprises(default_rng(1), 1800.0, alike)
+        surprise = surprises(default_rng(1), 900.0, alike)
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
-        expected = 1800.0 / MEAN_SECONDS_BETWEEN_FALSE_MARKS
+        expected = 900.0 / MEAN_SECONDS_BETWEEN_FALSE_MARKS
         assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 

@@ -1,6 +1,7 @@
 """The wind in m/s: made-up flights with known drag, recorded ones that something is done to, and what is no flight."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from hover import Hover, changed, columns
@@ -255,6 +256,12 @@ def test_solo_beside_an_anemometer():
     assert np.degrees(np.sqrt(np.mean(np.angle(means[0] / means[1]) ** 2))) < 10
 
 
+@cache
+def drag_in_a_jump_of_the_wind():
+    """The drag of a flight whose wind is known and jumps in its middle."""
+    return mavdem.estimate_drag(*flight(seed=7, jump=1.0))
+
+
 @mark.slow
 @mark.parametrize(
     "scale, why", [(1.0, ""), (0.01, "does not follow the tilt"), (0.0, "never changes")]
@@ -262,7 +269,7 @@ def test_solo_beside_an_anemometer():
 def test_live_rows_are_of_free_flight_only(scale, why):
     time, attitude, velocity, air = flight(seed=7, jump=1.0)
     live = LiveWind()
-    live.earlier_drag = mavdem.estimate_drag(time, attitude, velocity, air)
+    live.earlier_drag = drag_in_a_jump_of_the_wind()
     inside = []
     downs_first = np.roll(scale * velocity, 1, axis=1)
     for at, angles, moved in zip(time, attitude, downs_first, strict=True):
