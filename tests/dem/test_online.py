@@ -347,7 +347,7 @@ def marked(marks, surprise):
 
 @mark.slow
 def test_marks_without_a_change_are_as_rare_as_stated():
-    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for a quarter of an hour; four deviations of what is expected."""
+    """Quiet, with a manoeuvre every 6 s, and in gusts of 1 s, for 15 minutes; four deviations of what is expected."""
     for size, alike in ((0.0, 10), (15.0, 10), (0.0, 100)):
         surprise = surprises(default_rng(1), 900.0, alike)
         for start in range(0, len(surprise), 600):
