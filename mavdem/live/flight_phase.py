@@ -43,11 +43,10 @@ PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
 AVERAGING_DELAY = AVERAGING_SECONDS / 2
 """Delay after which a centred mean is known, s: half of its window."""
 
-FREE_CLIMB_DELAY = AVERAGING_SECONDS / 2
-"""Time from the first climbing speed until the vehicle counts as free, s: to the end of the mean that shows the climb.
+FREE_CLIMB_DELAY = TRANSIENT_SECONDS / 2
+"""Time from the first climbing speed until the vehicle counts as free, s: half a transient of the climb-out; a choice.
 
-By then it has risen by half a metre or more (``MAX_LEVEL_FLIGHT_SPEED`` over ``AVERAGING_SECONDS``). Nothing holds it
-any more; what ground effect remains is accepted in the first model, which is never written.
+A model of samples from earlier in the climb comes sooner, but its errors are up to twice as large.
 """
 
 
