@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -14,7 +15,6 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.margins import Complex
-from mavdem.running_filters import running_maximum, running_minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +82,13 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         return None
     # Number of samples in the time that the vehicle has to follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
+    # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
+    # with their sample.
+    shift = (window - 1) // 2
     is_unknown = np.isnan(flight.setpoints)
     setpoints = np.where(is_unknown, 0.0, flight.setpoints)
-    lowest = running_minimum(setpoints, window - 1, 0)
-    highest = running_maximum(setpoints, window - 1, 0)
+    lowest = minimum_filter1d(setpoints, window, axis=0, origin=shift)
+    highest = maximum_filter1d(setpoints, window, axis=0, origin=shift)
     tilts = flight.angles[:, :2]
     error_without_setpoint = np.where(flight.is_rate_controlled, 0.0, tilts / 2)
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)

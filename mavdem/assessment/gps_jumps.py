@@ -8,6 +8,7 @@ poor (``NavEKF3_core::calcGpsGoodForFlight``). So the positions themselves are l
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
@@ -16,7 +17,6 @@ from mavdem.dataset.signals import EARTH_RADIUS, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
-from mavdem.running_filters import running_median
 
 MIN_JUMP = 2.5
 """Distance, m, that a jump has at least: where the filters of PX4 and ArduPilot reject a position.
@@ -119,7 +119,7 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     if not len(steps):
         return np.zeros((0, 3))
     velocities = np.diff(in_boot.values, axis=0) / steps[:, None]
-    usual_velocities = running_median(velocities, NEIGHBOURING_STEPS, "nearest")
+    usual_velocities = median_filter(velocities, size=(NEIGHBOURING_STEPS, 1), mode="nearest")
     distances = np.linalg.norm(velocities - usual_velocities, axis=1) * steps
     allowed_steps = np.maximum(steps, np.median(steps))
     limits = MIN_JUMP + np.linalg.norm(usual_velocities, axis=1) * allowed_steps

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
@@ -18,7 +19,6 @@ from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
-from mavdem.physical_constants import GRAVITY
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS

@@ -15,7 +15,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.special import softmax
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor, half_width
@@ -446,7 +446,7 @@ class LiveWind:
         likelihoods = filters.log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
         prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
         log_weights = likelihoods - (prior_distances**2).sum(axis=1) / 2
-        weights = np.repeat(scipy.special.softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
+        weights = np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
         # Each filter gives a normal distribution of the wind, north and east. The weighted mixture of them all has as
         # its mean the weighted mean, and as its variance the mean variance within the filters plus that between them.
         winds = filters.states @ TOTAL_WIND_MATRIX.T

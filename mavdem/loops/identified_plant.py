@@ -7,7 +7,7 @@ are not modelled, and signals do not change evenly between their samples. So the
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.facts.identifiability import Status
@@ -117,9 +117,7 @@ def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
         effect: effect of each of the r inputs (r,).
         values: parameters of the axis.
     """
-    derivatives: Array = scipy.linalg.block_diag(
-        effect[:, None], [values.damping], [values.lag], [values.delay]
-    )
+    derivatives: Array = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
     return derivatives
 
 

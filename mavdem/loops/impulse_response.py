@@ -20,7 +20,8 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.linalg import solve_toeplitz
+from scipy.special import softmax
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.containers import Numbers
@@ -392,7 +393,7 @@ def _whitening_filter(residuals: Array) -> Array:
         for lag in range(AUTOREGRESSION_ORDER + 1)
     ]
     autocovariance[0] *= 1 + WHITE_NOISE_SHARE
-    coefficients = scipy.linalg.solve_toeplitz(autocovariance[:-1], autocovariance[1:])
+    coefficients = solve_toeplitz(autocovariance[:-1], autocovariance[1:])
     prediction_error_filter = np.append(1.0, -coefficients)
     difference_filter = [1.0, -1.0]
     return np.convolve(prediction_error_filter, difference_filter)
@@ -483,7 +484,7 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
         explained = variances * projected_moment**2 / (1 + gained_precision)
         log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
     # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
-    variance_by_shape = scipy.special.softmax(log_evidence) @ PRIOR_VARIANCES
+    variance_by_shape = softmax(log_evidence) @ PRIOR_VARIANCES
     return np.tensordot(variance_by_shape, shapes.covariances, axes=1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.fft import rfft
 
 from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.priors import derivative_pairs
@@ -109,8 +109,8 @@ class FlightWindows(NamedTuple):
         channels = [inputs - responses, responses]
         for name in REFINEMENTS:
             channels.append(refined[name])
-        input_transforms = scipy.fft.rfft(np.moveaxis(np.array(channels), 3, 1))
-        rate_transforms = scipy.fft.rfft(rate)
+        input_transforms = rfft(np.moveaxis(np.array(channels), 3, 1))
+        rate_transforms = rfft(rate)
         # The frequency 0 has the mean of each window. That is its trim, which the model does not explain.
         input_transforms[..., 0] = 0.0
         rate_transforms[..., 0] = 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mavdem.arrays import Array, as_real_array
 from mavdem.dem.engine.linalg import normal_draws
@@ -174,9 +175,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
         Mean and covariance of the ten scaled parameters, and the share of the force that steering explains.
     """
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
-    # Drag and gusts are independent a priori: the information of gusts follows on the diagonal.
-    precision = np.diag(np.append(np.zeros(len(drag.mean)), GUST_PRIOR_SD**-2))
-    precision[: len(drag.mean), : len(drag.mean)] = np.linalg.inv(drag.covariance)
+    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
     steered = steered_share(moved)
     # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
     information_shares = np.repeat([steered**2, _turned_share(moved), 1.0], [4, 2, 4])

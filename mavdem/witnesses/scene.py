@@ -8,6 +8,7 @@ from functools import cached_property
 from math import inf, isinf
 
 import numpy as np
+from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -18,7 +19,6 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.witnesses import HeightSource, Witness
-from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,

@@ -12,9 +12,9 @@ from functools import cache
 from threading import RLock
 
 import numpy as np
-import scipy
 from numpy.linalg import LinAlgError
 from numpy.random import default_rng
+from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array, ArrayPair
@@ -40,7 +40,7 @@ def solve(matrix: Array, right: Array) -> Array:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    _, solution, info = scipy.linalg.lapack.dposv(scaled, (right.T * scale).T)
+    _, solution, info = dposv(scaled, (right.T * scale).T)
     _raise_if_not_factorized(info)
     return (solution.T * scale).T
 
@@ -58,10 +58,10 @@ def inverse(matrix: Array) -> Array:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = scipy.linalg.lapack.dpotrf(scaled, clean=1)
+    factor, info = dpotrf(scaled, clean=1)
     _raise_if_not_factorized(info)
     # LAPACK fills the upper triangle only, and leaves zeros below it.
-    upper = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
+    upper = dpotri(factor)[0] * scale * scale[:, None]
     # The diagonal, every (k + 1)-th entry, is in both triangles, so that each of them holds half of it.
     upper.flat[:: len(upper) + 1] *= 0.5
     return upper + upper.T
@@ -77,7 +77,7 @@ def logdet(matrix: Array) -> float:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = scipy.linalg.lapack.dpotrf(scaled)
+    factor, info = dpotrf(scaled)
     _raise_if_not_factorized(info)
     # The determinant is Π (L_ii / s_i)², with the Cholesky factor L of the scaled matrix and the scale s.
     return 2.0 * float(np.log(factor.diagonal() / scale).sum())
@@ -147,10 +147,8 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must be symmetric")
     # An empty matrix has nothing to factorize.
     if size:
-        _, scaled = _scaled_to_unit_diagonal(matrix)
         try:
-            # NumPy's factorization, so that a mere check of an argument does not import SciPy's.
-            np.linalg.cholesky(scaled)
+            logdet(matrix)
         except LinAlgError:
             raise ValueError(f"{name} must be positive definite") from None
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-import scipy
+from scipy.linalg.lapack import dtrtri
 
 from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.kalman import KalmanFilter
@@ -265,7 +265,7 @@ def regress(
     random_walk = np.eye(q, k)
     # With the Cholesky factor F Fᵀ of the posterior precision, R = F⁻¹ has RᵀR = the posterior covariance.
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
-    covariance_root, _ = scipy.linalg.lapack.dtrtri(factor, lower=True)
+    covariance_root, _ = dtrtri(factor, lower=True)
     # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
     moments = gram.copy()
     moments[q:] -= moments[:k]

@@ -9,6 +9,7 @@ Source: https://docs.px4.io/main/en/middleware/uxrce_dds.html (UXRCE_DDS_SYNCT).
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from mavdem.arrays import Integers
 from mavdem.facts import Facts
@@ -16,7 +17,6 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clocks import MAX_RESTART_TIME, MAX_STAMP_DEVIATION
 from mavdem.ingest.mcap.records import NANOSECONDS
 from mavdem.ingest.telemetry import repair_facts
-from mavdem.running_filters import running_median
 
 ReceiveTimes = Mapping[int, int]
 """When each message was recorded, UNIX ns, by its number in the recording."""
@@ -64,7 +64,7 @@ def with_joined_clocks(
     # Offsets are taken from the first one, so that floats resolve them to a microsecond.
     offsets = (ordered_stamps - received) - (ordered_stamps[0] - received[0])
     seconds = offsets / NANOSECONDS
-    typical = running_median(seconds, OFFSET_WINDOW, "mirror")
+    typical = median_filter(seconds, OFFSET_WINDOW, mode="mirror")
     shifts = np.zeros(len(order), dtype=np.int64)
     count = 0
     for row in (1 + np.flatnonzero(abs(np.diff(typical)) > MAX_STAMP_DEVIATION)).tolist():
