@@ -58,8 +58,8 @@ def test_what_shows_nothing_is_not_called_the_ground():
 @mark.slow
 def test_a_long_climb_is_free_flight_before_it_is_settled():
     one = Vehicle()
-    assert not one.fly(0.5, climb=1.0) and not one.phase.is_free(one.time)
-    one.fly(1.5, climb=1.0)
+    assert not one.fly(2.0, climb=1.0) and not one.phase.is_free(one.time)
+    one.fly(2.5, climb=1.0)
     assert one.phase.is_free(one.time) and not one.phase.is_settled(one.time)
     one.fly(2.5, climb=-1.0)
     assert not one.phase.is_free(one.time)
