@@ -84,10 +84,7 @@ def read_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
-    query = "select row, file from flights where file is not null"
-    if vehicle is not None:
-        query += " and vehicle = :vehicle"
-    return _stored_rows(folder, query, {"vehicle": vehicle})
+    return _rows_of_vehicle(folder, "row", vehicle)
 
 
 def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
@@ -100,10 +97,7 @@ def read_brief_rows(folder: Path, vehicle: str | None = None) -> FlightRows:
     Raises:
         Unreadable: the folder has no store, or a damaged one.
     """
-    query = "select brief, file from flights where file is not null"
-    if vehicle is not None:
-        query += " and vehicle = :vehicle"
-    return _stored_rows(folder, query, {"vehicle": vehicle})
+    return _rows_of_vehicle(folder, "brief", vehicle)
 
 
 def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
@@ -118,6 +112,23 @@ def read_rows_of_logs(folder: Path, files: Iterable[str]) -> FlightRows:
     """
     query = "select row, file from flights where file in (select value from json_each(:files))"
     return _stored_rows(folder, query, {"files": json.dumps(sorted(files))})
+
+
+def _rows_of_vehicle(folder: Path, column: str, vehicle: str | None) -> FlightRows:
+    """Returns the rows of a vehicle, or of all vehicles, from one of the two columns of the store that have them.
+
+    Args:
+        folder: folder of the fleet.
+        column: "row" for whole rows, or "brief" for those with ``BRIEF_COLUMNS`` alone.
+        vehicle: name of the vehicle; None for all vehicles.
+
+    Raises:
+        Unreadable: the folder has no store, or a damaged one.
+    """
+    query = f"select {column}, file from flights where file is not null"
+    if vehicle is not None:
+        query += " and vehicle = :vehicle"
+    return _stored_rows(folder, query, {"vehicle": vehicle})
 
 
 def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
