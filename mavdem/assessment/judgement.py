@@ -237,11 +237,15 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
     # Nothing is bad: the first of what is to be watched counts. Attitudes far from their setpoint come first, and
-    # warnings of the autopilot last.
+    # warnings of the autopilot last, but for those that its own state contradicts.
     far_attitudes = [
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
     ]
-    warnings = evidence.warnings_in_flight(tuple(Reported))
+    warnings = [
+        fact
+        for fact in evidence.warnings_in_flight(tuple(Reported))
+        if not fact.figures.get("is_contradicted")
+    ]
     for fact in (*far_attitudes, *vehicle_lights, *warnings):
         if fact.level is Level.WATCH:
             return fact

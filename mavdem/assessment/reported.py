@@ -74,6 +74,27 @@ TRIGGER_SECONDS = 2.0
 """Seconds before a failsafe within which its trigger is reported: the state of the system comes once a second."""
 
 
+CONFIRMING_STATES = {
+    Reported.FAILSAFE: (Reported.FAILSAFE,),
+    Reported.BATTERY_WARNED: (
+        Reported.BATTERY_WARNED,
+        Reported.BATTERY_ALARMED,
+        Reported.BATTERY_SPENT,
+    ),
+    Reported.BATTERY_ALARMED: (Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT),
+    Reported.ATTITUDE_FAILED: (Reported.ATTITUDE_FAILED,),
+    Reported.ALTITUDE_FAILED: (Reported.ALTITUDE_FAILED,),
+    Reported.MOTOR_FAILED: (Reported.MOTOR_FAILED,),
+}
+"""By the code of a text: the codes of recorded states, one of which holds if the text is true.
+
+Texts are left out where the recorded state may be that of another sensor or input, such as those on the radio."""
+
+CONFIRMATION_SECONDS = 5.0
+"""Seconds around a text within which its state is recorded: the slowest such stream, BATTERY_STATUS of PX4, comes every
+2 s, and one message may be lost."""
+
+
 class Fault(NamedTuple):
     """What a field or bit of a message reports when it is set."""
 
@@ -140,6 +161,14 @@ class FaultSignal(NamedTuple):
     columns: Columns | None = None
     """The N samples, where they are not all of the message: of one of several batteries."""
 
+    def columns_of(self, signals: Signals) -> Columns:
+        """Returns the N samples, with their times and boots.
+
+        Args:
+            signals: signals of the vehicle, with the message.
+        """
+        return self.columns or signals.telemetry.messages[self.message]
+
 
 def reported_events(signals: Signals) -> Facts:
     """Returns the events that the autopilot reports, in order of boot and time.
@@ -151,7 +180,11 @@ def reported_events(signals: Signals) -> Facts:
     Args:
         signals: signals of the vehicle.
     """
-    problems = reported_problems(signals.telemetry)
+    states_of_faults = list(_fault_signals(signals))
+    problems = [
+        _without_contradicted_claim(problem, states_of_faults, signals)
+        for problem in reported_problems(signals.telemetry)
+    ]
     events = []
     for span in recorded_spans(signals):
         boot = span.boot
@@ -164,7 +197,7 @@ def reported_events(signals: Signals) -> Facts:
         faults = [
             *restarts_of_boot,
             *_estimator_changes(signals, span),
-            *_lasting_faults(signals, span),
+            *_lasting_faults(signals, span, states_of_faults),
             *(fact for fact in problems if fact.figures["boot"] == boot and _can_be(fact, signals)),
         ]
         if any(fact.figures.get("watchdog") for fact in restarts_of_boot):
@@ -242,6 +275,42 @@ def _can_be(problem: Fact, signals: Signals) -> bool:
         return True
     time = np.array([problem.time])
     return bool(has_position_fix(signals.telemetry, problem.figures["boot"], time)[0])
+
+
+def _without_contradicted_claim(
+    problem: Fact, faults: Sequence[FaultSignal], signals: Signals
+) -> Fact:
+    """Returns what a text reports or, where the recorded state contradicts it, a quotation of the text.
+
+    PX4 writes "Failsafe activated" also where it only warns, while its state says that it is in no failsafe. The state
+    is what the autopilot acts by, so that it counts. It contradicts a text if it was recorded after the text, and is
+    sound in all samples within ``CONFIRMATION_SECONDS``.
+
+    Args:
+        problem: what the autopilot reports.
+        faults: the recorded states, of all boots.
+        signals: signals of the vehicle.
+
+    Returns:
+        The same fact, or one with the code ``AUTOPILOT_SAID`` and the figure ``is_contradicted``.
+    """
+    if "text" not in problem.figures or not isinstance(problem.code, Reported):
+        return problem
+    confirming_codes = CONFIRMING_STATES.get(problem.code, ())
+    time = problem.time or 0.0
+    nearby = [(time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)]
+    is_recorded = False
+    for fault in faults:
+        if fault.code not in confirming_codes or not len(fault.is_faulty):
+            continue
+        columns = fault.columns_of(signals)
+        rows = (columns["boot"] == problem.figures["boot"]) & in_intervals(columns["time"], nearby)
+        if fault.is_faulty[rows].any():
+            return problem
+        is_recorded = is_recorded or bool((columns["time"][rows] >= time).any())
+    if not is_recorded:
+        return problem
+    return problem.with_code(Reported.AUTOPILOT_SAID).replace(is_contradicted=True)
 
 
 def _event(
@@ -401,7 +470,9 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
             )
 
 
-def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
+def _lasting_faults(
+    signals: Signals, span: Segment, faults: Sequence[FaultSignal]
+) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
     Before arming, sensors start and radios are off, so faults then mean nothing.
@@ -409,15 +480,16 @@ def _lasting_faults(signals: Signals, span: Segment) -> Iterator[Fact]:
     Args:
         signals: signals of the vehicle.
         span: the recorded part of one boot.
+        faults: all that messages may report, of all boots.
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
     armed = intersection(armed_intervals(signals, span.boot), [(span.start, span.end)])
-    for fault in _fault_signals(signals):
+    for fault in faults:
         if not len(fault.is_faulty):
             continue
-        columns = fault.columns or signals.telemetry.messages[fault.message]
+        columns = fault.columns_of(signals)
         rows = columns["boot"] == span.boot
         faulty_intervals = true_intervals(columns["time"][rows], fault.is_faulty[rows])
         for start, end in intersection(faulty_intervals, armed):
@@ -507,7 +579,8 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
     batteries = [
         battery
         for battery in battery_columns(signals.telemetry)
-        if "charge_state" in battery.columns
+        # The state 0 is "undefined": a battery that never has another one reports nothing.
+        if battery.columns.get("charge_state", np.zeros(0)).any()
     ]
     if any(battery.message == "BATTERY_STATUS" for battery in batteries):
         batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]

@@ -587,7 +587,7 @@ def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
     """Makes HEARTBEAT from the topic vehicle_status, as PX4's stream HEARTBEAT.hpp does.
 
     Only the state is distinguished: CRITICAL in failsafe, else ACTIVE while the motors are armed, else STANDBY. Where
-    the field ``failsafe`` was not logged, there is none.
+    the field ``failsafe`` was not logged, the state is not known, and there is no column of it.
 
     Args:
         topics: PX4's topics; vehicle_status has N messages.
@@ -598,10 +598,11 @@ def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
     """
     status = first_instance(topics, "vehicle_status")
     is_armed = status["arming_state"] == ARMED_STATE
-    is_in_failsafe = status.get("failsafe", np.zeros(len(is_armed))).astype(np.bool_)
-    system_status = np.where(is_in_failsafe, CRITICAL, np.where(is_armed, ACTIVE, STANDBY))
-    fields = heartbeat_fields(vehicle_type, PX4, is_armed)
-    return {"time": status["time"], **fields, "system_status": system_status}
+    fields: Fields = {"time": status["time"], **heartbeat_fields(vehicle_type, PX4, is_armed)}
+    if "failsafe" in status:
+        armed_or_not = np.where(is_armed, ACTIVE, STANDBY)
+        fields["system_status"] = np.where(status["failsafe"] > 0, CRITICAL, armed_or_not)
+    return fields
 
 
 SETPOINT_TYPE_TAKEOFF = 3

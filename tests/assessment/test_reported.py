@@ -240,6 +240,38 @@ def test_a_failsafe_and_a_lane_are_states_too():
     assert (fact.time, fact.level) == (30.0, "good")
 
 
+@mark.parametrize(
+    "text, message, field, sound, faulty",
+    [
+        ("[failsafe] Failsafe activated", "HEARTBEAT", "system_status", 4, 5),
+        ("Battery 1 is critical 10.1V", "BATTERY_STATUS", "charge_state", 2, 3),
+        ("Motor failure detected", "failure_detector_status", "fd_motor", 0, 1),
+    ],
+)
+def test_a_recorded_state_contradicts_or_confirms_a_text(text, message, field, sound, faulty):
+    telemetry = with_texts(FLOWN, text.encode(), severity=(4,))
+    telemetry = changed(telemetry, "STATUSTEXT", time=np.array([30.5]))
+    (claim,) = reported_problems(telemetry)
+    table = FLOWN.messages.get(message, {"time": TIMES, "boot": 0 * TIMES.astype(int)})
+
+    def with_states(state_times, values):
+        rows = {name: column[: len(state_times)] for name, column in table.items()}
+        messages = {**telemetry.messages, message: {**rows, "time": state_times, field: values}}
+        return replace(telemetry, messages=messages)
+
+    times = table["time"]
+    confirmed = with_states(times, np.where(times >= 31.0, faulty, sound))
+    (fact,) = events(confirmed, claim.code, Reported.AUTOPILOT_SAID)
+    assert fact.code is claim.code
+    (fact,) = events(
+        with_states(times, 0 * times.astype(int) + sound), claim.code, Reported.AUTOPILOT_SAID
+    )
+    assert fact.level == "watch" and "does not confirm" in fact.sentence and text in fact.sentence
+    # A record of the state that ends before the text shows nothing.
+    (fact,) = events(telemetry, claim.code, Reported.AUTOPILOT_SAID)
+    assert fact.code is claim.code
+
+
 def test_a_sensor_that_is_used_and_not_healthy_failed():
     used = 1 << 3 | 1 << 16
     sensors = {"present": used, "enabled": used, "health": np.where(LOST, 1 << 16, used)}
