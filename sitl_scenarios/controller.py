@@ -174,7 +174,7 @@ class FlightController:
         """Sets the gains of the attitude loops, and makes the velocity and position loops slower by constant ratios.
 
         Args:
-            gains: Gains of roll, pitch and yaw, rad/s per rad; each is also the bandwidth of its loop, rad/s.
+            gains: Gains of roll, pitch and yaw (3,), rad/s per rad; each is also the bandwidth of its loop, rad/s.
         """
         self.attitude_gains = gains
         roll_gain, pitch_gain, _ = gains
@@ -323,8 +323,8 @@ class FlightController:
 
         Args:
             estimate: State as the autopilot estimates it.
-            attitude_setpoint: Roll, pitch and yaw, rad.
-            rate_feedforward: Body rates that are added to those of the attitude loops, rad/s.
+            attitude_setpoint: Roll, pitch and yaw (3,), rad.
+            rate_feedforward: Body rates (3,) that are added to those of the attitude loops, rad/s.
             thrust: Thrust of all rotors, N.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
@@ -338,15 +338,18 @@ class FlightController:
     def _rate_setpoints(
         self, angles: Vector3, attitude_setpoint: Vector3, rate_feedforward: Vector3
     ) -> Vector3:
-        """Runs the attitude loops: returns the body rates, rad/s, that the errors of the angles ask for.
+        """Runs the attitude loops, which set the body rates that reduce the errors of the angles.
 
-        Each loop sets a rate in proportion to the error of its angle. Angles are taken one by one, which holds for
-        moderate tilts. Each rate loop then turns the error of its rate into a demand to the mixer.
+        Each loop sets a rate in proportion to the error of its angle. The three angles are controlled independently,
+        which holds for moderate tilts.
 
         Args:
-            angles: Roll, pitch and yaw as the autopilot estimates them, rad.
-            attitude_setpoint: Roll, pitch and yaw, rad.
-            rate_feedforward: Body rates that are added, rad/s.
+            angles: Roll, pitch and yaw (3,) as the autopilot estimates them, rad.
+            attitude_setpoint: Roll, pitch and yaw (3,), rad.
+            rate_feedforward: Body rates (3,) that are added, rad/s.
+
+        Returns:
+            Setpoints of the body rates (3,), rad/s.
         """
         roll, pitch, yaw = angles
         roll_setpoint, pitch_setpoint, yaw_setpoint = attitude_setpoint
@@ -372,8 +375,8 @@ class FlightController:
 
         Args:
             estimate: State as the autopilot estimates it.
-            attitude_setpoint: Roll, pitch and yaw, rad, that are reported as asked for.
-            rate_setpoints: Body rates, rad/s.
+            attitude_setpoint: Roll, pitch and yaw (3,), rad, which are only reported.
+            rate_setpoints: Body rates (3,), rad/s.
             thrust: Thrust of all rotors, N.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
 
@@ -430,7 +433,12 @@ class FlightController:
 
 
 def _clamped(value: float, limit: float) -> float:
-    """Returns a value limited to ±``limit``."""
+    """Limits a value to a symmetric range.
+
+    Args:
+        value: The value.
+        limit: Largest absolute value that is returned, at least 0.
+    """
     # Comparisons take half the time of ``min`` and ``max``.
     if value > limit:
         return limit

@@ -34,10 +34,13 @@ def sound_condition(rotors: int) -> Damage:
 
 
 def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
-    """Lists when a scenario's vehicle gets damaged, and its condition from then on.
+    """Lists the times at which a scenario's vehicle gets damaged, with its condition from then on.
 
-    A motor that gets weak, a propeller that chips and a load that shifts may begin at different times; each time
-    is one entry, whose condition has all damage so far.
+    A weak motor, a chipped propeller and a shifted load may begin at different times. Each time is one entry, whose
+    condition includes all damage so far.
+
+    Args:
+        scenario: The scenario.
 
     Returns:
         Pairs in ascending order of time: seconds after the first arming, and all damage that acts from then on. The
@@ -58,9 +61,16 @@ def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
 def _motor_failure_history(
     scenario: Scenario, mishap: MotorStop | MotorFade | LoosePropeller
 ) -> list[tuple[float, Damage]]:
-    """Lists the conditions of a vehicle one of whose motors or propellers fails by its mishap.
+    """Lists the conditions of a vehicle whose mishap makes a motor or propeller fail, step by step.
 
     A motor that fails turns more slowly; a propeller that slips gives less thrust and torque.
+
+    Args:
+        scenario: The scenario, with duration and random numbers.
+        mishap: Failure of one motor, or of one propeller.
+
+    Returns:
+        Pairs of seconds after arming and the damage from then on.
     """
     rotors = rotor_count(scenario.vehicle.frame)
     history = []
@@ -69,8 +79,8 @@ def _motor_failure_history(
     ):
         condition = sound_condition(rotors)
         if isinstance(mishap, LoosePropeller):
-            left = _reduced(mishap.motor, thrust, rotors)
-            condition = condition._replace(thrust=left, torque=left)
+            remaining = _reduced(mishap.motor, thrust, rotors)
+            condition = condition._replace(thrust=remaining, torque=remaining)
         else:
             speed = _reduced(mishap.motor, remaining_speed(thrust), rotors)
             condition = condition._replace(speed=speed)

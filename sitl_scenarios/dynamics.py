@@ -357,17 +357,17 @@ class Body:
         self._dynamics = _flat_dynamics(self._vehicle, condition)
 
     def settled_speeds(self, outputs: Vector4, battery: float) -> Vector4:
-        """Returns the speeds that the rotors settle at when the motor outputs are held.
+        """Returns the speeds at which the rotors settle while the motor outputs are constant.
 
-        With a thrust curve, the command gives a thrust and that a speed; otherwise the speed is a straight line in the
-        command. A weak battery slows all rotors down, and a damaged motor its own.
+        With a thrust curve, the command determines the thrust, and the thrust the speed; without one, the speed is a
+        straight line in the command. A weak battery slows all rotors down, and damage the rotor of the damaged motor.
 
         Args:
-            outputs: PWM pulse of each motor, µs.
+            outputs: PWM pulse of each motor (n,), µs.
             battery: Remaining fraction of the voltage of a full battery; rotor speeds are proportional to it.
 
         Returns:
-            Speed of each rotor, rad/s, with the damage of the vehicle.
+            Speed of each rotor (n,), rad/s, with the damage of the vehicle.
         """
         body = self._airframe
         pulse_range = MAX_PULSE - MIN_PULSE
@@ -476,12 +476,15 @@ class Body:
         )
 
     def spun_up(self, rotors: Vector4, settled_speeds: Vector4, steps: int) -> Vector4:
-        """Returns the speeds of rotors some steps later, rad/s, whatever the vehicle does meanwhile.
+        """Returns the speeds of the rotors some steps later, on which the motion of the vehicle has no influence.
 
         Args:
-            rotors: Rotor speeds at the beginning, rad/s.
-            settled_speeds: Speeds that the rotors tend to, rad/s.
-            steps: Number of steps.
+            rotors: Rotor speeds (n,) at the beginning, rad/s.
+            settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
+            steps: Number of steps of the physics.
+
+        Returns:
+            Rotor speeds (n,), rad/s.
         """
         speeds: Sequence[float] = rotors
         for _ in range(steps):
@@ -491,14 +494,17 @@ class Body:
     def _lagged_speeds(
         self, speeds: Sequence[float], settled_speeds: Vector4
     ) -> tuple[Sequence[float], Sequence[float]]:
-        """Returns the rotor speeds half a step and a step later, rad/s, by the exact solution of their first-order lag.
+        """Returns the rotor speeds half a step and a step later, by the exact solution of their first-order lag.
 
         The deviation from the settled speed decays as exp(−t/τ), with one time constant τ for rotors that speed up and
         another for those that slow down: a motor drives the rotor harder than the air brakes it.
 
         Args:
-            speeds: Rotor speeds at the beginning of the step, rad/s.
-            settled_speeds: Speeds that the rotors tend to, rad/s.
+            speeds: Rotor speeds (n,) at the beginning of the step, rad/s.
+            settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
+
+        Returns:
+            Speeds after half a step, and after the whole step (n,) each, rad/s.
         """
         rise_half_step, rise_step = self._rise
         fall_half_step, fall_step = self._fall

@@ -90,7 +90,17 @@ def load(name_or_path: str | Path) -> Scenario:
 
 
 def _source(name_or_path: str | Path) -> ScenarioSource:
-    """Reads the file of a scenario, by its name or path; raises ValueError if there is none or it cannot be read."""
+    """Reads the file of a scenario, by its name or path.
+
+    Args:
+        name_or_path: Name of a scenario of the package, or path of a .toml file.
+
+    Returns:
+        Name and bytes of the file.
+
+    Raises:
+        ValueError: There is no such scenario, or its file cannot be read.
+    """
     text = str(name_or_path)
     if text in names():
         file_name = f"{text}.toml"
@@ -104,7 +114,17 @@ def _source(name_or_path: str | Path) -> ScenarioSource:
 
 
 def _content(path: Path) -> bytes:
-    """Returns the bytes of a file; raises ValueError if it cannot be read."""
+    """Reads a file.
+
+    Args:
+        path: Path of the file.
+
+    Returns:
+        The bytes of the file.
+
+    Raises:
+        ValueError: The file cannot be read, or is a device.
+    """
     try:
         # Reading a device may never end.
         if path.is_char_device():
@@ -115,13 +135,19 @@ def _content(path: Path) -> bytes:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """Returns the scenario of a table of plain values, as TOML has them.
+    """Makes a scenario from a table of plain values, as a TOML file contains them.
+
+    Args:
+        table: Values by key; sections are tables or lists of tables.
+
+    Returns:
+        The scenario, whose values fit together.
 
     Raises:
         ValueError: Keys or values are wrong. The message has a sentence on each.
     """
     try:
-        # The table takes the way over JSON: pydantic refuses Python's lists for tuples, but takes JSON's arrays.
+        # The table is converted to JSON first: pydantic refuses Python's lists for tuples, but accepts JSON's arrays.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         sentences = [
@@ -195,9 +221,15 @@ def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
 
 
 def in_toml(scenario: Scenario) -> str:
-    """Returns a scenario as a TOML file with every value, and its meaning and range as a comment.
+    """Writes a scenario as TOML, with every value, and its meaning and range as a comment.
 
     Read again, the file gives the same scenario.
+
+    Args:
+        scenario: The scenario.
+
+    Returns:
+        Text of a .toml file, which gives the same scenario when it is read.
     """
     # TOML wants all plain values before the first section.
     sections = {
@@ -295,14 +327,21 @@ def _toml_key(key: str) -> str:
 
 
 def _toml_value(value: Any) -> str:
-    """Returns a plain value as TOML writes it: text, number, truth value, list or table; None becomes inf."""
+    """Formats a plain value as TOML.
+
+    Args:
+        value: Text, number, truth value, list, table or None.
+
+    Returns:
+        The value in TOML; None becomes inf.
+    """
     if isinstance(value, dict):
         pairs = [f"{_toml_key(key)} = {_toml_value(element)}" for key, element in value.items()]
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
         return "[" + ", ".join(_toml_value(element) for element in value) + "]"
     if value is None:
-        # In a scenario None is a time that never comes, or a published value.
+        # In a scenario, None is a time that never comes, or stands for the published value.
         return "inf"
     # TOML writes text, numbers and truth values like JSON. Characters that control a terminal are escaped as well.
     text = json.dumps(value, ensure_ascii=False)

@@ -189,11 +189,14 @@ class Simulation:
     def _disturbance_columns(
         self, columns: Arrays, disturbed_states: Sequence[DisturbedState]
     ) -> Arrays:
-        """Returns the columns ``force`` and ``moment`` of the motion, computed for all rows at once.
+        """Computes the disturbing force and moment on the vehicle for all rows of the motion at once.
 
         Args:
-            columns: Columns of the motion in N cycles; attitude, velocity, rates and rotor speeds are used.
+            columns: Columns (N, …) of the motion in N cycles: attitude, velocity, rates and rotor speeds are used.
             disturbed_states: Air, damage and contact with the ground in the same cycles.
+
+        Returns:
+            ``force``, N, and ``moment``, N m, (N, 3) each; 0 on the ground.
         """
         force = np.zeros((len(disturbed_states), 3))
         moment = np.zeros((len(disturbed_states), 3))
@@ -295,10 +298,13 @@ class Simulation:
             self._body.apply_damage(condition)
 
     def _battery_fraction(self, flight_cycle: int) -> float:
-        """Returns the remaining fraction of a full battery's voltage, ``flight_cycle`` cycles after arming.
+        """Returns the remaining fraction of a full battery's voltage.
 
         It falls evenly from arming to the planned disarming, by the scenario's ``battery_sag``. Every flight begins
         with a full battery.
+
+        Args:
+            flight_cycle: Number of cycles since arming.
         """
         flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
         return 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
@@ -348,10 +354,16 @@ class Simulation:
         }
 
     def _landed_state(self, reference: Reference) -> int:
-        """Returns the MAV_LANDED_STATE that is reported: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
+        """Returns the MAV_LANDED_STATE that the autopilot reports.
 
-        It is the flight plan's, except that a vehicle that stands on the ground reports so, whatever the plan: it may
-        have touched down early, or may not be armed. Only one that is armed and about to climb reports its take-off.
+        It is the state of the flight plan, except that a vehicle on the ground reports so: it may have touched down
+        early, or may not be armed. Only a vehicle that is armed and about to climb reports its take-off.
+
+        Args:
+            reference: Setpoints of the flight plan, with its state.
+
+        Returns:
+            1 on the ground, 2 in the air, 3 taking off, 4 landing.
         """
         is_taking_off = self.armed and reference.landed_state == TAKING_OFF
         if self._on_ground and not is_taking_off:
@@ -386,10 +398,10 @@ class Simulation:
         and the air are constant.
 
         Args:
-            outputs: PWM pulse of each motor, µs.
+            outputs: PWM pulse of each motor (n,), µs.
             battery: Remaining fraction of the voltage of a full battery.
             air: The air during the cycle.
-            reference: Setpoints of the flight plan, which tell a landing from a bounce.
+            reference: Setpoints of the flight plan, which distinguish a landing from a bounce.
 
         Raises:
             ValueError: The vehicle tumbles.
@@ -418,8 +430,11 @@ class Simulation:
     def _touch_down(self, reference: Reference) -> None:
         """Puts the vehicle at rest on the ground.
 
-        The flight is over if the plan is landing or the motors are off. Otherwise the vehicle has only been pushed
-        down, and takes off again. Integrators and gyro filters begin anew, as at rest.
+        The flight is over if the plan is landing or the motors are off. Otherwise the vehicle was only pushed down, and
+        takes off again. Integrators and gyro filters restart at rest.
+
+        Args:
+            reference: Setpoints of the flight plan.
         """
         self._state = _at_rest_on_ground(self._state)
         self._on_ground = True
@@ -431,7 +446,7 @@ class Simulation:
         """Turns the rotors for one cycle on the ground; the vehicle lifts off when their thrust exceeds its weight.
 
         Args:
-            settled_speeds: Speeds that the rotors tend to with their lag, rad/s.
+            settled_speeds: Speeds (n,) that the rotors tend to with their lag, rad/s.
         """
         rotors = self._body.spun_up(self._state.rotors, settled_speeds, self._steps)
         self._state = self._state._replace(rotors=rotors)
@@ -445,7 +460,14 @@ class Simulation:
 
 
 def _column(values: Sequence[Any]) -> NDArray[Any]:
-    """Returns the values of one field in N cycles as an array: (N,), or (N, n) of tuples of n floats."""
+    """Returns the values of one field in N cycles as an array.
+
+    Args:
+        values: Numbers, or tuples of n floats, one for each cycle.
+
+    Returns:
+        Array (N,) of numbers, or (N, n) of tuples.
+    """
     first = values[0]
     if isinstance(first, tuple):
         # Read as one series of floats, which is several times as fast as from tuples.
@@ -455,7 +477,11 @@ def _column(values: Sequence[Any]) -> NDArray[Any]:
 
 
 def _at_rest_on_ground(state: State) -> State:
-    """Returns the state of a vehicle that touched down: level and at rest, with its heading and rotor speeds."""
+    """Returns the state of a vehicle that touched down: level and at rest, with its heading and rotor speeds.
+
+    Args:
+        state: State at the contact with the ground.
+    """
     north, east, _ = state.position
     # A quaternion without its x and y is a rotation about the vertical: it keeps the heading of a nearly level vehicle.
     w, _, _, z = state.attitude

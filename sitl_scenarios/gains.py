@@ -55,9 +55,15 @@ def control_parameters(scenario: Scenario) -> dict[str, float]:
 
 
 def reciprocal_frequency(value: float) -> float:
-    """Converts the cut-off of a first-order filter, Hz, into its time constant, s, and the other way round.
+    """Converts the cut-off frequency of a first-order filter, Hz, to its time constant, s, or the reverse.
 
     Both are 1/(2π x). A value of 0 stands for a filter that is switched off, and gives 0.
+
+    Args:
+        value: Frequency, Hz, or time constant, s.
+
+    Returns:
+        Time constant, s, or frequency, Hz.
     """
     if value:
         return 1 / (2 * pi * value)
@@ -156,8 +162,8 @@ def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
     columns of roll and pitch by one scale, the larger of |column| √(2/n), with n motors that the column moves.
 
     Args:
-        right: Positions of the rotors to the right, m: the lever arms of roll, but for their sign.
-        forward: Positions of the rotors forward, m: the lever arms of pitch.
+        right: Positions (n,) of the rotors to the right, m: the lever arms of roll, except for their sign.
+        forward: Positions (n,) of the rotors forward, m: the lever arms of pitch.
 
     Returns:
         Two factors, of roll and of pitch, normalised thrust per normalised torque.

@@ -74,16 +74,16 @@ class Gyro:
     ) -> State:
         """Moves the body by some steps of the physics, and measures its rates after each.
 
-        The filters of an autopilot run at the gyro's sampling rate, above that of its control loop: so they are stepped
-        with the physics. ``raw_rates`` and ``filtered_rates`` are those of the last step.
+        The filters of an autopilot run at the sampling rate of the gyro, which is above that of the control loop: so
+        they are stepped with the physics. Afterwards ``raw_rates`` and ``filtered_rates`` are those of the last step.
 
         Args:
             body: Body that moves, with the same step as the gyro.
             state: State at the beginning.
-            settled_speeds: Speeds that the rotors tend to, rad/s.
+            settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
             air: The air during the steps.
             steps: Number of steps.
-            vibration: Vibration that is added to the rates; None: there is none.
+            vibration: Vibration that is added to the rates; None for none.
 
         Returns:
             The state at the end.
@@ -165,13 +165,13 @@ def _notch_section(notch: Notch, step: float) -> list[float]:
 
 
 def _digital_section(numerator: Vector3, denominator: Vector3) -> list[float]:
-    """Returns an analog filter of second order as a digital one, by the bilinear transform s = (z − 1)/(z + 1).
+    """Converts an analog filter of second order to a digital one, by the bilinear transform s = (z − 1)/(z + 1).
 
-    Two lines, for which the import of ``scipy.signal`` would take a second.
+    It is done here since importing ``scipy.signal`` would take a second.
 
     Args:
-        numerator: Coefficients of s², s and 1.
-        denominator: The same of the denominator.
+        numerator: Coefficients (3,) of s², s and 1.
+        denominator: Coefficients (3,) of s², s and 1.
 
     Returns:
         Second-order section b0, b1, b2, a0, a1, a2, with a0 = 1.

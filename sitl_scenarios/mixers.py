@@ -119,15 +119,15 @@ def px4_thrusts(columns: Array, demands: Vector4) -> Array:
     """Distributes demands over the motors like PX4's ``ControlAllocationSequentialDesaturation`` with MC_AIRMODE 0.
 
     The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
-    PX4 brings the motors back into their range step by step, each time along one direction: first the collective
-    thrust is lowered, then roll, pitch and yaw are reduced. With MC_AIRMODE 0 the collective thrust is never raised.
+    PX4 brings the motors back into their range step by step, each time along one direction: first the collective thrust
+    is lowered, then roll, pitch and yaw are reduced. With MC_AIRMODE 0 the collective thrust is never raised.
 
     Args:
-        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, n).
-        demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
+        columns: (3, n) change of each motor's thrust by a demand of 1; rows are roll, pitch and yaw.
+        demands: (4,) roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:
-        Thrust of each motor, (n,), 0 to 1.
+        (n,) thrust of each motor, 0 to 1.
     """
     roll, pitch, yaw, thrust = demands
     roll_column, pitch_column, yaw_column = columns

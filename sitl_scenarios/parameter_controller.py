@@ -45,10 +45,13 @@ With a purely quadratic curve and a thrust of 0, the denominator would be zero.
 
 
 def check_parameters(scenario: Scenario) -> None:
-    """Checks a scenario's ``vehicle.parameters``: each name, each value, and that all together make a controller.
+    """Checks a scenario's ``vehicle.parameters``: each name, each value, and that together they describe a controller.
+
+    Args:
+        scenario: The scenario.
 
     Raises:
-        ValueError: A parameter is not one that the scenario's autopilot flies here, or its value is not possible.
+        ValueError: The simulated controller does not use a parameter, or its value is out of range.
     """
     autopilot = scenario.stream.autopilot
     other_prefixes = ARDUPILOT_PREFIXES if autopilot == "px4" else PX4_PREFIXES
@@ -61,7 +64,7 @@ def check_parameters(scenario: Scenario) -> None:
             raise ValueError(
                 f"vehicle.parameters.{name} must be from {low:g} to {high:g}, not {value:g}"
             )
-    # The controller refuses parameters that are no controller together.
+    # This raises an error if the parameters together do not describe a controller.
     controller_for(scenario)
 
 
@@ -75,12 +78,15 @@ def _parameter_range(name: str, loop_rate_parameter: str) -> Pair:
 
 
 def controller_for(scenario: Scenario) -> FlightController:
-    """Returns the controller of a scenario: the simulation's own, or one that flies the scenario's parameters.
+    """Returns the controller of a scenario: the simulation's own, or the autopilot's with the scenario's parameters.
+
+    Args:
+        scenario: The scenario.
 
     Raises:
-        NotLearnable: The parameters are not those of a controller.
+        NotLearnable: The parameters do not describe a controller.
     """
-    # The simulation's own mixer is that of sound quadrotors: what it does with a motor that fails, no autopilot does.
+    # The simulation's own mixer is for sound quadrotors: its response to a failed motor is that of no autopilot.
     is_autopilots = scenario.has_instruments or scenario.vehicle.layout in CIRCLES
     if scenario.vehicle.parameters or is_autopilots:
         return ParameterController(scenario)
@@ -90,7 +96,9 @@ def controller_for(scenario: Scenario) -> FlightController:
 def gyro_for(controller: FlightController) -> Gyro:
     """Returns a new gyro at rest, with the low-pass and notch filters of a controller's parameters.
 
-    The simulation's own controller has no gyro filters. The gyro is sampled once per step of the physics.
+    Args:
+        controller: The controller; the simulation's own has no gyro filters. The gyro is sampled once per step of the
+            physics.
     """
     filters = None
     if isinstance(controller, ParameterController):
@@ -152,30 +160,33 @@ class ParameterController(FlightController):
         self._rate_loops = [RateLoop(axis) for axis in self.axis_controllers]
 
     def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
-        """Runs the rate loop of one axis for one cycle; returns its demand to the mixer.
+        """Runs the rate loop of one axis for one cycle.
 
         Args:
-            axis: 0 roll, 1 pitch, 2 yaw.
+            axis: 0 for roll, 1 for pitch, 2 for yaw.
             setpoint: Setpoint of the body rate, rad/s.
-            rate: Body rate behind the gyro's filters, rad/s.
+            rate: Body rate after the gyro's filters, rad/s.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.
+
+        Returns:
+            Demand of the axis to the mixer, −1 to 1.
         """
         return self._rate_loops[axis].demand(setpoint, rate, is_flying)
 
     def motor_commands(self, demands: Vector4) -> Vector4:
         """Mixes demands as the autopilot does, and converts the thrusts into commands of the motors.
 
-        The autopilots model a motor's thrust T at the fraction s of its range as T = (1 − f) s + f s², with the expo
-        f = MOT_THST_EXPO or THR_MDL_FAC. Its inverse is the positive root of that quadratic, in the form that also
-        holds for f = 0:
+        The autopilots model a motor's thrust T at the fraction s of its range as T = (1 − f) s + f s², with the expo f
+        = MOT_THST_EXPO or THR_MDL_FAC. Its inverse is the positive root of that quadratic, in the form that also holds
+        for f = 0:
 
             s = 2 T / (1 − f + √((1 − f)² + 4 f T))
 
         Args:
-            demands: Demands of roll, pitch and yaw, −1 to 1, and the collective command, 0 to 1.
+            demands: (4,) demands of roll, pitch and yaw, −1 to 1, and the collective command, 0 to 1.
 
         Returns:
-            Normalised command of each motor, from the start to the end of the motors' range.
+            Normalised command of each motor (n,), from the start to the end of the motors' range.
         """
         roll, pitch, yaw, collective_command = demands
         collective_thrust = self._thrust_of_command(collective_command)

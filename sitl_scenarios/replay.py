@@ -104,15 +104,15 @@ def replayed(
 def _inputs_by_cycle(
     cycle_times: Array, setpoints: Array, torque: Array, inertia: Vector3
 ) -> Array:
-    """Interpolates setpoints and moments of the wind linearly at the cycles of the autopilot.
+    """Interpolates setpoints and wind moments linearly at the cycles of the autopilot.
 
     Logs are sampled more slowly than the autopilot's loop runs.
 
     Args:
         cycle_times: (C,) times of the cycles, in samples: 1.5 is half-way between the second and the third sample.
         setpoints: (T, 3, 2) angles, rad, and rates, rad/s, of roll, pitch and yaw.
-        torque: (T, 3) torque of the wind by the moments of inertia, rad/s².
-        inertia: Moments of inertia about the three axes, kg m².
+        torque: (T, 3) wind torque divided by the moments of inertia, rad/s².
+        inertia: Moments of inertia (3,) about the body axes, kg m².
 
     Returns:
         (C, 9) angles, rad, rates, rad/s, and moments, N m, at the cycles.

@@ -154,10 +154,10 @@ def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
 
     Args:
         frame: Mixer of the vehicle.
-        demands: Roll, pitch and yaw, −1 to 1, and thrust, 0 to 1.
+        demands: (4,) roll, pitch and yaw, −1 to 1, and thrust, 0 to 1.
 
     Returns:
-        Normalised command of each motor, ``IDLE_COMMAND`` to 1.
+        Normalised command of each motor (n,), ``IDLE_COMMAND`` to 1.
     """
     roll, pitch, yaw, thrust = demands
     differential = [

@@ -536,11 +536,14 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Scenario:
-        """Checks the keys of the excitation against each other, which pydantic cannot do field by field.
+        """Checks values of the scenario against each other, which pydantic cannot do field by field.
+
+        Returns:
+            The scenario itself, as pydantic requires.
 
         Raises:
-            ValueError: A doublet is longer than its period, a range of frequencies is reversed, or a course does not
-                end where it began or comes too near to the ground.
+            ValueError: The mixer is for another number of motors, a doublet is longer than its period, a range of
+                frequencies is reversed, or a course does not end where it began or comes too near to the ground.
         """
         if self.vehicle.mixer and rotor_count(self.vehicle.frame) != QUADROTOR_MOTORS:
             raise ValueError("vehicle.mixer is for quadrotors only")

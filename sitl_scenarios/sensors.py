@@ -75,10 +75,10 @@ class GyroVibration:
         The rotors shake all axes alike, and the frame each axis by a noise of its own.
 
         Args:
-            rotor_speeds: Speed of each rotor, rad/s.
+            rotor_speeds: Speed of each rotor (n,), rad/s.
 
         Returns:
-            Vibration about the forward, right and down axes, rad/s.
+            Vibration (3,) about the forward, right and down axes, rad/s.
         """
         rotor_vibration = 0.0
         if self._spec.gyro:

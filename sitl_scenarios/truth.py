@@ -95,20 +95,21 @@ class LinearModel:
 def linearised(vehicle: VehicleSpec) -> LinearModel:
     """Linearises the simulated dynamics of a vehicle about hover in still air, without the lag of its rotors.
 
-    The twelve states and four commands are one vector of sixteen. Its function is the derivative of the states; the
-    Jacobian in hover, by central differences, is [A B].
+    States and commands are joined to one vector. The function of it that gives the derivatives of the states is
+    differentiated in hover by central differences; its Jacobian is [A B].
 
     Args:
-        vehicle: Vehicle of a scenario, undamaged.
+        vehicle: vehicle of a scenario, undamaged.
 
     Returns:
-        Model of all ``STATES``, by motor commands in the vehicle's own unit.
+        Matrices A (n, n) and B (n, k) for the n ``STATES`` and the commands of k motors, in the unit of the vehicle's
+        commands.
     """
     body = airframe(vehicle)
     dynamics = vehicle_dynamics(vehicle)
 
     def derivative(states_and_commands: Array) -> Array:
-        # Three each of position, velocity, angles and rates, and four commands. The position has no effect.
+        # Three each of position, velocity, angles and rates, then the commands. The position has no effect.
         _, velocity, angles, rates, commands = np.split(states_and_commands, [3, 6, 9, 12])
         roll, pitch, yaw = angles
         rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
@@ -121,7 +122,7 @@ def linearised(vehicle: VehicleSpec) -> LinearModel:
             rotor_speeds,
             AirState(),
         )
-        # The angles of a level vehicle change with the body rates.
+        # The Euler angles of a level vehicle change with the body rates.
         return np.array([*velocity, *accelerations.linear, *rates, *accelerations.angular])
 
     hover_command = body.command_for(body.hover_speed)
@@ -234,11 +235,14 @@ def _scenario_text(scenario: Scenario) -> str:
 
 
 def mishap_truth(scenario: Scenario) -> Arrays:
-    """Returns what goes wrong in a flight, and when, by name; nothing for a flight without mishap.
+    """Returns what goes wrong in a flight, and when.
 
-    - ``mishap``: its kind.
-    - ``mishap_time``: when it begins, s since boot; NaN where it lasts from the beginning on.
-    - ``mishap_motor``: number of the motor that fails, as the autopilot counts; 0 for none.
+    Args:
+        scenario: The scenario.
+
+    Returns:
+        Arrays of one value: ``mishap``, its kind; ``mishap_time``, s since boot, NaN for one that lasts the whole
+        flight; and ``mishap_motor``, the failing motor by the autopilot's numbers, 0 for none. Empty without a mishap.
     """
     mishap = scenario.mishap
     if mishap is None:
@@ -532,7 +536,15 @@ def _rotor_speed_effects(
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
     """Writes the arrays of :func:`truth` as an .npz file, completely or not at all.
 
-    The same flight gives the same bytes. Raises OSError if the file cannot be written.
+    The same flight gives the same bytes.
+
+    Args:
+        path: Path of the file.
+        scenario: The scenario.
+        motion: Motion of its flight.
+
+    Raises:
+        OSError: The file cannot be written.
     """
     with atomic_write(path) as file:
         # Not compressed: that would make noise shorter by a fifth only, and take longer than all else that is written.

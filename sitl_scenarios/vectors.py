@@ -32,7 +32,14 @@ def advanced(value: Vector3, rate: Vector3, seconds: float) -> Vector3:
 
 
 def rotation_matrix(attitude: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
-    """Returns the three rows of the rotation matrix of a unit quaternion, from body axes to NED."""
+    """Returns the rotation matrix of a unit quaternion, from body axes to north-east-down.
+
+    Args:
+        attitude: Unit quaternion (w, x, y, z).
+
+    Returns:
+        The three rows of the matrix.
+    """
     w, x, y, z = attitude
     x2 = x + x
     y2 = y + y
@@ -60,16 +67,19 @@ def rotated(attitude: Quaternion, half_angles: Vector3) -> Quaternion:
     longer than a unit quaternion: normalise it with ``normalised`` before it is used as an attitude.
 
     Args:
-        attitude: The attitude before the rotation.
-        half_angles: Half of the rotation angles about the forward, right and down axes, rad.
+        attitude: Quaternion (w, x, y, z) before the rotation.
+        half_angles: Half of the rotation angles about the forward, right and down axes (3,), rad.
+
+    Returns:
+        Quaternion (w, x, y, z), not normalised.
     """
-    (w, a, b, c) = attitude
-    (x, y, z) = half_angles
+    (w, x, y, z) = attitude
+    (roll, pitch, yaw) = half_angles
     return (
-        w - a * x - b * y - c * z,
-        a + w * x + b * z - c * y,
-        b + w * y + c * x - a * z,
-        c + w * z + a * y - b * x,
+        w - x * roll - y * pitch - z * yaw,
+        x + w * roll + y * yaw - z * pitch,
+        y + w * pitch + z * roll - x * yaw,
+        z + w * yaw + x * pitch - y * roll,
     )
 
 
@@ -82,7 +92,14 @@ def normalised(quaternion: Quaternion) -> Quaternion:
 
 
 def euler_angles(attitude: Quaternion) -> tuple[float, float, float]:
-    """Returns roll, pitch and yaw of an attitude, rad, in the aerospace sequence Z-Y-X (yaw first)."""
+    """Converts an attitude to Euler angles, in the aerospace sequence Z-Y-X (yaw first).
+
+    Args:
+        attitude: Unit quaternion (w, x, y, z).
+
+    Returns:
+        Roll, pitch and yaw, rad.
+    """
     w, x, y, z = attitude
     roll = atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     sine_of_pitch = 2 * (w * y - z * x)

@@ -86,7 +86,13 @@ def assess(
         log: the log.
         vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
-        show_findings: receives what is known before models and loops.
+        show_findings: receives what is known before models and loops are computed.
+        axis: axis to model, or ``ALL_AXES``.
+        options: choices of the user; None for the defaults.
+        progress: shows the name of a step while it runs.
+
+    Returns:
+        The assessment. A log without a vehicle that can be judged has one whose headline is the reason.
     """
     try:
         signals = Signals(choose_vehicle(log.vehicles, vehicle))

@@ -66,16 +66,19 @@ def largest_error(error: AttitudeError, interval: Interval) -> LargestError | No
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
-    """Computes the error of roll and pitch in a boot; None if the attitude was not recorded.
+    """Computes the error of roll and pitch in a boot.
 
     The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
     a step of the setpoint is no error until the vehicle had time to follow it. Where the setpoint was not recorded,
-    half of the angle counts as error, and the other half as intended. Where body rates are commanded instead of
-    angles, as in Acro mode, every angle counts as intended.
+    half of the angle counts as error, and the other half as intended. Where body rates are commanded instead of angles,
+    as in Acro mode, every angle counts as intended.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The error (N,), rad, at the samples of the attitude; None if fewer than two were recorded.
     """
     flight = attitude_tracking(signals, boot)
     if flight is None or len(flight.time) < 2:

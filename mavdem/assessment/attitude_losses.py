@@ -294,22 +294,24 @@ class _AttitudeLoss(NamedTuple):
         return motors_carry_vehicle and may_be_off_ground
 
     def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:
-        """Returns the largest speed downward of the loss that all height sensors confirm.
+        """Returns the largest speed downward at the loss that all height sensors confirm.
 
-        A vehicle that lost its attitude in the air falls afterwards, so that the speed is that from the onset on. One
-        that hit something had its speed before; the onset may be up to ``MAX_SETPOINT_DELAY`` after the impact, so that
-        twice that long before it is searched.
+        A vehicle that lost its attitude in the air falls after the onset, so its speed is searched from the onset on.
+        One that hit something was fast before. The onset may be detected up to ``MAX_SETPOINT_DELAY`` after the impact,
+        so the search then begins twice that long before the onset.
 
         Args:
             code: kind of the loss.
-            onset: when the attitude began to leave its setpoint, s since boot.
+            onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
             Speed downward, m/s; None if it is not known.
         """
         if code is MotionEvent.HIT:
-            return self.scene.sink_rate((onset - 2 * MAX_SETPOINT_DELAY, onset))
-        return self.scene.sink_rate((onset, self.end + RECOVERY_SECONDS))
+            search_interval = (onset - 2 * MAX_SETPOINT_DELAY, onset)
+        else:
+            search_interval = (onset, self.end + RECOVERY_SECONDS)
+        return self.scene.sink_rate(search_interval)
 
     def _witnesses(self, onset: float) -> Facts:
         """Returns the witnesses of the loss: statements of sensors that support or contradict it.

@@ -295,6 +295,9 @@ def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[Battery
     Args:
         signals: signals of the vehicle.
         segments: the time that counts; batteries that were not recorded in it are left out.
+
+    Returns:
+        Figures of each battery that was recorded in the segments.
     """
     figures = []
     for battery in batteries_worst_first(signals):

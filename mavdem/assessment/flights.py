@@ -68,11 +68,14 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
 
 
 def merge_close(intervals: Intervals, gap: float) -> Intervals:
-    """Merges intervals of which one begins less than ``gap`` seconds after the end of the one before.
+    """Merges intervals that begin less than ``gap`` seconds after the end of the one before.
 
     Args:
-        intervals: (start, end) in s, ascending.
-        gap: s.
+        intervals: intervals (start, end), s, in ascending order.
+        gap: shortest gap that separates two intervals, s.
+
+    Returns:
+        The merged intervals, s, in ascending order.
     """
     merged: Intervals = []
     for start, end in intervals:

@@ -66,6 +66,9 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
 
     Args:
         telemetry: messages of the vehicle.
+
+    Returns:
+        Time, boot and distance of each jump, and whether any position was recorded.
     """
     jumps = [np.zeros((0, 3))]
     is_recorded = False

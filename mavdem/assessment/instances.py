@@ -76,10 +76,13 @@ class Instance(ImmutableResult):
 
 
 def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
-    """Returns all instances that a log has of a vehicle, kind by kind; batteries the emptiest first.
+    """Returns all instances of sensors, estimators and actuators that a log has of a vehicle, kind by kind.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals of the vehicle and what was measured of them.
+
+    Returns:
+        The instances. Batteries come first, the emptiest one at the top.
     """
     return (
         *_batteries(evidence),
@@ -112,11 +115,11 @@ def _measured_state(values: Array) -> Fact:
 def _batteries(evidence: Evidence) -> Iterator[Instance]:
     """Yields the batteries with their voltages, V, judged as in the light on power.
 
-    The state is the worst of the voltage in flight and the autopilot's warnings of this battery. Without either, it
+    The state is the worse of the voltage in flight and the autopilot's warnings about this battery. Without either, it
     only says whether the voltage was measured.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals of the vehicle and what was measured of them.
     """
     measured = batteries_in_flight(evidence)
     warnings = list(evidence.warnings_in_flight(POWER_REPORTS))

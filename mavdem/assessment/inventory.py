@@ -195,13 +195,15 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 def _message_rate(columns: Columns) -> float | None:
     """Returns the rate at which a message was recorded.
 
-    It is the rate between gaps, since an outage of the link does not change how often a message is sent. But for a
-    message that comes in bursts, whose mean rate is below ``MIN_MEAN_RATE_SHARE`` of that, the mean rate tells more.
-    Where several instances send the message, each on its port or in its group, it is the rate of the one that sends
-    most.
+    This is the rate between gaps, since an outage of the link does not change how often a message is sent. A message
+    that comes in bursts has a mean rate below ``MIN_MEAN_RATE_SHARE`` of that, and then the mean rate is returned. If
+    several instances send the message, each on its port or in its group, the one that sends most decides.
 
     Args:
         columns: the message, with (N,) times in s, boots and other fields.
+
+    Returns:
+        The rate, Hz; None if the message does not come twice in a boot.
     """
     for field in columns.keys() & {"port", "group_mlx"}:
         instances, instance_of_row = np.unique(columns[field], return_inverse=True)

@@ -62,16 +62,19 @@ class Judgement(ImmutableResult):
 
 
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
-    """Judges a vehicle by its lights and events.
+    """Judges a vehicle: its lights, its control loops, the headline and the next step.
 
-    The lights come first, then the decisions on the loops, whose advice the lights of tracking and margins show.
-    Together with the events they give the headline, and that the next step. If the vehicle must not fly as it is, the
-    lights lose their advice to fly (``Fact.grounded``).
+    Each result needs the ones before it. The lights come first, then the decisions on the loops, whose advice the
+    lights of tracking and margins show. Together with the events they give the headline, and the headline gives the
+    next step. If the vehicle must not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
 
     Args:
-        evidence: what the log shows of the vehicle.
-        purposes: what its model is good for; empty without a model.
-        known_lights: lights by name that are judged already, and not by the evidence.
+        evidence: events, condition and loops of the vehicle.
+        purposes: grades of its model for each purpose; empty without a model.
+        known_lights: lights by name that were judged before and are taken as they are.
+
+    Returns:
+        Headline, next step, lights by name, and decisions by axis.
     """
     lights = dict[str, Fact]()
     for light in REGISTRY:
@@ -88,10 +91,13 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
-    """Judges the lights on which the control loops have no bearing, by name, as :func:`judge` shows them.
+    """Judges the lights that do not depend on the control loops, as :func:`judge` shows them.
 
     Args:
         evidence: what the log shows of the vehicle; its loops need not be known yet.
+
+    Returns:
+        Lights by name.
     """
     lights = dict[str, Fact]()
     for light in REGISTRY:

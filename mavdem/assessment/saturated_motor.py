@@ -211,6 +211,9 @@ def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
         signals: signals of the vehicle.
         boot: number of the boot.
         time: s on the boot clock.
+
+    Returns:
+        The sensors. Outside all flights of the boot, heights count from the beginning of the record.
     """
     for flight in flights_in_boot(signals, boot):
         if in_intervals(time, [flight]):
@@ -233,17 +236,18 @@ def _leans_towards(
 ) -> bool:
     """Returns whether the vehicle leans to the side of a motor, against its setpoint.
 
-    What counts is the first second in which it leans: later a vehicle that is lost may turn over to any side.
+    Only the first second of the lean is examined, since an uncontrolled vehicle may later turn over to any side.
 
     Args:
         signals: signals of the vehicle.
-        motors: its motors.
-        number: Index of the motor.
-        boot: Number of the boot.
-        interval: Start and end of the time in which it may begin to lean, s.
+        motors: motors of the vehicle, with their positions.
+        number: index of the motor.
+        boot: number of the boot.
+        interval: start and end of the time in which the lean may begin, s.
 
     Returns:
-        False too where attitude or positions are not known, or the motor is at the centre.
+        Whether the mean lean of that second points to the motor within ``MAX_LEAN_ANGLE``. False too if attitude or
+        positions are not known, or the motor is at the centre.
     """
     error = attitude_error(signals, boot)
     if error is None or not motors.geometry.positions:

@@ -221,7 +221,7 @@ def _samples(
 def _command_document(
     command: str, logs: Sequence[str], options: Sequence[str] = (), has_folder: bool = True
 ) -> JsonValues:
-    """Runs a command of mavdem in a process of its own, and returns the document that it prints.
+    """Runs a command of mavdem in a process of its own, and parses the JSON document that it prints.
 
     A process of its own keeps what the command prints apart from the assistant's messages, and its memory goes with it.
 
@@ -231,8 +231,11 @@ def _command_document(
         options: Further options of the command.
         has_folder: Whether the command writes results to a folder; they go to a temporary one.
 
+    Returns:
+        The document.
+
     Raises:
-        ToolError: The command failed; with its error.
+        ToolError: The command failed; the message is the last line of its standard error.
     """
     with TemporaryDirectory(prefix="mavdem-") as folder:
         folder_option = ["--out", str(Path(folder, "results"))] if has_folder else []

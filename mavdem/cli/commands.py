@@ -129,6 +129,9 @@ def load_command(name: str) -> click.Command:
 
     Args:
         name: One of ``COMMAND_SUMMARIES``.
+
+    Returns:
+        The command, whose options refuse other options as their values.
     """
     command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     for parameter in command.params:
@@ -227,12 +230,15 @@ def mavdem() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line, and returns its exit code.
+    """Runs the command line.
 
     Errors are reported on standard error. ``SystemExit`` is the only exception that leaves this function.
 
     Args:
         arguments: Arguments after ``mavdem``; those of the process unless given.
+
+    Returns:
+        Exit code of the process.
     """
     args = sys.argv[1:] if arguments is None else list(arguments)
     prepare_streams()

@@ -193,14 +193,14 @@ def _describe_scenario(name: str, scenario: Scenario, as_json: bool) -> None:
 
 @contextmanager
 def _usage_errors(argument: str = "", prefix: str = "") -> Iterator[None]:
-    """Turns a ``ValueError`` of the block into an error of Click's, which is reported as bad usage.
+    """Turns a ``ValueError`` in its block into an error of Click, which is reported as wrong usage.
 
     Args:
-        argument: Name of the argument or option whose value is wrong; empty if it is none in particular.
-        prefix: Text before the error's own, if there is an argument.
+        argument: Name of the argument or option whose value is wrong; empty if no single one is.
+        prefix: Text before the message of the error, if there is an argument.
 
     Raises:
-        click.UsageError: The block has raised a ``ValueError``.
+        click.UsageError: The block raised a ``ValueError``.
     """
     try:
         yield
@@ -218,7 +218,7 @@ def _chosen_scenario(
     vehicle: Path | None,
     assignments: Sequence[str],
 ) -> Scenario:
-    """Loads a scenario of simulated flight, and changes what options of the command change.
+    """Loads a scenario of simulated flight, and replaces the values that options of the command set.
 
     Everything is checked here, before the simulation, and each error names the option that caused it.
 
@@ -228,6 +228,9 @@ def _chosen_scenario(
         duration: Time from arming to disarming, s; None for the scenario's.
         vehicle: File with the vehicle to fly; None for the scenario's.
         assignments: Parameters of the autopilot to set, such as "MC_ROLLRATE_P=0.3".
+
+    Returns:
+        The scenario, valid as a whole.
 
     Raises:
         click.BadParameter: There is no such scenario, or a value is not possible.

@@ -290,16 +290,20 @@ def _output_paths(
 ) -> OutputPaths:
     """Chooses the files that a session writes, and checks before the flight that they can be written.
 
-    A model or page that is not named is put beside a file that is.
+    A model or page without a name is put beside another named file, under the same name.
 
     Args:
-        rrd: Path that --rrd names.
-        record: Path that --record names.
-        model: Path that --model names.
-        page: Path that --html names.
+        rrd: Path of the option --rrd.
+        record: Path of the option --record.
+        model: Path of the option --model.
+        page: Path of the option --html.
+
+    Returns:
+        Paths of the recording for Rerun, the raw recording, the model and the page; None for a file that is not
+        written.
 
     Raises:
-        click.BadParameter: The ending of a name is wrong.
+        click.BadParameter: The name of a file has the wrong ending.
         Unreadable: A file cannot be written.
     """
     check_output_file(rrd, "--rrd", (".rrd",))

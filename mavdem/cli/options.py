@@ -193,10 +193,16 @@ def source_options(
 
 
 def model_options(command: Command) -> Command:
-    """Adds --preset and --order to a command, which receives the ``Settings`` they select as ``settings``.
+    """Adds --preset and --order to a command, which receives the selected ``Settings`` as the argument ``settings``.
 
-    The preset decides which orders there are. Click therefore handles it first (``is_eager``), and the callback of
-    --order makes the settings of both.
+    The preset decides which orders exist. So Click handles --preset first (``is_eager``), and the callback of --order
+    makes the settings from both values.
+
+    Args:
+        command: command to which the options are added.
+
+    Returns:
+        The command with both options.
     """
     orders = model_orders()
     add_options = _combined(

@@ -158,7 +158,11 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
 
 @contextmanager
 def progress_bar(title: str, measured: bool = True) -> Iterator[Callable[[float, str], None]]:
-    """Shows a progress bar whose title changes; the arguments are those of :func:`progress`.
+    """Shows a progress bar whose title changes.
+
+    Args:
+        title: First title.
+        measured: Whether the fraction that is done is known; otherwise the bar only moves.
 
     Yields:
         A function to call with the fraction that is done, from 0 to 1, and the title.

@@ -205,6 +205,9 @@ def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDi
     Args:
         folder: Folder of the fleet.
         healthy: Rows of the baseline.
+
+    Returns:
+        The differences by vehicle.
     """
     from mavdem.fleet.difference import baseline_differences, latest_flights
 

@@ -107,12 +107,14 @@ def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
 def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
     """Returns the batteries whose voltage was measured, by number.
 
-    Where BATTERY_STATUS has one battery, or none, SYS_STATUS measures the same one; it is preferred, since it comes
-    more often. Of several batteries SYS_STATUS repeats one, and is used only for a first battery that BATTERY_STATUS
-    lacks.
+    If BATTERY_STATUS has one battery, or none, SYS_STATUS measures the same one; it is preferred, since it comes more
+    often. Of several batteries SYS_STATUS repeats one, and is used only for a first battery that BATTERY_STATUS lacks.
 
     Args:
         telemetry: Messages of the vehicle.
+
+    Returns:
+        Batteries in the order of their numbers.
     """
     batteries: dict[int, Battery] = {}
     sys_status_battery = None
@@ -162,14 +164,17 @@ def _add_battery_of_sys_status(
 
 
 def _battery(number: int, columns: Columns) -> Battery | None:
-    """Makes a battery of its messages; None where no voltage was measured.
+    """Makes a battery from its messages.
 
-    Impossible voltages are left out, and those that are far from the median of their neighbours. Where few values
-    remain there is no battery at the sensor.
+    Impossible voltages are left out, and outliers from the median of their neighbours. If few values remain, no battery
+    is connected to the sensor.
 
     Args:
         number: Number of the battery.
         columns: Fields of SYS_STATUS, or of one battery's BATTERY_STATUS, N rows.
+
+    Returns:
+        The battery, with current and charge if they were measured; None without a measured voltage.
     """
     volts = _volts(columns)
     if volts is None:

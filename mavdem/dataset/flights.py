@@ -74,7 +74,7 @@ def read_segments(
     (``provenance["segment"]["boot"]``) must not be compared.
 
     Args:
-        path, axis, vehicle, inputs: As for :func:`read_flight`.
+        path, axis, vehicle, inputs: As in :func:`read_flight`.
 
     Returns:
         The flights. Where segments failed the checks, ``provenance["cautions"]`` says how much is left out.
@@ -105,8 +105,11 @@ def learnable_flight(
     Args:
         log: A log that was read.
         axis: Axis of the model.
-        vehicle: Vehicle to choose, where the log holds several.
-        inputs: "motors" or "demand"; by default the motors, unless only the demand comes fast enough.
+        vehicle: Vehicle to choose, if the log contains several.
+        inputs: "motors" or "demand"; None for the motors, unless only the demand comes fast enough.
+
+    Returns:
+        The flight, and the checks of the log with their figures.
 
     Raises:
         NotLearnable: No vehicle could be chosen, or no segment is usable.
@@ -189,8 +192,11 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
 
     Args:
         vehicles: All vehicles of the log.
-        wanted: "system", "system:component" or the number of the vehicle's board. By default the only vehicle that
-            sends its attitude or, where none does, the only vehicle.
+        wanted: "system", "system:component" or the number of the vehicle's board. None chooses the only vehicle that
+            sends its attitude or, if none does, the only vehicle.
+
+    Returns:
+        The vehicle.
 
     Raises:
         NotLearnable: No vehicle matches, or several do; the fact lists them.

@@ -590,6 +590,9 @@ class _SegmentJudge:
         Args:
             figures: figures of the segment: standard deviations of angle and rate, their resolutions (rad, rad/s), and
                 the ratio of signal to rounding noise (``output_snr``).
+
+        Returns:
+            The refusal; None if the outputs can be used.
         """
         axis = self.signals.axis
         is_angle_constant = axis in TILT_AXES and not figures.angle_sd
@@ -631,6 +634,9 @@ class _SegmentJudge:
         Args:
             figures: figures of the segment: standard deviation and resolution of the torque command, in the unit of the
                 inputs, and the ratio of signal to rounding noise (``input_snr``).
+
+        Returns:
+            The refusal; None if the command can be used.
         """
         if figures.input_snr is not None and figures.input_snr < MIN_SNR:
             return Fact(

@@ -470,34 +470,43 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
 def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
     """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
 
-    That is a vehicle on a test stand, or in somebody's hand. Where no height shows whether it rose, it counts as free.
+    That is a vehicle on a test stand, or in somebody's hand. If no height shows whether it rose, it counts as free.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         flight: start and end of the flight, s since boot.
+
+    Returns:
+        Whether it was held: it did not rise, and a large setpoint of roll or pitch was not followed.
     """
     if has_risen(signals, boot, flight) is not False:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
-        angle = tilt.angle_series.of_boot(boot)
-        angle = angle.select(in_intervals(angle.time, [flight]))
+        boot_angle = tilt.angle_series.of_boot(boot)
+        angle = boot_angle.select(in_intervals(boot_angle.time, [flight]))
         for setpoint in signals.for_axis(axis).setpoints:
-            if setpoint.unit == "rad" and _is_not_followed(
-                setpoint, boot, angle.time, angle.values
-            ):
+            # Setpoints of body rates, in rad/s, tell nothing about the tilt that was asked for.
+            is_of_angle = setpoint.unit == "rad"
+            if is_of_angle and _is_not_followed(setpoint, boot, angle.time, angle.values):
                 return True
     return False
 
 
 def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -> bool:
-    """Returns whether a setpoint asks for a large tilt, of which the vehicle makes hardly any.
+    """Returns whether a setpoint asks for a large tilt, and the vehicle makes hardly any of it.
+
+    Both are compared by their root mean squares (RMS), at the times when the setpoint is valid.
 
     Args:
         setpoint: Setpoint of the angle, rad.
         boot: Number of the boot.
-        time: (N,) seconds.
+        time: (N,) times of the angle, s since boot.
         angle: (N,) roll or pitch at these times, rad.
+
+    Returns:
+        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and that of the angle is below
+        ``MIN_FOLLOWED_RATIO`` of it.
     """
     setpoint_squares = held_setpoint(setpoint, boot, time) ** 2
     is_finite = np.isfinite(setpoint_squares)

@@ -267,18 +267,18 @@ def _quantisation_step(values: Array) -> float:
 
 
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
-    """Estimates the signal-to-noise ratio of the changes of a quantity over ``RATE_INTEGRATION_SPAN``.
+    """Estimates the signal-to-noise ratio of the changes of a rounded quantity over ``RATE_INTEGRATION_SPAN``.
 
-    It is that of the changes and not of the values, since the dynamics show in the changes. Both ends of a change are
-    rounded, so the noise has twice the variance of rounding.
+    The ratio is that of the changes and not of the values, since the dynamics show in the changes. Both ends of a
+    change are rounded, so the noise has twice the variance of rounding.
 
     Args:
         time: (N,) stamps, s.
         values: (N,) values.
-        step: Their quantisation step.
+        step: quantisation step of the values, in their unit.
 
     Returns:
-        The ratio; None for values that are not rounded or too short a record.
+        Ratio of variances; None for values that are not rounded or too short a record.
     """
     # Each sample whose span ends before the record does is the start of one change.
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
@@ -291,18 +291,18 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
 
 
 def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
-    """Estimates how many messages per second have new values, and do not repeat the ones before them.
+    """Estimates how many messages per second have new values, instead of repeating the values before them.
 
-    A value that stands still may be repeated, or rounded to the same step. When it moves again, a repeated one jumps by
-    several steps, a rounded one by a single step.
+    An unchanged value is either a repetition of the last measurement, or a new measurement rounded to the same step.
+    When the value moves again, a repeated one jumps by several steps, a rounded one by a single step.
 
     Args:
         time: (N,) stamps, s.
-        rows: (N, k) values.
-        steps: (k,) or one quantisation step of the values; 0 where they are not rounded.
+        rows: (N, k) values of k quantities.
+        steps: (k,) quantisation steps of the quantities, or one step of all; 0 for a quantity that is not rounded.
 
     Returns:
-        The rate of new values, Hz; that of the messages where values are not repeated.
+        Rate of new values, Hz; the rate of the messages if no values are repeated.
     """
     rate = mean_rate(time)
     changes = abs(np.diff(rows, axis=0))

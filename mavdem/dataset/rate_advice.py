@@ -81,12 +81,15 @@ def rate_advice(
 
 
 def _settings_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
-    """Advises which settings of the recorder or of the autopilot raise the rates.
+    """Advises which settings of the logger or the telemetry stream raise the rates.
 
     Args:
         telemetry: Messages of the vehicle.
-        rate: Rate to ask for, Hz.
-        is_requested: Whether some component asks the vehicle for rates.
+        rate: Rate that is needed, Hz.
+        is_requested: Whether some component requests rates from the vehicle.
+
+    Returns:
+        The remedy for the kind of log: DataFlash, ULog or a telemetry stream.
     """
     if telemetry.translated_from == "DataFlash":
         return _dataflash_advice(telemetry)
@@ -102,12 +105,15 @@ def _settings_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fac
 
 
 def _stream_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
-    """Advises how to raise the rates of a telemetry stream; names ArduPilot's ports that are fast enough already.
+    """Advises how to raise the rates of a telemetry stream.
 
     Args:
         telemetry: Messages of the vehicle.
-        rate: Rate to ask for, Hz.
-        is_requested: Whether some component asks the vehicle for rates.
+        rate: Rate that is needed, Hz.
+        is_requested: Whether some component requests rates from the vehicle.
+
+    Returns:
+        The remedy for the autopilot, with the names of ArduPilot's ports that are fast enough already.
     """
     parameters = telemetry.parameters
     ports = set()

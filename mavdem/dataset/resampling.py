@@ -188,15 +188,15 @@ def needs_low_pass(time: Array, dt: float) -> bool:
 
 
 def low_pass_impulse_response(rate: float, dt: float) -> Array:
-    """Returns the weights of the low-pass filter for a stream that is filtered as it comes.
+    """Returns the weights of the low-pass filter for a stream that is filtered as its samples arrive.
 
     Args:
         rate: Rate of the stream, Hz.
         dt: Step of the grid, s.
 
     Returns:
-        (2 L + 1,) response to one sample, ``FILTER_EDGE_STEPS`` grid steps either way, with the sum 1. What is cut off
-        beyond is less than a hundredth of it.
+        Weights (2 L + 1,), with L the samples in ``FILTER_EDGE_STEPS`` grid steps. Their sum is 1; less than a
+        hundredth is cut off at the ends.
     """
     # The filter runs over an impulse in the middle of a signal four times as long as the response that is kept, so that
     # the ends of the signal do not matter.

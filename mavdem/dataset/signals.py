@@ -270,10 +270,13 @@ class VehicleSignals:
         return self._preferred_field(HEIGHT_FIELDS)
 
     def _preferred_field(self, fields: Mapping[str, tuple[str, float]]) -> TimeSeries | None:
-        """Returns a quantity from the first message that measures it; a field that is always 0 measures nothing.
+        """Returns a quantity from the first message that measures it.
 
         Args:
             fields: Name of the field and factor to the wanted unit, by message, the preferred message first.
+
+        Returns:
+            The quantity (N,) in the wanted unit; None if no message has it. A field that is always 0 was not measured.
         """
         for message, (name, factor) in fields.items():
             columns = self.telemetry.messages.get(message, {})

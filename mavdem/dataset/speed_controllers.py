@@ -76,10 +76,13 @@ class SpeedController:
 def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
     """Returns the speed controllers that report the speed of a motor, by number.
 
-    The first kind of message that has any speed counts. A log that has ESC from the autopilot has no other.
+    The first kind of message with any speed is used: DataFlash's ESC, ESC_STATUS, or ESC_TELEMETRY.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        Speed controllers in the order of their numbers; empty if none reports a speed.
     """
     telemetry = signals.telemetry
     for controllers in (_logged(telemetry), _of_status(telemetry), _of_telemetry(telemetry)):

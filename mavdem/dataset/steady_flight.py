@@ -63,11 +63,11 @@ def strays_from_setpoint(angles: Array, setpoints: Array) -> Flags:
     """Returns whether roll or pitch is known to be far from its setpoint, at each sample.
 
     Args:
-        angles: (..., 2) roll and pitch, rad.
-        setpoints: (..., 2) their setpoints, rad; NaN where there is none.
+        angles: (..., 2) angles of roll and pitch, rad; the leading dimensions are free.
+        setpoints: (..., 2) setpoints of these angles, rad; NaN where there is none.
 
     Returns:
-        Flags (...).
+        Flags (...): whether one of the two is further than ``MAX_SETPOINT_ERROR`` from its setpoint.
     """
     return (abs(angles - setpoints) > MAX_SETPOINT_ERROR).any(axis=-1)
 

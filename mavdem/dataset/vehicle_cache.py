@@ -41,7 +41,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
     """
 
     def decorator(function: Any) -> Any:
-        """Returns the function with a look-up in the cache of the signals, its first argument, before each call."""
+        """Returns the function with a cache in front of it: that of the signals, its first argument."""
 
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:

@@ -243,10 +243,13 @@ class Failure(Document):
 def _plain_figure(value: Any) -> Any:
     """Converts a figure of a fact to a plain JSON value.
 
-    A fact, which is a figure where it is the reason of another one, becomes its figures by name, with its code.
+    A fact may be a figure of another fact, whose reason it is. It becomes its figures by name, with its code.
 
     Args:
         value: a number, a text, an array, an enumeration's member, a fact, or a collection of these.
+
+    Returns:
+        The plain value.
     """
     if isinstance(value, Fact):
         figures = {name: _plain_figure(figure) for name, figure in value.figures.items()}
@@ -257,10 +260,13 @@ def _plain_figure(value: Any) -> Any:
 
 
 def _without_nan(value: Any) -> Any:
-    """Replaces NaN and infinite numbers, which JSON does not have, by None in nested lists and dictionaries.
+    """Replaces NaN and infinite numbers, which JSON does not have, by None.
 
     Args:
-        value: a JSON value.
+        value: a JSON value, with nested lists and dictionaries.
+
+    Returns:
+        The same value without such numbers.
     """
     if isinstance(value, dict):
         return {key: _without_nan(item) for key, item in value.items()}

@@ -195,6 +195,9 @@ def track_document(
             and the logs without a flight.
         changes: by vehicle, the first row of its latest flight, and what differs from its baseline.
         vehicle_names: names that were given to vehicles.
+
+    Returns:
+        The document.
     """
     since_baseline = {}
     for vehicle, (latest_row, difference) in changes.items():

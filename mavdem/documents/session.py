@@ -181,8 +181,11 @@ def live_document(
     Args:
         session: a session that has ended.
         status: its last status.
-        account: seconds of the session by what they were spent on.
+        account: seconds of the session, by the activity that took them.
         files: the names of the written files by their keys: ``rrd``, ``record``, ``model`` and ``html``.
+
+    Returns:
+        The document.
     """
     wind = None
     if status.wind:

@@ -400,6 +400,9 @@ class Override(Document):
 
         Args:
             override: the fact, with its remedy.
+
+        Returns:
+            Values by the keys of the record.
         """
         return {
             "kind": override.code,

@@ -115,14 +115,17 @@ def identified_parameters(learned: Learned) -> Physical:
 def plant_system(parameters: Sequence[float], names: SignalNames) -> control.StateSpace:
     """Returns the plant of one set of physical parameters in continuous time.
 
-    With the motors' torque τ, the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω, where
-    u is the sum of the inputs by their effects. A delay has no finite state-space model; its Padé approximation, a
-    rational all-pass of ``PADE_ORDER``, takes its place.
+    With the motors' torque τ, the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω,
+    where u is the sum of the inputs by their effects. A delay has no finite state-space model, so it is replaced by its
+    Padé approximation, a rational all-pass filter of ``PADE_ORDER``.
 
     Args:
         parameters: effect of each input, rad/s² per unit, then the damping, 1/s, the motor time constant, s, and the
             delay, s.
         names: names of the system and its signals; with one output the plant ends at the rate.
+
+    Returns:
+        The state-space system; its states are those of the delay, angle, rate and torque.
     """
     import control
 

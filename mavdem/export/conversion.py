@@ -150,13 +150,17 @@ def convert_to_table(
 ) -> JsonValues:
     """Writes the longest segment of one vehicle's flight as a table with its wind, and reports what was written.
 
-    It is the flight from which a model would be learned. A log without one may still have attitude and motors, and
-    their longest common segment is then written with the reason as a caution.
+    It is the segment from which a model would be learned. If no model can be learned, the longest common segment of
+    attitude and motors is written, with the reason as a caution.
 
     Args:
         source: the log.
         out: the file to write.
-        axis, vehicle, inputs: as for :func:`convert`.
+        axis, vehicle, inputs: as in :func:`convert`.
+
+    Returns:
+        Samples, columns, sampling and interval (s) of the table, whether a model can be learned, and cautions, by their
+        keys in the document.
 
     Raises:
         NotLearnable: the log has no segment with attitude and inputs.

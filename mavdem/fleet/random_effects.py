@@ -210,8 +210,11 @@ def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedo
 
     Args:
         kind: kind of the quantity, such as ``DAMPING``.
-        states: its estimates in the flights of each state.
+        states: estimates of the quantity in the flights of each state.
         freedom: degrees of freedom of the assumption and of the flights together.
+
+    Returns:
+        Variance τ², in the squared unit of the quantity.
     """
     prior_squares = PRIOR_FREEDOM * SD_BETWEEN_FLIGHTS[kind] ** 2
     # Flights that differ less than their errors by chance do not lower the assumed variance.

@@ -73,6 +73,9 @@ def report_column(path: str, default: str | None = None) -> Any:
     Args:
         path: dotted path of the value in the document, such as "identity.firmware".
         default: value of the column where the document has none.
+
+    Returns:
+        A dataclass field with the path in its metadata.
     """
     return field(default=default, metadata={REPORT_PATH: path})
 
@@ -426,11 +429,14 @@ def column_types() -> JsonValues:
 def column_value(value: Any, column_type: Any) -> Any:
     """Converts a value to the type of its column, so that equal flights have equal rows in SQLite, JSON and Parquet.
 
-    NaN and infinity become None, times become UTC, and text becomes such as UTF-8 can hold.
+    NaN and infinity become None, times are converted to UTC, and text is reduced to valid UTF-8.
 
     Args:
         value: the value; None stays None.
         column_type: type of the column: ``str``, ``int``, ``float``, ``datetime`` or a tuple of one of these.
+
+    Returns:
+        The converted value; None for a missing one.
     """
     if value is None:
         return None

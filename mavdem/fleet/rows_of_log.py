@@ -199,7 +199,14 @@ def wind_columns(wind: WindVelocity) -> JsonValues:
 
 
 def decision_columns(decision: LoopDecision | None) -> JsonValues:
-    """Returns the columns on what is wrong with the loops of an axis, and what to do; empty without a decision."""
+    """Returns the columns with the decision on the loops of an axis: what is wrong with them, and the advised action.
+
+    Args:
+        decision: decision on the loops of one axis; None without identified loops.
+
+    Returns:
+        ``loop_verdict`` and ``loop_action``, each the value of its code; empty without a decision.
+    """
     if decision is None:
         return {}
     action = None if decision.action is None else decision.action.advised
@@ -226,10 +233,14 @@ def margin_columns(loop: Loop) -> JsonValues:
 
 
 def step_columns(response: LoopResponse | None) -> JsonValues:
-    """Returns overshoot and rise time of a measured rate response, with half widths of their 90 % intervals.
+    """Returns the columns of overshoot and rise time of a rate loop's step response.
 
     Args:
-        response: response of the rate loop of an axis; None, or without a measurement, it gives no columns.
+        response: response of the rate loop of an axis, with its measured step response where there is one.
+
+    Returns:
+        The source of the step response, and overshoot and rise time (s) with half widths of their 90 % intervals, by
+        the names of their columns. Empty without a response, or if it was not measurable.
     """
     if response is None or isinstance(response.measured, Fact):
         return {}
@@ -249,11 +260,14 @@ def step_columns(response: LoopResponse | None) -> JsonValues:
 def _mean_columns(analysis: LogAnalysis) -> JsonValues:
     """Returns the columns with the means of inputs (r,) and outputs (m,) over the training data of a model.
 
-    The model of a healthy flight predicts other flights of the vehicle from the change of these means
-    (``mavdem.fleet.tracking.residual_mean``). Without a model there are no such columns.
+    The model of a healthy flight predicts other flights of the vehicle by the change of these means
+    (``mavdem.fleet.tracking.residual_mean``).
 
     Args:
-        analysis: what the log shows of the axis, with the model where there is one.
+        analysis: analysis of one axis of the log, with the model if one was learned.
+
+    Returns:
+        ``mean_inputs`` (r,) and ``mean_outputs`` (m,) in the units of the data; empty without a model.
     """
     if analysis.learned is None:
         return {}

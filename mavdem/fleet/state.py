@@ -143,14 +143,17 @@ def state_of_log(path: Path) -> VehicleState:
 def of_common_vehicle(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
-    """Returns the flights of the one vehicle that both states have, or all flights where neither has several vehicles.
+    """Reduces two states to the flights of the one vehicle that both have.
 
-    Two states of one vehicle each may be compared even where their vehicles differ. With several vehicles, only the one
-    that both have can be meant.
+    Two states of one vehicle each are compared as they are, even if these vehicles differ. If one of the states has
+    several vehicles, exactly one must be common to both.
 
     Args:
-        before: flights and parameters of the one state.
-        after: flights and parameters of the other.
+        before: flights and parameters of the first state.
+        after: flights and parameters of the second state.
+
+    Returns:
+        The first and the second state, with the flights to compare.
 
     Raises:
         NotLearnable: the states have no vehicle in common, or several.

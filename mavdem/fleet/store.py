@@ -50,10 +50,13 @@ IS_LOST_SQL = "log not in (select log from logs)"
 
 @contextmanager
 def open_store(folder: Path) -> Iterator[Store]:
-    """Opens the store of a fleet's folder, both of which are made if they do not exist.
+    """Opens the store of a fleet's folder for a block, and creates folder and store if they do not exist.
 
     Args:
         folder: folder of the fleet.
+
+    Yields:
+        The open store.
 
     Raises:
         Unreadable: the store cannot be written, or is damaged.
@@ -109,7 +112,7 @@ class Store:
 
     @contextmanager
     def transaction(self) -> Iterator[None]:
-        """Makes all changes of its block, or none, while other runs wait; inside another transaction, as part of it."""
+        """Makes all changes of its block, or none, while other runs wait; may be nested in another transaction."""
         if self.db.in_transaction:
             yield
             return

@@ -212,21 +212,24 @@ def track(
 ) -> TrackedLogs:
     """Brings the table of a fleet up to date with logs.
 
-    Logs that the fleet does not know as they are now are read, those of the baseline first. Then the vehicles of which
-    anything is new are judged, and the table is written.
+    Logs that are new, or changed since they were read, are read, those of the baseline first. Then the vehicles with
+    new flights are judged, and the table is written.
 
     Args:
         folder: folder of the fleet, which is made if it does not exist.
         names: files, folders, patterns and URLs of logs.
         reader: reads the logs.
-        baseline: names of healthy flights, or of one fleet; the baseline of the last run unless given.
-        page: makes the page of a flight, as of ``Job``; no pages unless given.
+        baseline: names of healthy flights, or the folder of one fleet; if empty, the baseline of the last run.
+        page: makes the page of a flight, as in ``Job``; None for no pages.
         assess: judges all flights of a vehicle.
-        progress: called as logs are read.
+        progress: function that is called as logs are read.
+
+    Returns:
+        The number of logs, how many were read now, the problems with others, and the rows of the baseline.
 
     Raises:
-        Unreadable: the names stand for no log and there is no fleet yet, or the baseline holds no flight, or the folder
-            cannot be written to, or its store is damaged.
+        Unreadable: the names match no log and the fleet does not exist, the baseline contains no flight, the folder
+            cannot be written, or its store is damaged.
     """
     logs, problems = find_logs(names, folder)
     if not logs and not is_fleet(folder):

@@ -268,13 +268,18 @@ class LogReader:
         return failed(job, "died", Fact(Reading.READER_DIED, because=because, attempts=ATTEMPTS))
 
     def _start_process(self, read: ReadLog) -> BaseProcess:
-        """Starts the process and waits until it can work, since the limits of a log are not for imports.
+        """Starts the worker's process, and waits until it has imported its modules.
+
+        The limits of time and memory for a log do not include these imports.
 
         Args:
-            read: the function that will read logs, whose modules the process imports.
+            read: function that will read logs.
+
+        Returns:
+            The process.
 
         Raises:
-            Unreadable: it cannot be started.
+            Unreadable: the process cannot be started.
         """
         # NumPy reads these when it is imported. One thread for each process is enough: other readers use the other
         # cores.

@@ -148,17 +148,20 @@ def is_dataflash_text(content: bytes) -> bool:
 
 
 def _content(path: PathName, limit: int | None = None) -> bytes:
-    """Reads a file, and unpacks it if it is an archive.
+    """Reads a file, and unpacks it if it is a ZIP or XZ archive.
 
-    Whatever goes wrong becomes an ``Unreadable`` with a fact that tells the user the cause: a folder, a device, a
-    missing or empty file, too little memory.
+    Every failure becomes an ``Unreadable`` with a fact that tells the user the cause: a folder, a device, a missing or
+    empty file, too little memory.
 
     Args:
         path: The file.
-        limit: Number of bytes to read at most, of the file and of what it unpacks to; None for everything.
+        limit: Greatest number of bytes to read from the file, and again to unpack from an archive; None for everything.
+
+    Returns:
+        The content, not empty.
 
     Raises:
-        Unreadable: As ``file_bytes``.
+        Unreadable: The file cannot be read or unpacked, or contains no data: it is empty, or all its bytes are zero.
     """
     path = Path(path)
     try:
@@ -180,8 +183,9 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         raise
     except (OSError, ValueError) as error:
         raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
-    # Only what may be all zeros is searched, since that copies it.
-    is_all_zeros = bool(content) and content[-1] == content[0] == 0 and not content.strip(b"\0")
+    # Files that lost their data are all zeros. The ends are looked at first, since strip() copies the content.
+    may_be_all_zeros = bool(content) and content[0] == 0 and content[-1] == 0
+    is_all_zeros = may_be_all_zeros and not content.strip(b"\0")
     if not content or is_all_zeros:
         raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
@@ -197,6 +201,9 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
         path: The file.
         size: Its size, bytes.
         limit: Number of bytes to read at most; None for ``size``.
+
+    Returns:
+        The bytes.
 
     Raises:
         Unreadable: More than ``MAX_LOG_BYTES`` would have to be read.
@@ -237,10 +244,13 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     Args:
         content: The archive, or its beginning.
         path: Its file, for errors.
-        limit: Number of bytes to unpack at most; None for everything, where the archive must be complete.
+        limit: Greatest number of bytes to unpack; None for everything, and then the archive must be complete.
+
+    Returns:
+        The unpacked bytes, at most ``limit``.
 
     Raises:
-        Unreadable: The archive is damaged, cut off, or unpacks to more than an honest one would.
+        Unreadable: The archive is damaged, cut off, or unpacks to more than a log would.
     """
     decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MEMORY)
     max_size = limit

@@ -203,10 +203,13 @@ def _in_order_of_time(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def _joined_pair(earlier: Recording, later: Recording) -> Log:
-    """Joins two logs of one flight, and notes that in the vehicle's repairs.
+    """Joins two logs of one flight, and adds a repair to the vehicle that reports it.
 
     Args:
         earlier, later: The recordings in the order of time.
+
+    Returns:
+        One log with one vehicle.
 
     Raises:
         Unreadable: The logs are not of one flight.
@@ -235,10 +238,10 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns the reason why two logs are not of the same vehicle; None where nothing does.
+    """Returns the reason why two logs are not of the same vehicle; None if nothing separates them.
 
     Args:
-        earlier, later: The vehicle by each log, in the order of time.
+        earlier, later: The vehicle as each log describes it, in the order of time.
     """
     if (earlier.system, earlier.component) != (later.system, later.component):
         return Separation.OTHER_SYSTEM
@@ -276,11 +279,11 @@ def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
 def _separation_in_time(
     earlier: Recording, later: Recording, gap: float | None
 ) -> Separation | None:
-    """Returns the reason why two logs of a vehicle are not of one flight; None where nothing does.
+    """Returns the reason why two logs of a vehicle are not of one flight; None if nothing separates them.
 
     Args:
         earlier, later: The recordings in the order of time.
-        gap: Time by UTC between them, s; None where it is not known.
+        gap: Time by UTC between them, s; None if it is not known.
     """
     armed_flags = _heartbeats(earlier.vehicle, earlier.last_boot)["base_mode"] & ARMED
     if len(armed_flags) and not armed_flags[-1]:
@@ -311,8 +314,9 @@ def _clock_runs_on(earlier: Recording, later: Recording) -> bool:
 def _is_flown_on(earlier: Recording, later: Recording) -> bool:
     """Returns whether two logs without UTC show by themselves that they are of one flight.
 
-    The vehicle is armed at the end of the one and soon after the beginning of the other, whose clock either runs on or
-    has begun anew so shortly before that nobody can have armed the vehicle on the ground.
+    The vehicle must be armed at the end of the first log and soon after the beginning of the second. And the second
+    clock must continue the first, or have restarted so shortly before that nobody can have armed the vehicle on the
+    ground.
 
     Args:
         earlier, later: The recordings in the order of time.
@@ -335,15 +339,15 @@ def _heartbeats(vehicle: Telemetry, boot: int) -> Columns:
 
 
 def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -> Telemetry:
-    """Joins the messages of one vehicle, and what its logs say of it.
+    """Joins what two logs contain of one vehicle: messages, parameters and identity.
 
     Args:
         earlier, later: The recordings in the order of time.
         has_restarted: Whether the later one begins with a boot of its own.
 
     Returns:
-        The vehicle, without the repair that it is joined. Where the logs have different values the later one's count,
-        such as its parameters.
+        The vehicle, without the repair that reports the joining. Of values that differ, such as parameters, the later
+        log's are taken.
     """
     boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
     messages: dict[str, Columns] = dict(earlier.vehicle.messages)
@@ -388,11 +392,14 @@ def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
 
 
 def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
-    """Makes one log of two: components and their counts of messages are added up, the stamps span both.
+    """Makes one log of two: counts of messages are added up, and the reception times span both.
 
     Args:
         earlier, later: The logs in the order of time.
-        vehicle: The vehicle that was joined of both.
+        vehicle: The joined vehicle.
+
+    Returns:
+        The joined log, named after the earlier file.
     """
     components: dict[tuple[int, int], Component] = {}
     for component in (*earlier.components, *later.components):

@@ -237,6 +237,9 @@ def demand_geometry(axis: str) -> MotorGeometry:
 
     Args:
         axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        A geometry with one motor.
     """
     positions = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}
     return MotorGeometry(

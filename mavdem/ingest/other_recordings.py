@@ -239,10 +239,13 @@ def outside_blocks(blocks: Sequence[LeftOutBlock], positions: StreamPositions) -
     Args:
         blocks: At least one block, in the order of the file.
         positions: Offset (n,) of each message, in any order.
+
+    Returns:
+        Flags (n,).
     """
     starts = np.array([block.start for block in blocks])
     ends = np.array([block.end for block in blocks])
-    # Of the blocks that begin at or before a message only the last one can hold it, since blocks do not overlap.
+    # Blocks do not overlap, so only the last one that begins at or before a message can contain it.
     row = np.searchsorted(starts, positions, side="right") - 1
     is_inside = (row >= 0) & (positions < ends[row])
     return ~is_inside
@@ -351,13 +354,18 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
 
 
 def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]:
-    """Puts together the runs of which each continues another's clock; of several, the one whose end is nearest.
+    """Joins runs of messages whose clocks continue each other to chains.
+
+    If a run may continue several chains, it joins the one whose end is nearest in time.
 
     Args:
         runs: The runs in the order of the file.
-        max_gap: Time, s, that may lie between two of a chain whose UTC is not known: what another block displaced is
-            missing there.
-        rules: What the clock may do.
+        max_gap: Longest time, s, between two runs of a chain whose UTC is not known: messages are missing where another
+            block replaced them.
+        rules: Limits of what the clock may do.
+
+    Returns:
+        The chains, in the order of their first runs.
     """
     chains: list[_Chain] = []
     for run in runs:
@@ -386,12 +394,12 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
 def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
     """Returns whether a chain can be of the same vehicle's recording as a larger one that is kept.
 
-    One of both is before the other in the file. The later one goes on in time, or is another boot: a log begins there,
-    its clock begins near zero, or by UTC it began after the end of the first.
+    One of the two must be before the other in the file. The later one must continue in time, or be another boot: a log
+    begins there, its clock begins near zero, or by UTC it began after the end of the first.
 
     Args:
         chain, kept: The chains: runs of messages, each of which continues the clock of the one before.
-        rules: What the clock may do.
+        rules: Limits of what the clock may do.
     """
     first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:

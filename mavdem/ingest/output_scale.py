@@ -42,8 +42,8 @@ class OutputScale:
             outputs: Outputs of any shape, in the unit of the scale.
 
         Returns:
-            0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some autopilots send less than
-            ``low`` while disarmed; those shares are negative.
+            Shares of the same shape: 0 at ``low`` and for a motor that is off (an output of 0), 1 at ``high``. Some
+            autopilots send less than ``low`` while disarmed; those shares are negative.
         """
         shares = (outputs - self.low) / (self.high - self.low)
         is_off = (outputs == 0) & (self.low > 0)

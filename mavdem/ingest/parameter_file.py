@@ -46,12 +46,15 @@ def read_parameters(path: PathName) -> Parameters:
 
 
 def _parameter_of_line(line: str) -> tuple[str, float]:
-    """Returns name and finite value of the parameter in a line; an empty name where there is none.
+    """Returns the parameter in a line of a parameter file.
 
     Both formats are read by the same rule: words are separated by commas or spaces, and leading numbers are skipped.
 
     Args:
         line: A line of Mission Planner ("MOT_SPIN_MIN,0.15") or QGroundControl ("1 1 MOT_SPIN_MIN 0.15 9").
+
+    Returns:
+        Name and finite value; an empty name and 0 if the line contains no parameter.
     """
     words = re.split(r"[,\s]+", line.strip())
     if words[0].isdigit():

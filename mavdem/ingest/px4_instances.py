@@ -72,6 +72,9 @@ def _battery_fields(battery: Columns) -> Fields:
 
     Args:
         battery: Columns (N,) of battery_status.
+
+    Returns:
+        Columns (N,) of SYS_STATUS.
     """
     rule = TRANSLATION_RULES["SYS_STATUS"]
     fields = fields_by_rule(battery, rule)
@@ -116,15 +119,17 @@ RATIO_FIELDS = {
 
 
 def estimator_status(topics: Topics) -> Fields:
-    """Makes ESTIMATOR_STATUS (PX4's ESTIMATOR_STATUS.hpp) of the estimator's instance that flies at each time.
+    """Makes the columns of ESTIMATOR_STATUS from the estimator instance that PX4 flies by at each time.
 
-    Where that instance was not logged, the first one that was stands in for it.
+    PX4 runs several instances of its EKF and selects a primary one. The columns are named as those of MAVLink's
+    message, which PX4 fills from the topic estimator_status (ESTIMATOR_STATUS.hpp). If no primary instance was logged,
+    the lowest-numbered one takes its place.
 
     Args:
-        topics: The logged topics, by name and number of the instance.
+        topics: The logged topics: by the name of the topic and the number of its instance, columns (N,) by field.
 
     Returns:
-        Columns (N,) of estimator_status, in the order of time.
+        Columns (N,) of ESTIMATOR_STATUS in the order of time; ``time`` is s since boot.
     """
     instances = _estimators(topics)
     parts: list[Columns] = []
@@ -138,14 +143,15 @@ def estimator_status(topics: Topics) -> Fields:
 
 
 def estimator_instances(topics: Topics) -> Fields:
-    """Makes the table of all instances of estimator_status, where the log has more than the primary one.
+    """Makes a table of the test ratios of all estimator instances, where the log has more than the primary one.
 
     Args:
-        topics: The logged topics, by name and number of the instance.
+        topics: The logged topics: by the name of the topic and the number of its instance, columns (N,) by field.
 
     Returns:
-        ``time`` (N,), s, the number of the ``instance``, ``is_primary``, and the test ratios by the names of
-        ``EstimatorRatio``; NaN where the estimator does not use a sensor.
+        Columns (N,) in the order of time: ``time``, s since boot, the number of the ``instance``, ``is_primary`` (0 or
+        1), and the test ratios by the names of ``EstimatorRatio``, NaN where the estimator does not use a sensor. Empty
+        if only primary instances were logged.
     """
     parts = []
     for instance, columns in _estimators(topics).items():

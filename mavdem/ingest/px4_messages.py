@@ -329,10 +329,14 @@ def renamed_message(topics: Topics, message: str) -> Fields:
 def highres_imu(topics: Topics) -> Fields:
     """Makes HIGHRES_IMU (PX4's HIGHRES_IMU.hpp) of vehicle_acceleration, with the temperature of the first IMU, °C.
 
-    The temperature is that of vehicle_imu_status, which comes less often: its last value counts, NaN before the first.
+    The temperature comes from vehicle_imu_status, which is logged less often: its last value is taken, and NaN before
+    the first.
 
     Args:
         topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        Columns (N,) of HIGHRES_IMU; empty if the topic was not logged.
     """
     fields = renamed_message(topics, "HIGHRES_IMU")
     status = first_instance(topics, "vehicle_imu_status")
@@ -651,11 +655,14 @@ def extended_sys_state(topics: Topics) -> Fields:
 def local_position_ned(topics: Topics) -> Fields:
     """Makes LOCAL_POSITION_NED (PX4's LOCAL_POSITION_NED.hpp) of vehicle_local_position; m and m/s.
 
-    Rows whose vertical speed is not valid are left out. Beside the message's fields there are ``valid``, whether
-    horizontal velocity and heading are valid, and ``resets``, ODOMETRY's counter of jumps.
+    Rows whose vertical speed is not valid are left out. Two columns are added to the message's fields: ``valid``,
+    whether horizontal velocity and heading are valid, and ``resets``, ODOMETRY's counter of jumps.
 
     Args:
         topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        Columns (N,) in m and m/s, north-east-down.
     """
     topic = first_instance(topics, "vehicle_local_position")
     columns = {field: topic[field] for field in ("time", "x", "y", "z", "vx", "vy", "vz")}

@@ -235,15 +235,18 @@ CLEARLY_MORE = 1.1
 
 
 def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
-    """Reports that attitude was interpolated, where the body rates were logged clearly more often.
+    """Reports that the attitude was interpolated, if the body rates were logged clearly more often.
 
-    ATTITUDE_QUATERNION needs attitude and body rates at the same stamps, while PX4 logs them in two topics. Where it
-    was made at the stamps of the body rates, it has clearly more rows than the topic vehicle_attitude; by that it is
-    recognised.
+    ATTITUDE_QUATERNION needs attitude and body rates at the same stamps, while PX4 logs them in two topics. If it was
+    made at the stamps of the body rates, it has clearly more rows than the topic vehicle_attitude; this is how
+    interpolation is recognised.
 
     Args:
         topics: The logged topics.
         messages: The messages made of them, by name.
+
+    Returns:
+        One repair with both rates, Hz; none if the attitude was not interpolated.
     """
     logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]

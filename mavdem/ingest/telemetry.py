@@ -211,10 +211,13 @@ def selected_rows(columns: Columns, rows: slice | NDArray[Any]) -> Fields:
 
 
 def concatenated_columns(parts: Sequence[Columns]) -> Fields:
-    """Joins tables of the same message one after the other, with the columns that all of them have.
+    """Joins tables of the same message one after the other.
 
     Args:
         parts: The tables (N_i rows each), at least one. The columns of a single one are not copied.
+
+    Returns:
+        The columns that all tables have, with the rows of all.
     """
     if len(parts) == 1:
         return dict(parts[0])
@@ -360,14 +363,17 @@ def log_of_vehicles(
     receive_time: Interval = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
-    """Makes the log of a file in which nobody but vehicles sent messages, such as an autopilot's own log.
+    """Makes the log of a file in which only vehicles sent messages, such as an autopilot's own log.
 
     Args:
         vehicles: The vehicles, at least one.
         frames: Number of messages in the file.
         bytes_skipped: Number of bytes that belong to no message.
         receive_time: (first, last) receive stamp, UNIX s.
-        counts: Number of messages by the names of the file; without it those of MAVLink's messages are counted.
+        counts: Number of messages by the names in the file; None to count the MAVLink messages.
+
+    Returns:
+        The log, with a component for each vehicle.
     """
     components = []
     for vehicle in vehicles:

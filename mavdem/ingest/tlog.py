@@ -60,11 +60,15 @@ def read_tlog(path: PathName) -> Log:
 def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
-    In an undamaged log 8 bytes of stamp lie before each frame. Where the distance to the frame before is different,
-    some bytes are damaged, and the frame has no stamp. A file with hardly any frame for its size is something else.
+    In an undamaged log the 8 bytes before each frame are its stamp. Where the distance to the frame before is
+    different, some bytes are damaged, and the frame has no stamp. A file with hardly any frames for its size is
+    something else.
 
     Args:
         path: The log, or an archive of it.
+
+    Returns:
+        The frames, with the number of bytes that are not part of any.
 
     Raises:
         Unreadable: The file cannot be opened, or contains no MAVLink.

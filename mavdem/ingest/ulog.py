@@ -200,35 +200,41 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
 
 
 def _parsed_by_pyulog(content: bytes, source: str) -> ULog:
-    """Parses with pyulog what is no data in a file.
+    """Parses the records of a file that are not logged data, such as parameters and texts, with pyulog.
 
     Args:
-        content: A ULog file of these records.
+        content: A ULog file that contains only these records.
         source: Path of the log, for the error.
+
+    Returns:
+        The parsed log.
 
     Raises:
         Unreadable: The file is of a later version of the format, or its definitions are damaged or malicious.
     """
     try:
-        # The library prints what is damaged.
+        # The library prints messages about damage.
         with redirect_stdout(io.StringIO()):
             return ULog(io.BytesIO(content))
     except ULogIncompatibleFlagException:
         raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
     except Exception:
-        # Of damaged definitions the library may raise anything.
+        # Damaged definitions may make the library raise any exception.
         raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True) from None
 
 
 def _parameter_settings(
     log: ULog,
 ) -> tuple[list[ParameterSetting], list[ParameterSetting]]:
-    """Returns the parameters when the logger began, and those that were set later, in the order of the log.
+    """Returns the parameters of a log: those at the start of the logger, and those that were set later.
 
-    Damage makes values that are no numbers; they are left out.
+    Values that are not numbers come from damage, and are left out.
 
     Args:
         log: The log, as pyulog parsed it.
+
+    Returns:
+        Settings at the start, and later settings in the order of the log.
     """
     initial = []
     for name, value in log.initial_parameters.items():
@@ -310,6 +316,9 @@ def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
         log: The parsed file, with the interruptions of the logger, whose durations are in ms.
         loss: What was left out of it.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
+
+    Returns:
+        A repair for damaged bytes, one for messages with wrong stamps, and one for interruptions of the logger.
     """
     damage = repair_facts(
         Repair.ULOG_DAMAGED,

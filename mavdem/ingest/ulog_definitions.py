@@ -195,9 +195,12 @@ class RecordDefinitions:
         """Compares the record at an offset with the definitions of the file.
 
         Args:
-            position: Offset of the record.
-            end: Offset at which its part of the file ends; a record that goes beyond does not fit.
-            header: Its header, where that was read before.
+            position: Offset of the record, bytes.
+            end: Offset of the end of this part of the file, which the record must not exceed.
+            header: Header of the record, if it was read before.
+
+        Returns:
+            Whether the record is sound, unused by parsers, of an unknown kind, or damaged.
         """
         length, kind = header or self.header(position)
         body_start = position + HEADER.size
@@ -236,11 +239,14 @@ class RecordDefinitions:
         return Fit.DAMAGED
 
     def _fit_of_data(self, body_start: int, length: int) -> Fit:
-        """Compares a data record with what its subscription says.
+        """Compares the length of a data record with that of its subscription.
 
         Args:
-            body_start: Offset of the number of the subscription.
-            length: Number of bytes from there on.
+            body_start: Offset of the subscription number, with which the body begins.
+            length: Length of the body, bytes.
+
+        Returns:
+            Damaged if the length is wrong, unused if the message has no stamp, and unknown without a subscription.
         """
         if length < 2:
             return Fit.DAMAGED
@@ -257,6 +263,9 @@ class RecordDefinitions:
 
         Args:
             body: Number of the instance (one byte), number of the subscription (two bytes), and name of the message.
+
+        Returns:
+            Damaged if the name is not valid, unused if the number is taken, and unknown if the message is not defined.
         """
         name = body[3:]
         if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
@@ -303,14 +312,17 @@ class RecordDefinitions:
         return HEADER.size + length if is_of_topic else None
 
     def possible_data_records(self, first: int, stop: int) -> PossibleRecords:
-        """Finds what looks like data records of the present subscriptions.
+        """Finds the places that look like data records of the present subscriptions.
 
         The header of a data record is five bytes: its length, the letter D, and the number of a subscription, all of
         whose records have one length.
 
         Args:
-            first: Offset from which on the records begin.
-            stop: Offset before which they begin; they may end behind it.
+            first: Offset of the first byte at which a record may begin.
+            stop: Offset before which records begin; the last may end after it.
+
+        Returns:
+            Offset (n,) of the start of each possible record, and of the byte after it.
         """
         # The headers that begin in the stretch, and no bytes behind the last one.
         content = np.frombuffer(self.content, dtype=np.uint8)
@@ -436,10 +448,13 @@ class _ParsedFormat(NamedTuple):
 # Each definition is parsed when it is compared with those before, and again when it is learned.
 @lru_cache(maxsize=1)
 def _parsed_format(body: bytes) -> _ParsedFormat | None:
-    """Parses the definition of a message; returns None for a damaged one.
+    """Parses the definition of a message.
 
     Args:
         body: The definition, "name:type field;type[4] field;".
+
+    Returns:
+        Name and fields of the message; None if the definition is damaged.
     """
     name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
     if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
@@ -452,7 +467,7 @@ def _parsed_format(body: bytes) -> _ParsedFormat | None:
         if match is None:
             return None
         kind, elements, field_name = match.groups()
-        # Parsers read an array of no elements as one number.
+        # ULog parsers read an array of 0 elements as a single number.
         fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
     return _ParsedFormat(body[:name_end].decode(), fields)
 

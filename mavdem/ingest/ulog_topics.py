@@ -55,11 +55,14 @@ class ParsedRecords(NamedTuple):
 
 
 def parse_records(records: SoundRecords, has_all_fields: bool = False) -> ParsedRecords:
-    """Decodes the data records of a file, and separates the others from them.
+    """Decodes the data records of a file, and separates the other records from them.
 
     Args:
-        records: The records.
-        has_all_fields: Whether all topics are decoded with all their fields, or only what mavdem reads.
+        records: Sound records of the file.
+        has_all_fields: Whether all fields of all topics are decoded, or only those that mavdem reads.
+
+    Returns:
+        The topics as columns, the number of data records, and a file of the other records.
     """
     content = np.frombuffer(records.content, dtype=np.uint8)
     is_data = bytes_at(content, records.offsets + HEADER.size - 1) == DATA

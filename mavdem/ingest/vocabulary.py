@@ -151,11 +151,14 @@ VERSION_KINDS = ("official", "rc", "beta", "alpha", "dev")
 
 
 def version_text(number: int) -> str:
-    """Formats a firmware's version as PX4 and ArduPilot number it: "1.16.1-rc".
+    """Formats a firmware version as PX4 and ArduPilot write it, such as "1.16.1-rc".
 
     Args:
-        number: The version, 32 bits: a byte each for major, minor and patch number, and a byte for the kind. The
-            last is a value of FIRMWARE_VERSION_TYPE, or up to the next one: the number of a release candidate.
+        number: The version, 32 bits: one byte each for major, minor and patch number, and one for the kind. The kind is
+            a value of FIRMWARE_VERSION_TYPE; values up to the next one are numbers of release candidates.
+
+    Returns:
+        Version numbers, with the kind unless the version is official.
     """
     major, minor, patch, kind_number = number.to_bytes(4, "big")
     text = f"{major}.{minor}.{patch}"

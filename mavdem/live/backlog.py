@@ -77,10 +77,13 @@ class Backlog:
         self._batches += batches
 
     def pop_simultaneous(self) -> list[FrameBatch]:
-        """Removes and returns the oldest batch, with those that arrived less than ``STEP_SECONDS`` after it.
+        """Removes the oldest batch and those that arrived less than ``STEP_SECONDS`` after it, and returns them.
 
         They are analysed together, as if they had arrived at once. Some links send each frame in a datagram of its own;
         the fixed cost of analysing a batch would then exceed the cost of its frames. The backlog must not be empty.
+
+        Returns:
+            One batch or more, in the order of arrival.
         """
         first_arrival = self._batches[0].arrival_time
         batches = []

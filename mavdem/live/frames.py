@@ -102,14 +102,17 @@ class FrameReader:
 
 
 def _announced_length(data: bytes, start: int) -> int:
-    """Length, in bytes, of the frame whose header would be at ``start``, by the header; 0 if no header is there.
+    """Returns the length of the frame whose header would be at ``start``, as that header announces it.
 
-    The first three bytes are enough for both versions of MAVLink. Where fewer have come, it is the largest possible
-    length, so that the caller waits for more.
+    The first three bytes of a header are enough for both versions of MAVLink.
 
     Args:
         data: bytes of the stream.
-        start: offset of the possible header.
+        start: offset of the possible header, bytes.
+
+    Returns:
+        Length, bytes; 0 if no header is there. If fewer than three bytes have arrived, the largest possible length, so
+        that the caller waits for more.
     """
     header = data[start : start + 3]
     if len(header) < 3:
@@ -119,12 +122,16 @@ def _announced_length(data: bytes, start: int) -> int:
 
 
 def _frames_that_fill(data: bytes) -> list[Frame]:
-    """Frames, damaged or of another dialect, that fill the bytes between two good frames exactly; none otherwise.
+    """Returns the frames that fill the bytes between two good frames exactly.
 
-    Their checksums prove nothing. That headers lead from one frame to the next, and exactly to the next good one, does.
+    Such frames are damaged or of another dialect, so their checksums prove nothing. The proof is that headers lead from
+    one frame to the next, and exactly to the next good one.
 
     Args:
         data: the bytes between two frames with matching checksums.
+
+    Returns:
+        The frames in order; none if the headers do not fill the bytes.
     """
     frames = []
     start = 0
@@ -146,6 +153,9 @@ def _parse_frame(content: bytes) -> Frame:
 
     Args:
         content: all bytes of the frame, as long as its header announces.
+
+    Returns:
+        The frame, with the result of its checksum: matches, failed, or message unknown.
     """
     if content[0] == framing.MARKER_V2:
         sequence_offset = SEQUENCE_OFFSET_V2

@@ -114,10 +114,13 @@ class GainAdviser:
         self._pending = executor.submit(advise_gains, self._recording, vehicle)
 
     def _result(self, pending: Future[GainAdvice]) -> GainAdvice:
-        """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it; the fact that it failed if there is none.
+        """Waits for advice, ``MAX_WAIT_SECONDS`` at most, and returns it.
 
         Args:
             pending: the advice that an executor computes.
+
+        Returns:
+            The advice. If computing it failed or took too long, it contains only the fact that says so.
         """
         try:
             return pending.result(MAX_WAIT_SECONDS)

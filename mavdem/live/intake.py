@@ -97,13 +97,15 @@ class LinkIntake:
         return batches
 
     def _reopen(self, timeout: float) -> bool:
-        """Opens the lost link where that is due; returns whether it is open.
+        """Tries to open the lost link again.
 
-        Where it stays lost, it waits, so that the session's loop does not spin: at most ``timeout`` s, and at most
-        ``LOST_LINK_SLEEP_SECONDS``.
+        If the link stays lost, this sleeps for a while, so that the session's loop does not spin.
 
         Args:
-            timeout: longest time to wait, s.
+            timeout: longest time to sleep, s; it is never more than ``LOST_LINK_SLEEP_SECONDS``.
+
+        Returns:
+            Whether the link is open.
         """
         if not self._link.reopen():
             clock.sleep(min(timeout, LOST_LINK_SLEEP_SECONDS))

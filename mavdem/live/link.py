@@ -313,10 +313,13 @@ class Link:
             self._raise_lost(LinkError.FAILED, error)
 
     def reopen(self) -> bool:
-        """Opens a lost link again, and returns whether it is open now.
+        """Tries to open a lost link again.
 
         It is called again and again while the link is lost. To spare the other side, it tries only once
         ``RETRY_SECONDS`` have passed since the loss or the last attempt. An attempt takes at most ``CONNECT_SECONDS``.
+
+        Returns:
+            Whether the link is open now.
         """
         if self._readable_source() is None and time.monotonic() >= self._reopen_time:
             try:
@@ -505,11 +508,17 @@ class Link:
         return True
 
     def _raise_lost(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
-        """Closes what is lost and raises ``LinkLost``; a TCP server loses only its client, and waits for the next.
+        """Closes the lost connection and raises ``LinkLost``.
+
+        A TCP server loses only its client, and waits for the next one. Any other link is closed, to be opened again
+        later.
 
         Args:
             cause: why the link is lost.
-            error: the system's error, where there is one.
+            error: error of the system, if there was one.
+
+        Raises:
+            LinkLost: always.
         """
         if self._server is not None and self._socket is not None:
             self._socket.close()
@@ -524,13 +533,16 @@ class Link:
         self._reopen_time = time.monotonic() + RETRY_SECONDS
 
     def _raise_unreadable(self, error: OSError) -> NoReturn:
-        """Raises ``Unreadable`` with the reason for which the link cannot be opened, by the system's ``error``.
+        """Raises ``Unreadable`` with the reason for which the system could not open the link.
 
         A name that cannot be resolved and a connection that times out have error classes of their own; all else is
         distinguished by the error number.
 
         Args:
-            error: why the system could not open the link.
+            error: error of the system.
+
+        Raises:
+            Unreadable: always.
         """
         host, port = self._address
         if isinstance(error, socket.gaierror):
@@ -588,14 +600,17 @@ def _parse_name(name: str) -> _LinkAddress:
 def _cannot_open(
     name: str, cause: LinkError, host: str = "", port: int = 0, message: str = ""
 ) -> Unreadable:
-    """The error for a link that cannot be opened; its sentence says why and what to do.
+    """Returns the error for a link that cannot be opened; its sentence says why and what to do.
 
     Args:
         name: connection string of the link.
-        cause: why it cannot be opened, which decides the sentence.
-        host: host name of a network link; of a serial port the speed that it does not have.
+        cause: reason why it cannot be opened, which decides the sentence.
+        host: host name of a network link. For a serial port, the speed that the port does not have.
         port: port number of a network link.
-        message: the system's own error message, where there is one.
+        message: error message of the system, if there is one.
+
+    Returns:
+        The error, which the caller raises.
     """
     return Unreadable(
         LinkFact.CANNOT_OPEN_LINK,

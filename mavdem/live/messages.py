@@ -185,24 +185,27 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
 
 
 def tilt_setpoint(message: Message) -> tuple[float, float]:
-    """Returns the roll and pitch, rad, that an ATTITUDE_TARGET sets; NaN where it sets no attitude.
+    """Returns the setpoints of roll and pitch in an ATTITUDE_TARGET.
 
-    In its type mask a set bit says that the attitude is to be ignored, as where only body rates are commanded.
+    A set bit of its type mask says that the attitude is to be ignored, for example when only body rates are commanded.
 
     Args:
-        message: a decoded ATTITUDE_TARGET.
+        message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z).
+
+    Returns:
+        Roll and pitch, rad; NaN if the message sets no attitude.
     """
     mask, quaternion = message.values
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
         return nan, nan
-    # A quaternion of NaN stands for no setpoint, too.
+    # A quaternion of NaN means "no setpoint" too; its angles become NaN.
     with np.errstate(invalid="ignore"):
         roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
     return roll, pitch
 
 
 def port_and_outputs(message: Message) -> tuple[int, Numbers]:
-    """Returns the port of a message of motor outputs, and the outputs of its channels in the message's own unit.
+    """Returns the port and the motor outputs of a message.
 
     Autopilots with more outputs than a message has channels send it once for each port (SERVO_OUTPUT_RAW). Messages
     without ports have all outputs in one array, and count as port 0. Outputs that the autopilot marks as unused become
@@ -210,6 +213,9 @@ def port_and_outputs(message: Message) -> tuple[int, Numbers]:
 
     Args:
         message: a decoded message with motor outputs.
+
+    Returns:
+        Number of the port, and an output for each channel, in the unit of the message.
     """
     if not MOTOR_MESSAGES[message.name].is_ported:
         return 0, tuple(message.values[-1].tolist())

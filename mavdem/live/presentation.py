@@ -201,12 +201,15 @@ class Presentation:
 
 
 def _kind(fact: Fact) -> tuple[object, ...]:
-    """Returns what repeated reports of the same thing have in common: code, subject, and a detail.
+    """Returns a key that repeated reports of the same thing share: code, subject, and a detail.
 
-    The detail is the text of a message from the autopilot, or the alarm of another vehicle; else None.
+    The detail is the text of a message from the autopilot, or the alarm of another vehicle; otherwise None.
 
     Args:
-        fact: what is reported.
+        fact: the reported fact.
+
+    Returns:
+        The key (code, subject, detail).
     """
     detail = fact.figures.get("text")
     if fact.code is Watch.OTHER_VEHICLE_ALARM:

@@ -91,6 +91,9 @@ class RateNegotiation:
         Args:
             vehicle: the followed vehicle. Its autopilot decides the names of the parameters.
             rate: requested rate of attitude and motor outputs, Hz.
+
+        Returns:
+            The request, addressed to the vehicle.
         """
         parameters = (
             *motor_parameters(vehicle.autopilot),

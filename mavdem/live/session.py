@@ -114,16 +114,18 @@ class LiveSession:
         self._obstacle: Fact | None = None
 
     def step(self, timeout: float = 0.1) -> None:
-        """Does one turn of the session's loop: receive and record, analyse for a while, report, send requests.
+        """Performs one iteration of the session: receives, records, analyses for a while, reports, and sends requests.
 
         The link is emptied first, since its buffer is small. Analysis then goes on for ``STEP_SECONDS`` only, even if
         more waits, so that the link is emptied again soon. Once in ``STATUS_PERIOD`` the model is judged and the status
         reported. All times are s of the monotonic clock.
 
         Args:
-            timeout: longest time to wait for something to come while nothing waits for analysis, s.
+            timeout: longest time to wait for a message of the link while none waits for analysis, s.
         """
-        self.backlog.add(self.intake.receive(0.0 if self.backlog else timeout))
+        # Messages that wait already are analysed at once.
+        receive_timeout = 0.0 if self.backlog else timeout
+        self.backlog.add(self.intake.receive(receive_timeout))
         self._postpone_tasks()
         end_time = clock.monotonic() + STEP_SECONDS
         while self.backlog and clock.monotonic() < end_time:

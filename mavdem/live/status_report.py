@@ -85,12 +85,15 @@ class StatusReport:
         return self.silence.silence(self.backlog.now)
 
     def _learning_obstacle(self, is_flying: bool) -> Fact | None:
-        """Why there is no new model of a vehicle whose rows come; None while all is well.
+        """Returns the reason why there is no new model of a vehicle whose rows arrive.
 
-        Only free flight is learned from. In free flight the learner itself may lack something, such as motion.
+        The learner uses free flight only. Even then it may lack something, such as motion.
 
         Args:
             is_flying: whether the vehicle is in free flight.
+
+        Returns:
+            The reason; None if models are learned.
         """
         if not is_flying:
             return Fact(Session.NOT_FLYING)

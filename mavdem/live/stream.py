@@ -142,23 +142,29 @@ class LiveStream:
         return self._review.phase
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
-        """Takes the next bytes of the link, and returns the rows that they complete.
+        """Processes the next bytes of the link.
 
         Args:
-            stamp: when they were received, UNIX s.
+            stamp: time of reception, UNIX s.
             data: the bytes.
+
+        Returns:
+            The rows that these bytes complete, in order.
         """
         return list(self.take_frames(stamp, self.frame_reader.feed(data)))
 
     def take_frames(self, stamp: float, frames: Sequence[Frame]) -> Iterator[AlignedRow]:
-        """Takes the next frames of the link, and yields each row as soon as it is complete.
+        """Processes the next frames of the link, and yields each row as soon as it is complete.
 
         It is a generator, so that the caller can use each row before the frames after it change the state, for example
         before a reboot. Frames of other vehicles on the link are watched for alarms, once they are known.
 
         Args:
-            stamp: when they were received, UNIX s. Events get this time.
+            stamp: time of reception, UNIX s. Events get this time.
             frames: the frames of all senders, in the order of arrival.
+
+        Yields:
+            Rows of the followed vehicle, in the order of time.
         """
         self._stamp = stamp
         for frame in frames:
@@ -277,17 +283,17 @@ class LiveStream:
         return tuple(facts)
 
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
-        """Takes a frame of any component on the link, and yields the rows that it completes.
+        """Processes a frame of any component on the link, and yields the rows that it completes.
 
-        Each step leaves less to the next:
+        Each step passes fewer frames on to the next:
 
         1. The frame is counted by its sequence number, which shows lost messages, and copies, as some links send.
            Copies and frames whose checksum does not match end here.
-        2. The message shows what its sender is, by which the vehicle to follow is chosen. Messages of all other
-           senders end here.
+        2. The message shows what its sender is, by which the vehicle to follow is chosen. Messages of all other senders
+           end here.
         3. Replies to requests for rates are kept for ``drain_replies``.
-        4. Other messages get their time on the vehicle's boot clock. A reboot shows here, and comes before the message
-           is used: all that has times of the former boot is forgotten then.
+        4. Other messages get their time on the vehicle's boot clock. A reboot is detected here, before the message is
+           used: all data with times of the former boot are then discarded.
 
         Args:
             frame: the next frame, intact or not.
@@ -317,11 +323,11 @@ class LiveStream:
         yield from self._take_message(timed)
 
     def _take_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
-        """Passes a message of the followed vehicle to what needs it, and yields the rows that it completes.
+        """Passes a message of the followed vehicle to the parts that need it, and yields the rows that it completes.
 
-        Attitude, setpoints and motor outputs count only with a time stamp of their own, since rows need exact times.
-        Slow messages about state and phase are kept for the periodic review. After each message the next part of that
-        review is done if it is due, which may end the flight, and with it the segment of rows.
+        Attitude, setpoints and motor outputs are used only if they have a time stamp of their own, since rows need
+        exact times. Slow messages about state and phase are kept for the periodic review. After each message the next
+        part of that review is done if it is due, which may end the flight, and with it the segment of rows.
 
         Args:
             timed: the message, with its time in s of the boot clock.
@@ -376,16 +382,19 @@ class LiveStream:
     def _add_sample(
         self, name: str, port: int, time: float, values: Numbers | None
     ) -> list[AlignedRow]:
-        """Adds a sample of attitude or motor outputs to its stream, and returns the rows that it completes.
+        """Adds a sample of attitude or motor outputs to its stream.
 
         A sample of the port with most motors also drives the sequential test for a motor that loses thrust. The test
-        comes first, so that a row already knows of a motor that its own sample shows to be weak.
+        comes first, so that a row already marks a motor that its own sample shows to be weak.
 
         Args:
             name: name of the message.
-            port: its port; 0 of attitude.
-            time: s of the boot clock.
-            values: outputs, or roll, pitch, rad, and their body rates, rad/s; None where they cannot be used.
+            port: number of its port; 0 for attitude.
+            time: time of the sample, s on the boot clock.
+            values: outputs, or roll and pitch (rad) with their body rates (rad/s); None if they cannot be used.
+
+        Returns:
+            The rows that the sample completes.
         """
         stream = self._rows.add_sample(name, port, time, values)
         if stream is None:

@@ -153,7 +153,7 @@ class VehicleReview:
         return self._vehicles.followed
 
     def _vehicle_telemetry(self) -> Telemetry:
-        """Identity and parameters of the vehicle, without messages, in the form in which a log has them."""
+        """Returns identity and parameters of the vehicle in the form in which logs have them, without messages."""
         vehicle = self._vehicle
         return Telemetry(
             vehicle.system,

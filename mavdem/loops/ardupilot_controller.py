@@ -166,14 +166,17 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
 
 
 def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
-    """Returns the fractions of the output's range at which thrust begins and ends.
+    """Returns the range of the motor outputs in which the propellers give thrust.
 
     Args:
         parameters: parameters of the log, by name.
-        before_34: whether they are those of before ArduCopter 3.4.
+        before_34: whether the parameters are those of a firmware before ArduCopter 3.4.
+
+    Returns:
+        Where thrust begins and ends, as fractions of the range of the output.
 
     Raises:
-        NotLearnable: a parameter is missing, or the frame is no quadrotor.
+        NotLearnable: a parameter is missing, or the frame is not a quadrotor.
     """
     if before_34:
         # This firmware had no FRAME_CLASS: it was built for quadrotors alone. THR_MIN is in thousandths.

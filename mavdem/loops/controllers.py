@@ -298,14 +298,17 @@ def controller_from_parameters(
 ) -> Controller:
     """Builds the controller of one axis that an autopilot's parameters describe.
 
-    The names of the parameters tell the autopilot: those of rate gains begin with ``ATC_RAT_`` (before ArduCopter 3.4,
+    The autopilot is recognised by the names of the rate gains: they begin with ``ATC_RAT_`` (before ArduCopter 3.4,
     ``RATE_RLL_``) in ArduPilot, and with ``MC_`` in PX4.
 
     Args:
-        parameters: values by the autopilot's name, of which those that match ``CONTROL_PARAMETERS`` are used.
+        parameters: values by the autopilot's name; only those that match ``CONTROL_PARAMETERS`` are used.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale, which only
-            ArduPilot needs: PX4's parameters have them. A single weight says that outputs are the demand itself.
+        motor_weights: weights (4,) of the motors' thrusts in the torque about the axis, of any scale. Only ArduPilot
+            needs them: PX4's parameters contain them. A single weight says that outputs are the demand itself.
+
+    Returns:
+        The controller.
 
     Raises:
         NotLearnable: a parameter is missing or impossible, or the firmware or the mixer is not known.

@@ -56,12 +56,16 @@ class GyroNoise(NamedTuple):
 def gyro_noise(loop: Loop) -> GyroNoise:
     """Estimates the spectral density of the gyro's noise in a flight, by Welch's method.
 
-    Below about the crossover the rate is motion of the vehicle. So noise counts from ``MIN_NOISE_CROSSOVER_RATIO``
-    times the crossover on. Where the log does not reach an octave beyond that, white noise of density 1 is assumed, up
-    to the highest frequency of the loop and over an octave at least: with it, two controllers can be compared.
+    Below about the crossover the body rate is motion of the vehicle. So noise is measured from
+    ``MIN_NOISE_CROSSOVER_RATIO`` times the crossover on. If the log does not reach an octave beyond that, white noise
+    of density 1 is assumed, up to the highest frequency of the loop and over at least an octave: it suffices to compare
+    two controllers.
 
     Args:
         loop: the loops with the logged gains; its record has the measured rate.
+
+    Returns:
+        Frequencies (F,), Hz, and one-sided density (F,), (rad/s)²/Hz; and whether it was measured.
     """
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt

@@ -45,10 +45,10 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
 
     Args:
         controller: controller with the parameters of the filters.
-        frequency: frequencies of any shape, Hz.
+        frequency: frequencies (…), Hz, of any shape.
 
     Returns:
-        Complex response, of the same shape.
+        Complex response (…), in the same shape.
     """
     rate = controller.gyro_rate
     response = notch_response(controller.notches, rate, frequency)
@@ -72,11 +72,11 @@ def notch_response(
 
     Args:
         notches: the filters.
-        rate: rate at which they run, Hz.
-        frequency: frequencies of any shape, Hz.
+        rate: rate at which the filters run, Hz.
+        frequency: frequencies (…), Hz, of any shape.
 
     Returns:
-        Complex response, of the same shape.
+        Complex response (…), in the same shape.
     """
     warped = np.tan(np.pi * frequency / rate)
     response = np.ones(np.shape(frequency), complex)

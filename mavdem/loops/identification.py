@@ -82,9 +82,13 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
         signals: signals of the vehicle, for the axis.
         flights: settled flight of the vehicle.
 
+    Returns:
+        The plant, with the covariance of its parameters.
+
     Raises:
-        NotLearnable: there is no known controller, or no setpoint of the rate that changes several times a second; the
-            flight is too short; too little of the motion follows setpoints; or the phase margin stays unknown.
+        NotLearnable: the controller is not known, no setpoint of the rate was logged that changes several times a
+            second, the flight is too short, too little of the motion follows setpoints, or the phase margin stays
+            unknown.
     """
     # The fit takes seconds and is cached. What follows is quick.
     identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
@@ -242,13 +246,16 @@ def _loop_messages(
 def _loop_spectra(
     signals: Signals, messages: _LoopMessages, window_starts: Array, controller: KnownController
 ) -> CrossSpectra:
-    """Estimates the cross-spectra of rate, output, setpoint and reference of a loop.
+    """Estimates the cross-spectra of a loop: those of rate, output, setpoint and reference.
 
     Args:
         signals: signals of the vehicle, with the scale of the outputs.
         messages: the logged quantities, with candidates of the rate setpoint.
         window_starts: times (W,) at which the windows begin, s.
-        controller: the controller, by which the right candidate is chosen.
+        controller: the controller, which decides between the candidates.
+
+    Returns:
+        The spectra, with the setpoint that fits the controller best.
 
     Raises:
         NotLearnable: the messages are too slow, or the outputs are mostly rounding.

@@ -123,13 +123,16 @@ class ImpulseResponse(NamedTuple):
 
 
 def response_knots(taps: int, steps_per_sample: int) -> Array:
-    """Returns the lags between which an impulse response is linear, in samples: from 0 to ``taps``.
+    """Returns the lags between which an impulse response is linear, from 0 to ``taps``.
 
-    They are apart by one step at first, and later by ``NODE_SPACING_RATIO`` of their lag.
+    Their spacing is one step at first, and later ``NODE_SPACING_RATIO`` of their lag.
 
     Args:
         taps: duration of the response, in samples.
         steps_per_sample: number of steps into which a sample is divided.
+
+    Returns:
+        Lags (K + 2,), in samples, ascending.
     """
     last = taps * steps_per_sample
     lag = 0
@@ -144,9 +147,9 @@ def response_knots(taps: int, steps_per_sample: int) -> Array:
 def second_differences(knots: Array) -> Array:
     """Returns the weights by which hat functions are sums of ramps that begin at the knots.
 
-    The hat function of an inner knot is 1 there, 0 at the two knots beside it and beyond, and linear between. The ramp
-    of a knot k is max(lag − k, 0). A hat is a weighted sum of the ramps of three neighbouring knots, at which its slope
-    changes; the weights are these changes. So an integral of ramps, which is simple, gives that of hats.
+    The hat function of an inner knot is 1 there, 0 at the two neighbouring knots and beyond, and linear between. The
+    ramp of a knot k is max(lag − k, 0). A hat is a weighted sum of the ramps of three neighbouring knots, at which its
+    slope changes; the weights are these changes. So integrals of hats follow from integrals of ramps, which are simple.
 
     Args:
         knots: lags (K + 2,), ascending; all but the first and the last are inner knots.

@@ -53,11 +53,14 @@ The delay of the filter is √2 / ω_c, so that the imaginary part √2 / 2 is h
 
 
 def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
-    """Builds rate and attitude loop of the plant of a learned model.
+    """Builds the rate and attitude loop with the plant of a learned model.
 
     Args:
         learned: a model with an identifiable plant.
-        controller: controller of the axis; ``None`` for that of the log's parameters.
+        controller: controller of the axis; None for the one that the log's parameters describe.
+
+    Returns:
+        The loop, with its margins.
 
     Raises:
         NotLearnable: the plant is not identifiable, or the controller is not known.
@@ -232,14 +235,17 @@ class _PlantDraws(NamedTuple):
 def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws:
     """Draws plants from the posterior of an identified plant, without the gyro's filters.
 
-    The loop's model has the filters by their parameters. The identified plant contains them as well, as a part of its
-    delay, or of its lag and delay. So this part is removed, or the filters would count twice.
+    The loop's model has the gyro's filters as its parameters describe them. The identified plant contains them as well,
+    as a part of its delay, or of its lag and delay. This part is removed, so that the filters count only once.
 
     Args:
         plant: identified plant. Its delay contains that of the gyro's filters; if it is ``filtered``, its lag and delay
             contain them together.
         filter_delay: delay of the gyro's filters at low frequencies, s.
         dt: time step of the record, s.
+
+    Returns:
+        Effects of the inputs, and lag, damping and delay, of each drawn plant.
     """
     if plant.filtered:
         draws = _draws_without_filters(plant, filter_delay, dt)

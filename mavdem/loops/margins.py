@@ -193,10 +193,13 @@ class _ZeroCrossings(NamedTuple):
 
     @classmethod
     def of_rows(cls, values: Array) -> _ZeroCrossings:
-        """Finds where N functions cross 0, by linear interpolation between points of different sign.
+        """Finds the zero crossings of N functions, by linear interpolation between points of different sign.
 
         Args:
-            values: each function in a row, at F points (N, F).
+            values: (N, F) values of each function at F points.
+
+        Returns:
+            The crossings of all functions, row by row.
         """
         is_negative = np.signbit(values)
         rows, columns = np.nonzero(is_negative[:, :-1] != is_negative[:, 1:])

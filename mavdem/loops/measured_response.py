@@ -183,19 +183,22 @@ def _finite_pieces(signals: Array, record: Record) -> list[Array]:
 def _comparison_with_prediction(
     spectra: WelchSpectra, dt: float, controller: Controller, frequency: Array, closed: Complex
 ) -> MeasuredResponse:
-    """Compares one measured response of the rate to its setpoint with the predicted one.
+    """Compares a measured response of the rate to its setpoint with the predicted one.
 
-    They are compared from ``MIN_COMPARED_FREQUENCY`` to where the coherence γ² of setpoint r and rate p is first lost:
+    The band is from ``MIN_COMPARED_FREQUENCY`` to where the coherence γ² of setpoint r and rate p is first lost:
     beyond, wind and noise hide the response. The error of the predicted rate has two parts: (1 − γ²) S_pp, which the
-    setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit counts both,
-    the agreement only the second, since wind is no error of the loop. Whether the two agree is not judged yet.
+    setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit contains
+    both, the agreement only the second, since wind is no error of the loop.
 
     Args:
         spectra: cross-spectra of setpoint, rate and demand, in this order.
         dt: time step of the samples, s.
         controller: controller of the axis.
-        frequency: frequencies of the prediction (F,), Hz.
-        closed: predicted response from setpoint to rate (F,).
+        frequency: (F,) frequencies of the prediction, Hz.
+        closed: (F,) predicted response from setpoint to rate.
+
+    Returns:
+        Band, Hz, and fit and agreement, %; whether they suffice is judged by the caller.
     """
     measured_frequency = spectra.frequency
     highest_predicted = frequency[-1]

@@ -355,14 +355,17 @@ def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) ->
 
 
 def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
-    """Lowers the rate of samples by a whole number, behind a low-pass against aliasing.
+    """Divides the sampling rate by a whole number, after a low-pass filter against aliasing.
 
     The low-pass is a windowed sinc with a Kaiser window (Oppenheim and Schafer, Discrete-Time Signal Processing, sec.
     7.6). ``scipy.signal.resample_poly`` with ``padtype="line"`` gives the same, but takes a second to import.
 
     Args:
-        pieces: signals in the rows of each piece (k, N).
-        decimation: the number; with 1 the pieces stay as they are.
+        pieces: pieces (k, N) of k signals each.
+        decimation: divisor of the rate; 1 leaves the pieces as they are.
+
+    Returns:
+        Pieces (k, N / decimation).
     """
     if decimation == 1:
         return pieces
@@ -386,11 +389,11 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
 def _with_angle_and_correction(
     sampling_rate: float, pieces: Sequence[Array], angle_gain: float
 ) -> list[Array]:
-    """Completes pieces of rate setpoint and rate by the angle, and by the attitude controller's correction.
+    """Completes pieces of rate setpoint and rate with the angle, and with the correction of the attitude controller.
 
-    The correction is angle gain × error of the angle. The rate controller follows the setpoint with it, but some
-    messages leave it out. Then it is added; without a recorded angle setpoint, the rate setpoint is assumed to have it.
-    An angle that was not recorded is replaced by the integral of the rate.
+    The correction is angle gain × error of the angle, and is part of the setpoint that the rate controller follows, but
+    some messages leave it out. It is added to those; without a recorded angle setpoint, the rate setpoint is assumed to
+    contain it. An angle that was not recorded is replaced by the integral of the rate.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -399,7 +402,8 @@ def _with_angle_and_correction(
         angle_gain: gain of the attitude controller, 1/s.
 
     Returns:
-        Rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint if it was recorded (3 or 4, N).
+        Pieces (3 or 4, N) of rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint, rad, if it was
+        recorded.
     """
     rows = len(pieces[0])
     has_angle = rows >= 3

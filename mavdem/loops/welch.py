@@ -161,14 +161,14 @@ def resampled_signals(
 
 
 def half_overlapping_windows(values: Array, size: int) -> Array:
-    """Cuts samples into W windows, each of which begins half a window after the one before.
+    """Cuts samples into windows, each of which begins half a window after the one before.
 
     Args:
-        values: samples (…, N), at least ``size`` of them.
+        values: samples (…, N), at least ``size`` of them; the leading dimensions are free.
         size: number of samples of a window.
 
     Returns:
-        Windows (…, W, size), which are views of the values and not copies.
+        (…, W, size): W windows, as views of the values instead of copies.
     """
     windows = np.lib.stride_tricks.sliding_window_view(values, size, axis=-1)
     return windows[..., :: size // 2, :]
@@ -177,11 +177,11 @@ def half_overlapping_windows(values: Array, size: int) -> Array:
 def windowed_transforms(values: Array, size: int) -> Complex:
     """Returns the Fourier transforms of half-overlapping windows.
 
-    Each window is taken about its mean and through Hann's window, so that neither a constant nor the ends of the window
+    The mean of each window is removed, and a Hann window applied, so that neither a constant nor the ends of the window
     leak into other frequencies.
 
     Args:
-        values: samples (…, N), at least ``size`` of them.
+        values: samples (…, N), at least ``size`` of them; the leading dimensions are free.
         size: number of samples of a window.
 
     Returns:

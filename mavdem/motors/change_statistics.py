@@ -147,7 +147,7 @@ def log_t_density(
 
     Args:
         changes: Changes of a axes for w windows.
-        expected: (..., w, a) expected change, or one that broadcasts.
+        expected: (..., w, a) expected change, or an array or number that broadcasts to it.
         extra_variance: (a,) variance of the expected change.
 
     Returns:

@@ -169,14 +169,17 @@ def _flight_evidence(
     """Compares a flight with healthy flights, by the balance of its motors and by their effort.
 
     The balance is the torque that the motors make in roll, pitch and yaw, relative to their thrust: one weak motor
-    shifts it in its own direction. The effort is their mean output times the voltage. How far the balance deviates is
-    computed first, then how probable each cause of the deviation is. What had changed by the vehicle's previous flight
-    probably persists, so that the probabilities after that flight are the prior of this one.
+    shifts it in its own direction. The effort is their mean output times the voltage. The deviation of the balance is
+    computed first, then the probability of each cause of the deviation. A change that was found in the vehicle's
+    previous flight probably persists, so the probabilities after that flight are the prior of this one.
 
     Args:
-        flight: A flight of which all needed figures are known (``HealthFigures.missing`` is None).
-        healthy: Healthy flights with the same geometry of the motors, without that flight.
-        previous: Evidence of the vehicle's flight before this one; None without one.
+        flight: A flight whose needed figures are all known (``HealthFigures.missing`` is None).
+        healthy: Healthy flights with the same motor geometry, without that flight.
+        previous: Evidence of the vehicle's flight before this one; None for the first one.
+
+    Returns:
+        The deviation, and the probabilities of its causes.
     """
     assert flight.signatures is not None
     balance_prior, effort_prior = None, None
@@ -207,7 +210,10 @@ def _assessment(
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
-        reference: Figures of all facts: how many flights it was compared with, and whether they were chosen.
+        reference: Figures that all facts get: the number of healthy flights, and whether they were chosen by the user.
+
+    Returns:
+        The health, with its fact and probabilities.
     """
     change = evidence.change
     effort = evidence.effort

@@ -89,7 +89,10 @@ def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFig
 
     Args:
         signals: Signals of the vehicle with the motors as model inputs.
-        components: All components in the log, for the advice where there is no settled flight.
+        components: All components in the log, for the advice if there is no settled flight.
+
+    Returns:
+        Trim, headroom and shares at the limits of each motor, and the mean lean of the vehicle, degrees.
 
     Raises:
         NotLearnable: There is no settled flight with motor outputs, the motors never ran, or the vehicle is no
@@ -119,17 +122,20 @@ def hover_figures(
     outputs: Array,
     lean: Mapping[str, float],
 ) -> HoverFigures:
-    """Computes the figures of motors from their outputs in settled flight.
+    """Computes trim, headroom and time at the limits of each motor from its outputs in settled flight.
 
-    Means and shares are over samples. Outputs are turned into fractions of the range by their scale, so that vehicles
-    with PWM (µs) and with normalised outputs have comparable figures.
+    Means and shares are over samples. Outputs are converted to shares of their range, so that vehicles with PWM (µs)
+    and with normalised outputs have comparable figures.
 
     Args:
         names: Names of the k motors.
         scale: Scale of their outputs.
         seconds: Duration of settled flight, s.
         outputs: (N, k) outputs in the unit of the scale.
-        lean: Mean angle, degrees, by axis, as far as it is known.
+        lean: Mean angle, degrees, by axis, if it is known.
+
+    Returns:
+        Figures of the k motors, as fractions of the range.
 
     Raises:
         NotLearnable: The motors never ran.

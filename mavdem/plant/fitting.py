@@ -209,16 +209,19 @@ def fit_gray_box(
 ) -> GrayBoxFit:
     """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
-    The result is the maximum of the posterior over delays of at least 0, and its curvature there; at a delay of 0 that
-    is the curvature of delays above. The level of each window, by how much its errors are larger or smaller than the
-    model's, is found last.
+    The result is the maximum of the posterior over delays of at least 0, and its curvature there. At a delay of 0 the
+    curvature is that towards longer delays. Last, the level of each window is estimated: the ratio of its errors to
+    those that the model expects.
 
     Args:
         model: the model.
-        windows: W windows of a flight.
-        start: parameters θ (k,) to begin with.
-        min_gain: gain of the log posterior, in nats, that must be predicted at the start; else the fit takes no step,
-            which saves the time for a model that would hardly be better.
+        windows: W windows of a flight, as Fourier transforms.
+        start: (k,) parameters θ at which the fit starts.
+        min_gain: gain of the log posterior, in nats, that must be predicted at the start. Otherwise the fit takes no
+            step, which saves time for a model that would hardly be better.
+
+    Returns:
+        Parameters (k,), log posterior, curvature (k, k), and levels (W,).
 
     Raises:
         numpy.linalg.LinAlgError: the log posterior is not finite at the start.

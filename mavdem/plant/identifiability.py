@@ -192,14 +192,14 @@ def identifiability(
 ) -> tuple[dict[str, Status], dict[str, Fact | None]]:
     """Judges which of effect, damping and lag a flight identifies.
 
-    Several obstacles may stand in the way of a parameter, such as too much wind; the worst of them decides. Damping and
-    lag are identified no better than the effect, because a fit compensates a wrong effect by a wrong lag.
+    A parameter may have several obstacles, such as too much wind; the worst of them decides. Damping and lag are
+    identified no better than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
         figures: figures of the fit that are compared with the limits of this module.
 
     Returns:
-        Status by parameter name; and reason by parameter name, ``None`` where the parameter is reported.
+        Status by parameter name; and reason by parameter name, None for a parameter that is reported.
     """
     statuses = dict[str, Status]()
     reasons = dict[str, Fact | None]()

@@ -176,14 +176,17 @@ class GrayBoxModel(NamedTuple):
         return 1 / (np.exp(-thetas[..., self.damping_index]) + 1 / MAX_DAMPING)
 
     def lag(self, thetas: Array, dt: float) -> Array:
-        """Returns the motor lag (…), s, for θ (…, k).
+        """Returns the motor lag, s, of several parameter vectors.
 
         It approaches a lower bound of ``RESOLVED_LAG`` time steps smoothly: samples cannot distinguish a shorter lag
         from a delay.
 
         Args:
-            thetas: parameters θ (…, k).
+            thetas: (…, k) parameter vectors θ.
             dt: time step of the samples, s.
+
+        Returns:
+            (…) lags, s.
         """
         return np.hypot(np.exp(thetas[..., self.lag_index]), RESOLVED_LAG * dt)
 

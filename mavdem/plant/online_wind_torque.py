@@ -158,15 +158,18 @@ def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
 
 
 def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> WindTorqueSmoother:
-    """Fits the physical parameters to the latest samples, and returns the smoother of the wind torque with them.
+    """Fits the physical parameters to the latest samples, and prepares the smoother of the wind torque with them.
 
     The physical parameters are the effect of each input on the angular acceleration, the rate damping, and lag and
-    delay of the motors. All that stays the same until the next fit is computed here once: the discretised plant, its
-    Kalman filter, the mean inputs and the steady torque. This is the slow part, which an executor can run.
+    delay of the motors. Everything that stays the same until the next fit is computed here once: the discretised plant,
+    its Kalman filter, the mean inputs and the steady torque. This is the slow part, which can run in an executor.
 
     Args:
         record: the latest samples of the stream.
-        prior: physical parameters by an earlier flight; ``None`` without one.
+        prior: physical parameters from an earlier flight; None without one.
+
+    Returns:
+        The smoother, for the next samples of the stream.
 
     Raises:
         ValueError: no physical parameters can be fitted to the record.

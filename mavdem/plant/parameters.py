@@ -161,15 +161,16 @@ class Physical(NamedTuple):
     def draws(self, number: int, seed: int = 0) -> Array:
         """Draws samples of the parameters from their normal posterior.
 
-        They serve to carry the uncertainty of the parameters through a calculation that is not linear in them. Lag and
-        delay are bounded below, because a normal distribution also has negative values, and no vehicle has.
+        They carry the uncertainty of the parameters through calculations that are not linear in them. Lag and delay are
+        bounded below, because a normal distribution has negative values too, which no vehicle has.
 
         Args:
-            number: number of samples.
+            number: number N of samples.
             seed: seed of the random numbers.
 
         Returns:
-            (number + 1, r + 3) effect, damping, lag and delay. The first row is the estimate itself.
+            (N + 1, r + 3) samples of the effects of r inputs, damping, lag and delay. The first row is the estimate
+            itself.
         """
         theta = parameter_vector(self)
         samples = normal_draws(theta, self.covariance, number, seed)
@@ -231,9 +232,9 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
     """Returns the derivatives of a function by each parameter, by forward differences.
 
     Args:
-        function: the function of a parameter vector (k,), with values of any shape (…).
-        theta: parameters (k,) at which it is differentiated.
-        value: the function's value there (…), which is known already.
+        function: function of a parameter vector (k,), with values (…) of any shape.
+        theta: (k,) parameters at which it is differentiated.
+        value: (…) value of the function at ``theta``, which the caller has already.
 
     Returns:
         Derivatives (k, …).
@@ -306,7 +307,7 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
 
 
 def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
-    """Returns the reasons of all parameters where those of an earlier flight replace those of this flight.
+    """Returns the reasons of parameters that are taken over from an earlier flight.
 
     Args:
         prior: physical parameters by the earlier flight.

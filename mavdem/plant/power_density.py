@@ -44,13 +44,16 @@ def power_density(
 def window_densities(
     values: Array, rate: float, window_samples: int, without_trend: bool = False
 ) -> PowerDensity:
-    """Estimates the power spectral density of signals in each of W windows, by periodograms through Hann's window.
+    """Estimates the power spectral density of signals in each of W windows, by periodograms through a Hann window.
 
-    Window number i, from 0, begins at sample i times half of the window, rounded up.
+    Windows overlap by half: window i, from 0, begins at sample i times half of the window, rounded up.
 
     Args:
-        values: (…, N) samples.
+        values: (…, N) samples of any number of signals.
         rate, window_samples, without_trend: as for :func:`power_density`.
+        rate: sampling rate, Hz.
+        window_samples: number of samples of a window.
+        without_trend: whether the linear trend of each window is removed too, and not only its mean.
 
     Returns:
         The frequencies (F,), Hz, and the one-sided densities (…, W, F).

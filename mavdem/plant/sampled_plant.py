@@ -36,15 +36,15 @@ class ColouredNoise(NamedTuple):
     """Coefficients of 1 / spectral density, as a polynomial in −ω², highest power first."""
 
     def density(self, omega: Array, sd: Array | float, time: Array | float) -> Array:
-        """Returns the two-sided spectral density of the scaled noise, in unit² per Hz.
+        """Returns the two-sided spectral density of the scaled noise.
 
         Args:
-            omega: angular frequencies, rad/s.
-            sd: standard deviation of the noise, which broadcasts against them.
-            time: unit of the noise's time, s, likewise.
+            omega: (…) angular frequencies, rad/s.
+            sd: standard deviation of the noise; an array (…) broadcasts with ``omega``.
+            time: time scale of the noise, s; an array (…) broadcasts with ``omega``.
 
         Returns:
-            Densities, in the common shape of the arguments.
+            (…) densities, unit² per Hz, in the common shape of the arguments.
         """
         return np.asarray(sd**2 * time / np.polyval(self.inverse_density, -((omega * time) ** 2)))
 
@@ -63,15 +63,18 @@ class WindComponent(NamedTuple):
 
 
 def process_covariance(A: Array, Q: Array, dt: float) -> Array:
-    """Returns the covariance (…, n, n) that white noise of intensity Q adds to dx/dt = A x within dt seconds.
+    """Returns the covariance that white noise of intensity Q adds to dx/dt = A x within dt seconds.
 
-    By the matrix exponential of a block matrix (C. F. Van Loan, "Computing integrals involving the matrix exponential",
-    IEEE Transactions on Automatic Control 23(3), 1978).
+    It is computed by the matrix exponential of a block matrix (C. F. Van Loan, "Computing integrals involving the
+    matrix exponential", IEEE Transactions on Automatic Control 23(3), 1978).
 
     Args:
-        A: system matrices (…, n, n), 1/s.
-        Q: intensities of the white noise (…, n, n).
+        A: (…, n, n) system matrices, 1/s.
+        Q: (…, n, n) intensities of the white noise.
         dt: time step, s.
+
+    Returns:
+        (…, n, n) covariances.
     """
     n = A.shape[-1]
     # The exponential is [[exp(−A dt), G], [0, exp(Aᵀ dt)]], and the covariance is exp(A dt) G.

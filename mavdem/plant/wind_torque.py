@@ -329,11 +329,14 @@ def _torque_errors(
 
 
 def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
-    """Returns values (…, T) less their mean in each part of the flight.
+    """Subtracts from values their mean in each part of the flight.
 
     Args:
-        values: courses of T samples, such as wind torque in rad/s².
+        values: (…, T) values over T samples, such as wind torque in rad/s².
         cuts: ascending indices of the samples at which a new part begins.
+
+    Returns:
+        (…, T) values with mean 0 in each part.
     """
     centred = []
     for part in np.split(values, cuts, axis=-1):

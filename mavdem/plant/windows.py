@@ -95,11 +95,14 @@ class FlightWindows(NamedTuple):
         """Transforms windows of samples to frequencies, and computes the channels of the inputs.
 
         Args:
-            inputs: deviations of the inputs from their trim (W, N, r), in ``unit``.
-            rate: body rate (W, N), rad/s.
-            responses: part of the inputs that responds to the innovation of the same sample (W, N, r).
+            inputs: (W, N, r) deviations of the inputs from their trim, in ``unit``.
+            rate: (W, N) body rate, rad/s.
+            responses: (W, N, r) part of the inputs that responds to the innovation of the same sample.
             dt: time step, s.
             unit: common standard deviation of the inputs, in the record's unit.
+
+        Returns:
+            Transforms of W windows.
         """
         refined = {
             Refinement.JUMPS: with_early_jumps(inputs, 1.0) - inputs,

@@ -48,12 +48,13 @@ ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = False) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
-    Each remedy is given once, and not at all where the next step, which stands beside the report, gives it.
+    Each remedy is stated once, and not at all if the next step, which is shown with the report, contains it.
 
     Args:
-        tuning: advice for each axis, or the fact why there is none.
-        is_full: whether margins and all about the gains are included; otherwise only a sentence, the gains to set, what
-            they are for and what limits them.
+        tuning: advice for each axis, or the fact that says why there is none.
+        is_full: whether margins and everything about the gains are included; otherwise only a sentence, the gains to
+            set, what they are for and what limits them.
+        has_gain_table: whether the page has a table of the gains elsewhere, so that this report needs none.
     """
     blocks = Blocks()
     given_remedies = _texts_of_next_step(tuning)

@@ -237,11 +237,17 @@ def _forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterF
 
 
 def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
-    """Returns the sliders with the ranges of the autopilots' documentation, or wider ones where the log has more.
+    """Returns the sliders of a notch filter: one for each setting that the filter has as a parameter.
+
+    Ranges are those in the documentation of PX4 and ArduPilot, widened if the log has a value beyond them.
 
     Args:
-        tried: the filter.
-        gyro_rate: rate at which it runs, Hz: above a share of it, a notch is off.
+        tried: filter with its parameters.
+        gyro_rate: rate at which the filter runs, Hz. Its centre must be below ``MAX_NOTCH_FREQUENCY_RATIO`` of this
+            rate, since the autopilot switches off a notch above.
+
+    Returns:
+        Sliders with name, unit, range and value.
     """
     highest_center = min(495.0, np.floor(MAX_NOTCH_FREQUENCY_RATIO * gyro_rate))
     ranges = {

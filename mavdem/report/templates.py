@@ -84,7 +84,7 @@ def sentence_and_remedy(fact: Fact) -> Words:
 
 @contextmanager
 def sentences_for(medium: Medium) -> Iterator[None]:
-    """Sets the medium, such as a page or the terminal, for all sentences that are rendered within the block.
+    """Sets the medium, such as a page or the terminal, for all sentences that are rendered within its block.
 
     Sentences differ by medium: the terminal names a command where a page has a table. The setting is a context
     variable, so that other threads are not affected.
@@ -143,6 +143,9 @@ def sentences_by_axes(
     Args:
         facts: pairs of an axis and a fact about it.
         text_of_fact: makes the text of a fact; by default its sentence.
+
+    Returns:
+        Sentences in the order in which their facts come first.
     """
     groups = group_by(facts, lambda axis_and_fact: axis_and_fact[1].replace(axis=""))
     sentences = []
@@ -155,7 +158,11 @@ def sentences_by_axes(
 
 @cache
 def sentence_templates() -> dict[str, dict[str, str]]:
-    """Loads the templates of all facts: sentence, remedy and headline by the value of the fact's code."""
+    """Loads the templates of all facts from ``mavdem/report/sentences``.
+
+    Returns:
+        By the value of the fact's code, the templates by "sentence", "remedy" and "headline".
+    """
     templates = dict[str, dict[str, str]]()
     for path in (files("mavdem.report") / "sentences").iterdir():
         if path.name.endswith(".toml"):
@@ -205,10 +212,13 @@ def _compiled(code: Code, part: str) -> Template:
 
 @cache
 def _section_templates(name: str) -> list[dict[str, Template]]:
-    """Compiles the paragraphs of a section, or loads them compiled: templates by "text", "lead" and "always".
+    """Returns the compiled templates of a section's paragraphs.
 
     Args:
         name: name of the section, such as "why".
+
+    Returns:
+        For each paragraph, its templates by "text", "lead" and "always".
     """
     templates = []
     for number, paragraph in enumerate(_section_paragraphs(name)):
@@ -325,8 +335,11 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
 
     Args:
         value: a fraction where the ``unit`` is " %", otherwise an angle in radians.
-        half_width: in the same unit as ``value``. It is left out where it is not known or rounds to nothing.
-        unit: " %" or what stands behind an angle.
+        half_width: half width in the same unit as ``value``; None if it is not known. It is left out if it rounds to 0.
+        unit: " %", or the unit that follows an angle.
+
+    Returns:
+        The text, with the unit.
     """
     scale = 100.0 if unit == " %" else degrees(1)
     shown_half_width = scale * (half_width or 0.0)
@@ -338,13 +351,17 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
 
 
 def rounded_below(value: float, limit: float) -> str:
-    """Formats a ``value`` below a ``limit`` with so many decimals that the text, too, is below the limit.
+    """Formats a value below a limit with so many decimals that the text, too, is below the limit.
 
-    4.97 below 5 is "4.97", since "5.0" would contradict the sentence. A single decimal that is 0 is left out.
+    For example 4.97 below 5 is "4.97", since "5.0" would contradict the sentence. A single decimal that is 0 is left
+    out.
 
     Args:
-        value: the number.
+        value: the number, less than the limit.
         limit: the limit, in the same unit.
+
+    Returns:
+        The text, without a unit.
     """
     text = f"{value:.6g}"
     for decimals in range(1, MAX_DECIMALS_BELOW_LIMIT + 1):

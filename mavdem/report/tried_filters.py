@@ -68,13 +68,20 @@ class TriedFilter(NamedTuple):
 def tried_filters(
     controller: Controller, noise: MeasuredNoise, peaks: Numbers, motor_frequencies: Numbers
 ) -> tuple[TriedFilter, ...]:
-    """Returns the filters to try, at least one.
+    """Returns the notch filters whose settings a reader can try on a flight's page.
+
+    A filter that the log has gets its logged settings. The first filter is always there; if it is off, it is put on the
+    strongest line.
 
     Args:
         controller: controller with the parameters of the log.
-        noise: spectra of the flight with the advice.
-        peaks: frequencies of the strongest lines, Hz, at least one, on which filters that are off are put.
-        motor_frequencies: revolutions per second of each motor in flight; empty where they were not measured.
+        noise: spectra of the flight, with the advised settings of a notch.
+        peaks: frequencies of the strongest lines, Hz, at least one. The n-th filter is put on the n-th line if it is
+            off.
+        motor_frequencies: revolutions per second of each motor in flight; empty if they were not measured.
+
+    Returns:
+        Filters of ArduPilot (INS_HNTCH, INS_HNTC2) or PX4 (IMU_GYRO_NF0, IMU_GYRO_NF1).
     """
     advised: Parameters = {}
     if noise.notch is not None and noise.notch.code is NotchAdvice.SET_NOTCH:
@@ -97,11 +104,14 @@ def tried_filters(
 
 
 def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:
-    """Returns the frequencies, Hz, of the lines, the strongest first; without any, that of the highest density.
+    """Returns the frequencies of the spectral lines, the strongest first.
 
     Args:
         noise: spectra of the flight with their lines.
-        spectrum: of the gyro, which reaches above all rate loops.
+        spectrum: spectrum of the gyro, which extends above the bandwidth of all rate loops.
+
+    Returns:
+        Frequencies, Hz. Without any line, the one with the highest density above the bandwidth.
     """
     if noise.lines:
         lines = sorted(noise.lines, key=lambda line: -line.density)

@@ -230,13 +230,15 @@ def summary_adapter() -> TypeAdapter[VehicleSummary]:
 def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     """Counts the flights under one name.
 
-    Flights at the same time are one flight, which two logs have; under an unknown or shared name they may be of
-    different vehicles. The rows of a flight may have different durations, since an axis may lack data; the longest
-    counts.
+    Flights at the same time are two logs of one flight, unless the name is unknown or shared by several vehicles. The
+    rows of a flight may have different durations, since an axis may lack data; the longest is taken.
 
     Args:
-        name: the name.
-        flights: the flights in order of date.
+        name: the name; ``UNKNOWN`` for logs without one.
+        flights: rows of each flight, in the order of date.
+
+    Returns:
+        Counts, total duration and dates.
     """
     counted: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):

@@ -229,6 +229,9 @@ class Api:
         Args:
             request: the request, with the id of the flight in its path.
 
+        Returns:
+            A response without a body (status 204).
+
         Raises:
             Refusal: the sender may not change flights, or there is no such flight.
         """
@@ -269,6 +272,9 @@ class Api:
                 ``boot`` (number of the autopilot's boot, from 0), ``vehicle`` (``SYSTEM_COMPONENT``), ``start`` and
                 ``end`` (s), and ``points``.
 
+        Returns:
+            A ``PlottedField`` as JSON: times, values, and how many samples the log has; NaN and infinity become null.
+
         Raises:
             Refusal: the sender may not have the log, it has no such field, or a number of the query is none.
         """
@@ -304,13 +310,13 @@ class Api:
         )
 
     def _log_of_fields(self, request: HttpRequest) -> tuple[Entry, Path]:
-        """Returns a flight, and the path of its log.
+        """Returns a flight and the path of its log, whose fields the request is about.
 
         Args:
             request: the request, with the id of the flight in its path.
 
         Raises:
-            Refusal: the sender may not have the log, or it is not there.
+            Refusal: the sender may not have the log, or its file is missing.
         """
         entry = self._visible.entry(request, request.path_params["id"])
         log = self._visible.log_path(request, entry)
@@ -329,6 +335,9 @@ class Api:
 
         Args:
             request: the request, with the id of the flight in its path.
+
+        Returns:
+            JSON with the address of the viewer, or with the progress of the recording.
 
         Raises:
             Refusal: the sender may not start programs here, there is no such flight, or it has no recording.

@@ -160,10 +160,13 @@ class Server:
         self._library.close()
 
     def _guarded(self, endpoint: Callable[[HttpRequest], Any]) -> Endpoint:
-        """Wraps an endpoint so that refusals become answers, and all answers get the security headers.
+        """Wraps an endpoint so that refusals become responses, and all responses get the security headers.
 
         Args:
             endpoint: a coroutine function, or a plain function, which is then called in a thread.
+
+        Returns:
+            A coroutine function that answers a request.
         """
 
         async def answer(request: HttpRequest) -> Response:
@@ -198,13 +201,16 @@ class Server:
         return answer
 
     def _answer_to_defect(self, request: HttpRequest, error: Exception) -> Response:
-        """Returns the answer after an unexpected error, which Starlette raises again so that it is printed.
+        """Returns the response after an unexpected error, which Starlette raises again to print the traceback.
 
-        The cause is a defect of the program, or a file in the library's folder that was damaged.
+        The cause is a defect of the program, or a damaged file in the library's folder.
 
         Args:
             request: the request whose endpoint raised the error.
-            error: the error; only the name of its class is sent, since its text may contain paths of this machine.
+            error: the error; only the name of its class is sent, since its message may contain paths of this machine.
+
+        Returns:
+            A response with the status 500 and the headers of all responses.
         """
         fact = Fact(Request.ANSWER_FAILED, because=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
@@ -212,16 +218,19 @@ class Server:
         return response
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
-        """Returns the answer with the reason of a refusal: JSON for programs, a page for browsers.
+        """Returns the response that gives the reason of a refusal: JSON for programs, a page for browsers.
 
-        The path of the URL decides which of the two it is. The page for a missing right asks for the token. Whoever
-        calls this adds the headers of every answer.
+        The path of the URL decides which of the two is sent. The page for a missing right asks for the token. The
+        caller adds the headers that all responses have (:func:`_response_headers`).
 
         Args:
             request: the request that was refused.
-            fact: the reason, whose code gives the HTTP status.
+            fact: the reason, whose code selects the HTTP status from ``STATUS_BY_REFUSAL``.
+
+        Returns:
+            A JSON document of the kind "error", or an HTML page. A status of 503 comes with the header Retry-After.
         """
-        # All codes but those of requests come from reading a file that is no log (415: unsupported media type).
+        # Codes of other enumerations come from reading an uploaded file that is no log (415: unsupported media type).
         default_status = 400 if isinstance(fact.code, Request) else 415
         status = STATUS_BY_REFUSAL.get(fact.code, default_status)
         headers = RETRY_HEADERS if status == 503 else None

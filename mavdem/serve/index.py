@@ -180,11 +180,14 @@ def find_by_digest(db: sqlite3.Connection, digest: str) -> Entry | None:
 def entry_from_row(row: sqlite3.Row) -> Entry:
     """Converts a row of the table to an entry.
 
-    Empty columns get the defaults of the fields. A digest that is no SHA-256 is dropped: it becomes part of paths, and
-    must not lead out of the library's folder even if somebody has altered the index.
+    Empty columns get the defaults of the fields. The digest becomes part of paths, and must not lead out of the
+    library's folder even if somebody altered the index; so one that is not a SHA-256 is dropped.
 
     Args:
         row: a row of the table ``entries``.
+
+    Returns:
+        The entry; its digest is empty if that of the row was dropped.
     """
     values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
     entry = Entry(**values)
@@ -206,6 +209,9 @@ def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
     Args:
         file: path of the log, as the fleet's rows have it.
         rows: the fleet's rows of this log, at least one.
+
+    Returns:
+        An entry with a new id, without a digest.
     """
     first_row = rows[0]
     columns = columns_of_flight(rows)

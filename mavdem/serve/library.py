@@ -363,12 +363,15 @@ class Library:
         return LogSource(str(self.log_path(entry)), size=UNKNOWN_SIZE, version="")
 
     def change(self, id: str, **columns: Any) -> Entry:
-        """Sets columns of an entry, and returns the changed entry.
+        """Sets columns of an entry.
 
         Args:
             id: id of the entry.
-            **columns: new values by the name of the column. Names become part of the SQL, so that they must come from
-                this program and not from a request.
+            **columns: new values by the name of the column. The names become part of the SQL, so they must come from
+                this program and never from a request.
+
+        Returns:
+            The changed entry.
 
         Raises:
             Refusal: there is no entry with this id.
@@ -431,6 +434,9 @@ class Library:
             entry: the flight.
             sharing: whom the new upload shares it with; it counts only if that is wider than before.
             note: note of the new upload; it counts only if there is none yet.
+
+        Returns:
+            The changed entry.
         """
         # The members of Sharing are in the order of how many people see the flight.
         narrow_to_wide = [str(member) for member in Sharing]

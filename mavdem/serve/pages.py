@@ -110,11 +110,14 @@ class Pages:
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the list of flights, newest first, or with those that a search finds.
 
-        What the request asks for is checked by the visible library: a visitor without the right to read sees only
-        public flights, and neither names of vehicles nor troubles with motors.
+        The visible library checks what the request asks for: a visitor without the right to read sees only public
+        flights, and neither names of vehicles nor troubles with motors.
 
         Args:
-            request: the request, whose query may have a search.
+            request: the request, whose query may contain a search.
+
+        Returns:
+            The page "library".
         """
         result = self._visible.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible.visitor_values(request)
@@ -145,6 +148,9 @@ class Pages:
 
         Args:
             request: the request, with the id of the flight in its path.
+
+        Returns:
+            The page of the flight, or that of its progress.
 
         Raises:
             Refusal: there is no such flight, or the visitor may not see it.
@@ -179,6 +185,9 @@ class Pages:
 
         Args:
             request: the request, with the id of the flight in its path.
+
+        Returns:
+            The page "viewer", whose security policy permits the frame.
 
         Raises:
             Refusal: the visitor may not read, there is no such flight, or it has no recording.
@@ -297,6 +306,9 @@ class Pages:
         Args:
             request: the request, with the name of the vehicle in its query.
 
+        Returns:
+            The page of the vehicle.
+
         Raises:
             Refusal: the visitor may not read, or the library has no flight of such a vehicle.
         """
@@ -325,11 +337,14 @@ class Pages:
     def compare(self, request: HttpRequest) -> Response:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.
 
-        It has what changed of the vehicle, by the fleet's rows of both flights, and which parameters were set anew, by
-        the gains in the index.
+        It states what changed of the vehicle, by the fleet's rows of both flights, and which gains were changed, by the
+        parameters in the index.
 
         Args:
             request: the request, with both ids in its query.
+
+        Returns:
+            The page of the comparison.
 
         Raises:
             Refusal: the visitor may not read, or there is no such flight.

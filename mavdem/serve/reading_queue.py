@@ -104,12 +104,15 @@ def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
 def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
     """Estimates how long the reading of a log takes, s, from the logs of similar size that were read before.
 
-    Each of the ``NEIGHBOURS`` logs of the nearest sizes gives an estimate: its own duration, scaled in proportion to
-    the size. The median of these estimates is returned.
+    Each of the ``NEIGHBOURS`` logs nearest in size gives an estimate: its own duration, scaled in proportion to the
+    size. The result is their median.
 
     Args:
         size: size of the log, B.
-        history: logs that were read, at least one, in order of size.
+        history: sizes and durations of logs that were read, at least one, in order of size.
+
+    Returns:
+        Estimated duration, s.
     """
     # The neighbours are centred on the place of this size in the order, but stay within the list.
     place = bisect(history, ReadLogSize(size, math.inf))

@@ -184,8 +184,11 @@ def _listening_socket(host: str, port: int) -> socket.socket:
         host: name or number of the address.
         port: number of the port; 0 for a free one.
 
+    Returns:
+        The socket, bound and listening.
+
     Raises:
-        Unreadable: the address is taken, or is none of this machine.
+        Unreadable: the address is in use, or does not belong to this machine.
     """
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]

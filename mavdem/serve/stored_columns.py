@@ -187,13 +187,16 @@ def _numeric_columns(columns: Columns) -> int:
 
 
 def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
-    """Appends the columns of a vehicle to the file of columns, and returns the list of where each of them begins.
+    """Appends the columns of a vehicle to the file of columns, each at an aligned offset.
 
     Only numeric columns are written: truth values, integers and floating-point numbers.
 
     Args:
-        telemetry: what the vehicle sent.
+        telemetry: messages of the vehicle.
         file: the file of columns, open for writing.
+
+    Returns:
+        Name and messages of the vehicle, with offset, type and shape of each column.
 
     Raises:
         Unreadable: the columns take more than ``MAX_COLUMN_BYTES``.

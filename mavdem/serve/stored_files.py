@@ -79,10 +79,10 @@ def stored_file_name(name: str) -> str:
 
 @contextmanager
 def refuse_full_disk() -> Iterator[None]:
-    """Turns an error of SQLite or the operating system within its block that the disk is full into a refusal.
+    """Returns a context that turns errors of SQLite or the operating system about a full disk into refusals.
 
     Raises:
-        Refusal: the disk, or the quota of the user on it, is full.
+        Refusal: the disk, or the user's quota on it, is full.
     """
     try:
         yield
@@ -136,12 +136,15 @@ class ServerLock:
 
 
 def register_server(path: Path) -> ServerLock:
-    """Makes the file by which other servers know of a server that starts, and returns the lock that it holds.
+    """Creates the file that shows a running server to other servers, and takes its lock.
 
-    The lock is taken before the file is made: other servers take a file without a lock for that of a dead server.
+    The lock is taken before the file is created: a file without a lock counts as that of a dead server.
 
     Args:
-        path: path of the server's file; its lock lies beside it.
+        path: path of the server's file; the lock file is beside it.
+
+    Returns:
+        The lock, which the server holds until it ends.
 
     Raises:
         Timeout: another process holds the lock.
@@ -179,7 +182,10 @@ def remove_server(path: Path) -> None:
 def sync_folder(folder: Path) -> None:
     """Writes the entries of a folder to the disk, so that the names of its files survive a power failure.
 
-    Windows cannot open a folder, and its file system has a journal of them.
+    Windows cannot open a folder; its file system keeps a journal of the entries, so nothing is done there.
+
+    Args:
+        folder: the folder.
     """
     try:
         descriptor = os.open(folder, os.O_RDONLY)

@@ -134,8 +134,11 @@ def _start_viewer(recording: Path) -> WebServer:
     Args:
         recording: path of the recording that it shows.
 
+    Returns:
+        The running viewer.
+
     Raises:
-        Refusal: it ended, or did not answer within ``MAX_START_SECONDS``.
+        Refusal: the viewer ended, or did not answer within ``MAX_START_SECONDS``.
     """
     # Importing Rerun takes a second, which the start of the server should not.
     from mavdem.view import WebServer

@@ -198,7 +198,7 @@ def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPai
 
     Args:
         frequency: frequencies (F,), Hz.
-        density: densities of any kind (…, F).
+        density: densities (…, F) of any kind; the leading dimensions are free.
         max_points: largest number of frequencies of the result.
 
     Returns:

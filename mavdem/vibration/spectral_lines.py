@@ -200,10 +200,10 @@ class _LogSpectra:
         """Returns the logarithmic density of each window at a frequency of its own.
 
         Args:
-            frequencies: a frequency for each window (…, W), Hz.
+            frequencies: (…, W) a frequency, Hz, for each of W windows; the leading dimensions are free.
 
         Returns:
-            Density at the higher of the two bins between which the frequency lies (…, W).
+            (…, W) natural logarithms of the density, at the higher of the two bins between which the frequency lies.
         """
         # The bin below each frequency, which needs a neighbour above it.
         bins = (frequencies / self.frequency_step).astype(int)
@@ -267,7 +267,7 @@ class _Track(NamedTuple):
 
 
 def _track(windows: _LogSpectra, frequency: float) -> _Track:
-    """Determines how a line moves with the drive through the windows, and its exact frequency.
+    """Determines how a line moves with the drive (motors' speed or throttle), and its exact frequency.
 
     A line of frequency f and exponent γ is at f · drive^γ in each window. Its exponent is the one of ``EXPONENTS`` for
     which the logarithmic density there is highest, averaged over windows. The spectra are aligned by it, and the
@@ -277,6 +277,9 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
     Args:
         windows: the logarithmic spectra.
         frequency: approximate frequency of the line at the median drive, Hz.
+
+    Returns:
+        Exponent, its scores, mean of the aligned spectra, top bin, and frequency at the median drive, Hz.
     """
     for _ in range(EXPONENT_PASSES):
         scores = windows.along(frequency * windows.drive ** EXPONENTS[:, None])
@@ -301,16 +304,19 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     """Describes the line at a peak of a mean spectrum: its kind, frequency, height and width.
 
     The peak is followed through the windows as the drive (motors' speed or throttle) changes, which gives its exact
-    frequency and its kind. Its ratio is its height over the median density around it.
+    frequency and its kind. The ratio of a line is its height over the median density around it.
 
-    A mean may have a peak where lines of single windows cross, or by one strong window. A true line rises above its
-    surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of a peak that does not is set to 0, so that the
-    caller leaves it out.
+    The mean may have a peak where lines of single windows cross, or because of one strong window. A true line rises
+    above its surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of any other peak is set to 0, so that
+    the caller leaves it out.
 
     Args:
-        spectrum: spectrum of one sensor, for its highest frequency and the motors' speed.
-        windows: the logarithmic spectra of the same spectrum.
+        spectrum: spectrum of one sensor, which gives the highest frequency and the motors' speed.
+        windows: logarithmic spectra of the windows of the same sensor.
         frequency: frequency of the peak, Hz.
+
+    Returns:
+        The line, at the median drive.
     """
     track = _track(windows, frequency)
     kind = _kind(track)

@@ -106,15 +106,18 @@ class Pose:
 
 
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
-    """Collects what the 3D view shows of a simulated flight: the simulator's record, and where the rotors are.
+    """Collects what the 3D view shows of a simulated flight: its motion, and the positions of the rotors.
 
-    The simulator is a package of its own, which the view does not import. So its record is read by the names of its
-    attributes, which are those of the fields of ``Pose``.
+    The simulator is a package of its own, which the view does not import. So its record is read by attributes that have
+    the names of the fields of ``Pose``.
 
     Args:
         motion: record of the simulated motion, with an attribute for each field of ``Pose`` except ``rotors``.
         rotors: two sequences with an entry for each rotor: its distances forward of the centre of mass, and those to
             the right of it, m. ``Pose`` has them as rows (rotors, 2).
+
+    Returns:
+        The pose over time.
 
     Raises:
         AttributeError: the record lacks a field.
@@ -127,12 +130,14 @@ def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
 
 
 def write_pose(path: PathName, name: str, pose: Pose) -> None:
-    """Writes a simulated flight as an .rrd file with its own layout, completely or not at all.
+    """Writes the motion of a simulated flight to a Rerun recording (.rrd): 3D scene beside plots that play in a loop.
+
+    The file is written completely or not at all.
 
     Args:
         path: path of the file.
         name: name of the recording.
-        pose: the flight.
+        pose: samples of the flight, of which only those of :meth:`Pose.drawn_samples` enter the scene.
 
     Raises:
         OSError: the file cannot be written.

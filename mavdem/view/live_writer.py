@@ -272,7 +272,7 @@ class LiveWriter:
         Args:
             lines: the lines, whose path begins with that of the plot.
             values: (N, k) values of k lines.
-            finite_values: all finite ones among them.
+            finite_values: (n,) all finite ones among the values.
             clip: whether to clip, to the range and ``CLIP_SPANS`` times its span beyond. In a plot without a range
                 nothing is clipped.
 

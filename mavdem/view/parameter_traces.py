@@ -40,6 +40,9 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
     Args:
         physical: the first estimate, whose sizes decide the power of ten of each unit.
         input_unit: unit of the inputs.
+
+    Returns:
+        Name, unit, scale and colour of each of the three lines.
     """
     # Estimates of parameters that are not identifiable yet are numbers, too, and give a scale.
     mean_effect, _ = physical.mean_effect()
@@ -52,7 +55,7 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
 
 
 def _trace(name: str, unit: str, unit_scale: float, value: float, colour: str) -> ParameterTrace:
-    """Chooses the power of ten in which a parameter is drawn, and returns its line's name, colour and scale.
+    """Chooses the power of ten in which a parameter is drawn.
 
     Args:
         name: name of the parameter.
@@ -60,6 +63,9 @@ def _trace(name: str, unit: str, unit_scale: float, value: float, colour: str) -
         unit_scale: factor from the unit of data to the unit that people read.
         value: the parameter, in the unit of data.
         colour: colour of the palette.
+
+    Returns:
+        The parameter's line: its name with unit, its colour, and the factor from data to the plot.
     """
     shown_value = max(unit_scale * abs(value), np.finfo(np.float64).tiny)
     power = floor(log10(shown_value / LARGEST_SHOWN_NUMBER)) + 1

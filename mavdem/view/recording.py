@@ -146,12 +146,15 @@ class RecordingTabs:
     def flight(
         self, learned: Learned, held_out: HeldOut, series: Mapping[str, Series]
     ) -> rrb.Container:
-        """Draws the first tab: the plots of a live session, over the whole flight, with headline, lights and events.
+        """Draws the first tab: the plots of a live session over the whole flight, with headline, lights and events.
 
         Args:
             learned: the model.
-            held_out: the forecasts, by windows that the model was not trained on.
+            held_out: forecasts in windows that the model was not trained on.
             series: outputs and free energy (T, k) by name.
+
+        Returns:
+            The tab.
         """
         conclusion = self.conclusion()
         events = log_text(self._recording, "events", "", events_text(self._timeline.events))
@@ -217,7 +220,11 @@ class RecordingTabs:
         return over_time("Wind", "m/s", ())
 
     def motion(self) -> rrb.Container:
-        """Draws the angles of all axes with setpoints, the rates in one plot, and the event log beside them."""
+        """Draws the angles of all axes with their setpoints, and all rates in one plot, beside the event log.
+
+        Returns:
+            The tab "Motion".
+        """
         charts: list[Chart] = []
         rate_lines = []
         # Each axis has a chart of its angle, and where the rate was recorded a second one.
@@ -248,11 +255,14 @@ class RecordingTabs:
         return [rrb.Vertical(*views, name="Vehicle")]
 
     def wind(self, learned: Learned, clock: Array) -> list[rrb.Container]:
-        """Draws the wind and its torque, with marks where gusts begin; nothing where neither is known.
+        """Draws the wind and its torque, with marks where gusts begin.
 
         Args:
             learned: the model.
             clock: (T,) times of the samples that it was trained on, s.
+
+        Returns:
+            The tab "Wind"; none if neither is known.
         """
         if not self._timeline.wind_charts:
             return []
@@ -311,10 +321,13 @@ class RecordingTabs:
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
     def free_energy(self, series: Mapping[str, Series]) -> list[rrb.Container]:
-        """Draws the terms of F(t) and their running sum, which ends at F̄; nothing of a model without terms.
+        """Draws the terms of F(t), and the sum of F(t) from the first sample on, which ends at F̄.
 
         Args:
             series: values (T, k) by name.
+
+        Returns:
+            The tab "Free energy"; none for a model without terms.
         """
         terms = series.get(FREE_ENERGY_TERMS)
         if terms is None:
@@ -340,8 +353,11 @@ class RecordingTabs:
 
         Args:
             learned: the model.
-            held_out: the forecasts, by windows that the model was not trained on.
+            held_out: forecasts in windows that the model was not trained on.
             series: times (T,) and values (T, k) by name: outputs, and process noise of the states.
+
+        Returns:
+            The tab "Forecast".
         """
         charts = []
         for output, unit in enumerate(Labels.of(learned).output_units):
@@ -356,12 +372,15 @@ class RecordingTabs:
         return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
-        """Draws how the model was learned: how far F̄ is below its maximum at each iteration, and a text.
+        """Draws how far F̄ was below its maximum at each iteration of learning, beside a text of details.
 
         F̄ is the free energy action that learning maximises, in nats.
 
         Args:
             learned: the model.
+
+        Returns:
+            The tab "Learning".
         """
         energy = learned.free_energy.total
         # A fit of one or two iterations still shows its last one.
@@ -378,12 +397,15 @@ class RecordingTabs:
     def _draw_charts(
         self, folder: str, charts: Sequence[Chart], *marks: EventMarks
     ) -> list[rrb.View]:
-        """Draws charts, each with upright lines at the times of events, and returns their views in the same order.
+        """Draws charts, each with vertical lines at the times of events.
 
         Args:
             folder: path of the entities; each chart has its number within it.
             charts: charts over time.
             marks: events to mark; alarms are marked in any case.
+
+        Returns:
+            Views of the charts in the same order.
         """
         all_marks = *marks, EventMarks("went wrong", palette.BAD, self._alarm_times)
         views = []
@@ -393,13 +415,16 @@ class RecordingTabs:
         return views
 
     def _draw_bars(self, origin: str, name: str, positions: Array, values: Array) -> rrb.View:
-        """Draws bars and returns their view.
+        """Draws a bar chart.
 
         Args:
-            origin: the entity.
+            origin: path of the entity.
             name: title of the view.
-            positions: (N,) centres of the bars, at even distances.
-            values: (N,) their heights.
+            positions: (N,) centres of the bars, at equal distances.
+            values: (N,) heights of the bars.
+
+        Returns:
+            View of the chart.
         """
         distance = float(positions[1] - positions[0]) if len(positions) > 1 else 1.0
         width = BAR_WIDTH * distance
@@ -417,13 +442,16 @@ class RecordingTabs:
 def log_text(
     recording: rr.RecordingStream, origin: str, name: str, content: str | Iterable[Block]
 ) -> rrb.View:
-    """Writes a text into a recording, and returns the view that shows it.
+    """Adds a text to a recording.
 
     Args:
         recording: recording to write into.
         origin: path of the text's entity.
         name: title of the view; without one, the view has no title bar.
-        content: the text, as Markdown or as blocks.
+        content: the text, as Markdown or as blocks of a report.
+
+    Returns:
+        The view that shows the text.
     """
     text = utf8_text(content if isinstance(content, str) else markdown(content))
     recording.log(origin, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
@@ -431,25 +459,30 @@ def log_text(
 
 
 def forecast_chart(output: int, held_out: HeldOut, measured: Series, label: str) -> Chart:
-    """Returns a chart of one output as measured, and its forecasts in held-out windows with their bands.
+    """Returns a chart of one output as measured, and of its forecasts in held-out windows with their bands.
+
+    Forecasts of an unstable model may overflow, so curves are clipped at ``CLIP_SPANS`` times the range of the
+    measurement beyond its ends.
 
     Args:
         output: index of the output.
-        held_out: the forecasts, in W windows of H samples.
-        measured: the outputs of the whole flight.
-        label: unit of the output in the data, such as rad. The chart has the unit that people read, such as degrees.
+        held_out: forecasts of W windows with H samples each, (W, H, outputs), and half widths of their bands.
+        measured: outputs of the whole flight, (T, outputs).
+        label: unit of the output in the data, such as rad. The chart is in the unit that people read, such as degrees.
+
+    Returns:
+        A chart over time with a line of the measurement and one of the forecast, interrupted between windows.
     """
     unit = display_unit(label)
     name = measured.names[output].capitalize()
     values = unit.scale * measured.values[:, output]
-    # A NaN after each window keeps a line from being drawn to the next one.
+    # A NaN after the last sample of each window keeps a line from being drawn to the next one.
     gap = ((0, 0), (0, 1))
     forecasts = np.pad(held_out.forecasts[FORECAST][:, :, output], gap, constant_values=np.nan)
     bands = np.pad(held_out.band[:, :, output], gap, constant_values=np.nan)
     time = np.pad(held_out.time, gap, mode="edge").ravel()
     forecast = unit.scale * forecasts.ravel()
     half_width = unit.scale * bands.ravel()
-    # The forecast of an unstable model may overflow.
     low, high = range_of(values)
     clip = CLIP_SPANS * (high - low)
     curves = np.array([forecast, forecast - half_width, forecast + half_width])

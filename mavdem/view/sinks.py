@@ -85,14 +85,17 @@ def show(path: PathName) -> str:
 
 
 def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Popen[bytes]:
-    """Starts the program that belongs to the package rerun, without reports of its use.
+    """Starts the program of the package rerun, with its reports of usage switched off.
 
-    ``rerun analytics disable`` would decide for its user for good. Rerun does not report where ``CI`` is set, unless it
-    is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
+    ``rerun analytics disable`` would change the user's setting for good. Rerun does not report if ``CI`` is set, unless
+    it is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
 
     Args:
         options: options of the program.
-        ends_with_process: whether it ends with this process, for whatever reason this ends.
+        ends_with_process: whether the program ends with this process, for whatever reason this process ends.
+
+    Returns:
+        The running program.
     """
     command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options]
     if ends_with_process:
@@ -208,10 +211,13 @@ class RecordingFile(Sink):
                 raise OSError(exit_code, "not completed", str(self.path))
 
     def _cut_to_complete_messages(self) -> bool:
-        """Cuts the file after its last complete message; returns whether there was more.
+        """Cuts the file after its last complete message.
 
         Each message has a header with its length, by which the next header is found. The loop ends at the first header
         that is incomplete, or that lies beyond the end of the file because the message before it is.
+
+        Returns:
+            Whether an incomplete message was cut off.
         """
         size = self.path.stat().st_size
         with self.path.open("rb") as file:
@@ -344,10 +350,13 @@ def sinks_for(
 
 
 def open_window() -> Viewer:
-    """Starts the Rerun viewer in a window of its own, and returns the sink that sends to it.
+    """Starts the Rerun viewer in a window of its own.
 
     The viewer takes a free port, so that several can run. It stays open after this process ends. Both its server and
     the window itself drop the oldest data beyond their limits of memory.
+
+    Returns:
+        The sink that sends data to the viewer.
     """
     port = free_port()
     start_rerun(

@@ -138,14 +138,17 @@ class WindVelocity(ImmutableResult):
         return self.as_polar(self.velocity, self.band)
 
     def as_polar(self, velocity: Array, band: Array) -> PolarWind:
-        """Converts a course of wind velocity to speed and direction, so that it can be drawn beside this wind.
+        """Converts the velocity of the air over time to speed and direction, to be drawn together with this wind.
 
-        Directions are given within half a turn of the mean direction of this wind, or of north where that is not
-        identifiable, so that their line does not jump at north.
+        Directions are within half a turn of the mean direction of this wind, or of north if that is not identifiable,
+        so that their line does not jump at north.
 
         Args:
             velocity: (N, 2) velocity of the air, north and east, m/s.
             band: (N, 2) half widths of its band, m/s.
+
+        Returns:
+            Speed, m/s, and direction (N,) with half widths of their bands.
         """
         mean_direction = self.direction if self.direction_identifiable else 0.0
         return speed_and_direction(velocity, band, mean_direction)

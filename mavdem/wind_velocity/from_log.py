@@ -147,13 +147,16 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
-        vehicle: "system" or "system:component", where the log holds several.
-        drag: drag of the vehicle; without it, the autopilot's own coefficients where somebody set them, or the
-            population's.
+        vehicle: "system" or "system:component", if the log contains several vehicles.
+        drag: drag of the vehicle; None for the autopilot's coefficients if they were set, and otherwise for those of a
+            population of vehicles.
+
+    Returns:
+        The wind velocity, with its bands and gusts.
 
     Raises:
         Unreadable: the log cannot be read.
-        NotLearnable: it holds no vehicle, no velocity, no yaw or no flight, or no free one.
+        NotLearnable: the log has no vehicle, no velocity, no yaw, no flight, or only a flight that was not free.
     """
     log = read_log(path)
     telemetry = choose_vehicle(log.vehicles, vehicle)

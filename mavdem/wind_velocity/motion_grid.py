@@ -273,13 +273,16 @@ def flight_grid(
     max_steps: int = MAX_STEPS,
     wind: Array | None = None,
 ) -> MotionGrid:
-    """Puts a whole flight on a grid, with longer steps where samples are slower or the flight is long.
+    """Puts a whole flight on an even time grid, with longer steps if samples are slower or the flight is long.
 
     Args:
         samples: samples of the flight's motion.
         step: shortest time step, s.
         max_steps: largest number of steps.
-        wind: known velocity of the air (N, 2), as for :func:`motion_grid`.
+        wind: (N, 2) known velocity of the air, as in :func:`motion_grid`; None to estimate it.
+
+    Returns:
+        The motion on the grid.
 
     Raises:
         NotLearnable: too little of the motion is complete.
@@ -293,12 +296,15 @@ def flight_grid(
 
 
 def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSamples:
-    """Checks the arguments of the wind estimation, and leaves out samples that are not finite.
+    """Checks the arguments of the wind estimation, and removes samples that are not finite.
 
     Args:
-        time: stamps (T,), s.
-        attitude: roll, pitch and yaw (T, 3), rad.
-        velocity: over ground, north, east and down (T, 3), m/s.
+        time: (T,) stamps, s.
+        attitude: (T, 3) roll, pitch and yaw, rad.
+        velocity: (T, 3) velocity over ground, north, east and down, m/s.
+
+    Returns:
+        The finite samples, with flags (T,) of which these are.
 
     Raises:
         ValueError: other shapes, stamps that do not ascend or span more than a day, or an attitude in degrees.

@@ -126,7 +126,10 @@ def axis_drag(logarithms: Array) -> AxisDrag:
     """Returns the drag along body x and y.
 
     Args:
-        logarithms: (…, 4 or more), of which the first four are those of ``Drag.mean``.
+        logarithms: (…, 4 or more) logarithmic parameters, of which the first four are those of ``Drag.mean``.
+
+    Returns:
+        Linear and quadratic coefficients (…, 2) along body x and y.
     """
     log_linear = logarithms[..., [LOG_LINEAR]]
     log_quadratic = logarithms[..., [LOG_QUADRATIC]]
@@ -329,14 +332,17 @@ class Drag(ImmutableResult):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Drag:
-        """Makes a drag from plain values, as of a file; it reverses :meth:`as_dict`.
+        """Makes a drag from plain values, such as those of a JSON file; the inverse of :meth:`as_dict`.
 
         Args:
-            values: ``mean`` (6,), ``covariance`` (6, 6) and ``source``; others are not needed.
+            values: ``mean`` (6,), ``covariance`` (6, 6) and ``source``; other keys are ignored.
+
+        Returns:
+            The drag.
 
         Raises:
             KeyError: a value is missing.
-            ValueError: a value has another shape, or no vehicle can have such a drag.
+            ValueError: a value has another shape, or the drag is physically impossible.
         """
         mean = np.array(values["mean"], float).reshape(DRAG_PARAMETERS)
         covariance = np.array(values["covariance"], float)

@@ -128,26 +128,27 @@ def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerW
 
 
 def _is_used(parameters: Parameters, number: int) -> bool | None:
-    """Returns whether ArduPilot's parameters use an IMU: it is switched on, and a core of the estimator has it.
+    """Returns whether ArduPilot uses an IMU: it is switched on, and an instance of the EKF runs on it.
 
     Args:
         parameters: parameters of the autopilot.
         number: number of the IMU.
 
     Returns:
-        None where the parameters do not say it.
+        Whether it is used; None if the parameters do not contain it.
     """
     if parameters.get(USE_PARAMETERS.get(number, ""), 1) == 0:
         return False
     mask = _imu_mask(parameters)
     if mask is None:
         return None
-    # The lowest bit of the mask stands for the first IMU.
-    return bool(mask >> (number - 1) & 1)
+    # IMUs are numbered from 1, bits of the mask from 0.
+    bit = 1 << (number - 1)
+    return bool(mask & bit)
 
 
 def _imu_mask(parameters: Parameters) -> int | None:
-    """Returns the mask of the IMUs that have a core of ArduPilot's estimator; None where no parameter has it."""
+    """Returns the bit mask of the IMUs that instances of ArduPilot's EKF run on; None if no parameter has it."""
     for name in IMU_MASK_PARAMETERS:
         if name in parameters:
             return int(parameters[name])
@@ -157,7 +158,7 @@ def _imu_mask(parameters: Parameters) -> int | None:
 def _accelerometer_witness(
     signals: Signals, boot: int, number: int, is_used: bool | None, force_of_log: TimeSeries
 ) -> AccelerometerWitness | None:
-    """Measures one accelerometer in a boot; None if it has too few samples there.
+    """Measures one accelerometer in a boot.
 
     Args:
         signals: signals of the vehicle.
@@ -165,6 +166,9 @@ def _accelerometer_witness(
         number: number of the IMU.
         is_used: whether the parameters use it; None where they do not say it.
         force_of_log: specific force (N, 3) of all boots, m/s².
+
+    Returns:
+        Specific force, sample rate and gravity at rest; None if the boot has fewer samples than ``MIN_WINDOWS``.
     """
     force = series_of_boot(force_of_log, boot)
     if force is None or len(force.time) < MIN_WINDOWS:

@@ -96,7 +96,7 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
 
 
 def _horizontal_distance(start: Array, end: Array) -> float:
-    """Returns the horizontal distance between two near places, m, on a sphere that is flat between them.
+    """Returns the horizontal distance between two nearby places, m, on a plane that touches the sphere.
 
     Args:
         start, end: latitude and longitude, degrees, and altitude, m (3,).
@@ -130,14 +130,18 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
 
 
 def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, Interval | None]:
-    """Returns the last rest before a flight and the first one after it, s since boot; None where there is none.
+    """Returns the last rest before a flight and the first one after it.
 
-    Both must be near the flight (``MAX_WAIT_SECONDS``), and are cut to ``MAX_REST_SECONDS`` next to it. Where the
-    landing was not recorded, any rest after the take-off is on the ground, since rest is without power.
+    Both must be near the flight (``MAX_WAIT_SECONDS``), and only the ``MAX_REST_SECONDS`` next to it are returned. If
+    the landing was not recorded, any rest after the take-off is on the ground, since a vehicle rests only without
+    power.
 
     Args:
         rests: intervals in which the vehicle lay still without power, ascending, s since boot.
         flight: start and end, s since boot.
+
+    Returns:
+        Start and end of both rests, s since boot; None for one that is missing.
     """
     take_off, landing = flight
     search = (take_off + LANDING_SECONDS, inf)

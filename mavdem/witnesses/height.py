@@ -281,12 +281,17 @@ def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeS
 # size in memory.
 @cached_per_vehicle()
 def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
-    """Returns what measured the height that ``trusted_height``, which has the same arguments, returns.
+    """Returns the sensor whose height :func:`trusted_height` returns.
+
+    The barometer is trusted if the autopilot's estimate is ever further than ``MAX_HEIGHT_DIFFERENCE`` from it.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         take_off: time of the take-off, s since boot.
+
+    Returns:
+        The source; None if neither was recorded.
     """
     recorded_estimate = _recorded_height(signals, boot, HeightSource.ESTIMATE)
     if isinf(take_off):

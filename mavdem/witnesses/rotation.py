@@ -207,15 +207,17 @@ class _Fit(NamedTuple):
 
 
 def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
-    """Fits an angle by its setpoint: the best of one linear regression for each delay up to ``DELAY_SECONDS``.
+    """Fits an angle by its delayed setpoint: linear regression at each delay up to ``DELAY_SECONDS``.
 
-    The best fit has the highest correlation. Delays without a variance of angle or setpoint are skipped; if all are,
-    correlation −1 and slope 0 are returned.
+    The delay with the highest correlation is chosen. Delays at which angle or setpoint are constant are skipped.
 
     Args:
-        angle: (M,) rad, at ``ANSWER_RATE``.
-        setpoint: (M,) rad; NaN where there is none.
-        is_known: (M,) which samples count.
+        angle: (M,) angle, rad, at ``ANSWER_RATE``.
+        setpoint: (M,) setpoint, rad; NaN where none is known.
+        is_known: (M,) whether a sample enters the regression.
+
+    Returns:
+        Correlation and slope of the best fit; −1 and 0 if all delays were skipped.
     """
     best = _Fit(-1.0, 0.0)
     for delay in range(round(DELAY_SECONDS * ANSWER_RATE) + 1):

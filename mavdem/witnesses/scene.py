@@ -358,14 +358,17 @@ class Scene:
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
     def sinking(self, interval: Interval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
-        """Returns for each height sensor, barometer and estimate, whether it saw the vehicle sink fast in an interval.
+        """Returns a statement of each height sensor, barometer and estimate, on whether the vehicle sank fast.
 
-        A sensor that shows a faster descent than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, is no
-        witness.
+        A sensor whose descent is faster than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, makes no
+        statement.
 
         Args:
             interval: start and end, s since boot.
-            least: speed downward above which a descent is fast, m/s.
+            least: speed downward above which the vehicle sinks fast, m/s.
+
+        Returns:
+            Statements that support or contradict a crash, with the largest speed downward, m/s.
         """
         statements = []
         confirmed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
@@ -451,12 +454,15 @@ class _RestRecord:
 def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
     """Judges in each window of a boot whether the vehicle rests on the ground, and how far it is from upright.
 
-    A still vehicle rests if its motors are too slow to carry it. Beyond ``SIDE_ANGLE`` it rests whatever they do, since
-    nothing hovers on its side. None if the body rates were not recorded.
+    A still vehicle rests if its motors are too slow to carry it. If it is tilted by more than ``SIDE_ANGLE`` it rests
+    whatever the motors do, since nothing hovers on its side.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        Start, rest and angle from upright of each window; None if the body rates were not recorded.
     """
     still = still_windows(signals, boot)
     if still is None:

@@ -77,12 +77,15 @@ FULL_STICK = 0.9
 def barometer_altitude(signals: Signals) -> TimeSeries | None:
     """Returns the altitude (N,) by the barometer that is used, m above an arbitrary level.
 
-    It is the autopilot's own altitude of SCALED_PRESSURE, where the log has that, else that of the pressure in the
-    International Standard Atmosphere (ISO 2533), or HIGHRES_IMU's pressure altitude. Where the used barometer does not
-    work, the first that does stands in for it.
+    The autopilot's own altitude in SCALED_PRESSURE is preferred. Otherwise it is that of the pressure in the
+    International Standard Atmosphere (ISO 2533), or the pressure altitude of HIGHRES_IMU. If the barometer in use does
+    not work, the first one that works replaces it.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        The altitude; None if no barometer was recorded that works.
     """
     telemetry = signals.telemetry
     used = BAROMETERS[primary_barometer(telemetry)]

@@ -228,13 +228,16 @@ def _level(answer: bool | None) -> Level:
 
 @cached_per_vehicle()
 def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
-    """Checks the sensors of a vehicle against each other, in the time from one boot of the autopilot to the next.
+    """Checks the sensors of a vehicle against each other in one boot: from a start of the autopilot to the next.
 
     The result is cached: events, lights and reports all use the same one.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot, from 0.
+
+    Returns:
+        The results of all checks. They are cached, so that events, lights and reports use the same ones.
     """
     return SensorTrust(
         boot=boot,
@@ -255,6 +258,9 @@ def trust_of_boots(signals: Signals) -> tuple[SensorTrust, ...]:
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        One entry for each boot in which the attitude was recorded, in order.
     """
     if not signals.tilts:
         return ()

@@ -136,7 +136,17 @@ def _pressure(motion: InstrumentedMotion) -> NDArray[Any]:
 
 
 def _satellite_fields(motion: InstrumentedMotion) -> Fields:
-    """Returns the fields of GPS_RAW_INT but its time: degrees · 1e7, mm, cm/s, and dilutions in hundredths."""
+    """Returns the fields of GPS_RAW_INT except its time, in the message's integer units.
+
+    Latitude and longitude are in 1e-7 degrees, the altitude in mm, the speed in cm/s, the course in 0.01 degrees, and
+    the dilutions of precision (DOP) are times 100.
+
+    Args:
+        motion: N samples of the flight, with satellite fixes.
+
+    Returns:
+        Columns (N,) by field; position and speed are 0 without a fix.
+    """
     north, east, down = motion.fix.T
     latitude, longitude, altitude = HOME
     east_degrees = east / METRES_PER_DEGREE / np.cos(np.radians(latitude))
@@ -157,10 +167,17 @@ def _satellite_fields(motion: InstrumentedMotion) -> Fields:
 
 
 def _vibration_fields(motion: InstrumentedMotion, autopilot: Autopilot) -> Arrays:
-    """Returns the fields of VIBRATION but its time: levels, m/s² with ArduPilot, and clipped samples since boot.
+    """Returns the fields of VIBRATION except its time: levels and clipped samples since boot.
 
-    PX4 has one level for all axes, in the field of z. With ArduPilot the horizontal axes shake a little less than the
-    vertical one; by how much is a choice.
+    PX4 has one level for all axes, in the field of z. ArduPilot has levels in m/s² for each axis; that the horizontal
+    ones are a little lower than the vertical one is a choice.
+
+    Args:
+        motion: N samples of the flight, with its vibration.
+        autopilot: The autopilot that sends the message.
+
+    Returns:
+        Columns (N,) by field.
     """
     clips = {"clipping_0": motion.clips}
     if autopilot.name == "px4":

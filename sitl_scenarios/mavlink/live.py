@@ -73,9 +73,15 @@ class Ground:
         self._socket.close()
 
     def send(self, frame: bytes) -> bool:
-        """Sends a frame as one datagram; returns whether it could be sent.
+        """Sends a frame as one datagram.
 
         A datagram that cannot be sent is lost, as on any network.
+
+        Args:
+            frame: Bytes of the frame.
+
+        Returns:
+            Whether it was sent.
         """
         try:
             self._socket.send(frame)

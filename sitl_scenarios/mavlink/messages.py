@@ -185,11 +185,17 @@ def message_payloads(
 
 
 def _stick_channels(motion: Motion) -> dict[str, Any]:
-    """Returns the fields of RC_CHANNELS but its time: PWM pulses of the pilot's sticks, µs.
+    """Returns the fields of RC_CHANNELS except its time: PWM pulses of the pilot's sticks, µs.
 
-    A stick at rest gives the pulse in the middle, 1500 µs. A stick to the right, or drawn back, which raises the nose,
-    gives more. Only four channels are used: roll, pitch, throttle and yaw. The throttle stays in the middle, unless a
-    pilot flies.
+    A stick at rest gives the pulse in the middle, 1500 µs. A stick to the right, or pulled back, which raises the nose,
+    gives more. Only four channels are used: roll, pitch, throttle and yaw. The throttle is in the middle unless a pilot
+    flies.
+
+    Args:
+        motion: N samples of the flight.
+
+    Returns:
+        Columns (N,), or one number for all samples, by field.
     """
     middle = pulse_width(0.5)
     pulses = middle + np.round((MAX_PULSE - middle) * motion.sticks / FULL_STICK)
@@ -206,10 +212,16 @@ def _stick_channels(motion: Motion) -> dict[str, Any]:
 
 
 def _global_position(motion: Motion) -> dict[str, Any]:
-    """Returns the fields of GLOBAL_POSITION_INT but its time, in the message's integer units.
+    """Returns the fields of GLOBAL_POSITION_INT except its time, in the message's integer units.
 
     Latitude and longitude are in 1e-7 degrees, altitudes in mm, velocities in cm/s, and the heading in 0.01 degrees.
-    The Earth is taken as flat about ``HOME``: flights are short.
+    The Earth is taken as flat about ``HOME``, since flights are short.
+
+    Args:
+        motion: N samples of the flight.
+
+    Returns:
+        Columns (N,) by field.
     """
     north, east, down = motion.known_position.T
     latitude, longitude, altitude = HOME

@@ -266,8 +266,8 @@ class Transmitter:
     def _set_all_streams(self, _: float) -> None:
         """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.
 
-        Messages that belong to no group keep their rates. A message whose interval hardly changes goes on undisturbed,
-        rather than beginning anew.
+        Messages that belong to no group keep their rates. A message whose interval hardly changes keeps its schedule,
+        instead of restarting it.
         """
         interval = 1 / self._scenario.faults.mavproxy_rate
         for group in self.autopilot.groups.values():

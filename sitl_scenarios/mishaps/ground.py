@@ -76,10 +76,14 @@ class GroundContact:
         return abs(self.rest_lean - self.lean) < radians(1)
 
     def advance(self, seconds: float) -> None:
-        """Moves the vehicle on by so many ``seconds``.
+        """Moves the vehicle on the ground by one time step.
 
-        A vehicle that hit the ground comes to lie with the lag ``SETTLING_SECONDS``. One that tips over is an inverted
-        pendulum: its lean λ follows λ̈ = f² sin λ, with f = ``TOPPLE_FREQUENCY``, until rotors and hull hit the ground.
+        A vehicle that hit the ground comes to rest with the time constant ``SETTLING_SECONDS``. One that tips over is
+        an inverted pendulum: its lean λ follows λ̈ = f² sin λ, with f = ``TOPPLE_FREQUENCY``, until rotors and hull hit
+        the ground.
+
+        Args:
+            seconds: Time step, s.
         """
         self.knock *= exp(-seconds / KNOCK_SECONDS)
         if not self.is_toppling:
@@ -96,7 +100,11 @@ class GroundContact:
             self.knock = TOPPLE_KNOCK
 
     def state(self, state: State) -> State:
-        """Returns a ``state`` at rest on the ground with this lean and its rate; rotor speeds stay."""
+        """Returns the state of the vehicle on the ground, with the present lean and its rate.
+
+        Args:
+            state: Former state, of which position and rotor speeds are kept.
+        """
         half = self.lean / 2
         north, east = self.axis
         tilt = (cos(half), sin(half) * north, sin(half) * east, 0.0)
@@ -110,7 +118,12 @@ class GroundContact:
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Returns the quaternion of the rotation ``b``, followed by ``a`` about the axes of the world."""
+    """Returns the product of two quaternions: the rotation ``b``, followed by ``a`` about the axes of the world.
+
+    Args:
+        a: The second rotation, (w, x, y, z).
+        b: The first rotation, (w, x, y, z).
+    """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (

@@ -249,14 +249,17 @@ class Instruments:
         thrust_ratio: float,
         noise: list[float],
     ) -> tuple[float, ...]:
-        """Returns the accelerometer in body axes, m/s²: acceleration less gravity, with noise, bias and knock.
+        """Returns the measurement of the accelerometer: acceleration less gravity, with noise, bias and impacts.
 
         Args:
             state: True state; its linear accelerations are in NED, m/s².
             readings: Errors of the sensors.
-            knock: What a blow of the ground adds, m/s².
-            thrust_ratio: Thrust of the rotors by that in hover, with which the noise grows.
+            knock: Acceleration of an impact on the ground, m/s².
+            thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover; the noise grows with it.
             noise: Three random numbers of unit variance, one for each axis.
+
+        Returns:
+            Specific force along the body axes, forward, right and down, m/s².
         """
         north, east, down = state.accelerations.linear
         without_gravity = (north, east, down - GRAVITY)
@@ -271,7 +274,7 @@ class Instruments:
     def _battery_voltages(
         self, time: float, current: float, remaining_voltage: float
     ) -> tuple[float, float]:
-        """Returns the voltages of both batteries under load, V; that of the second is NaN where there is none.
+        """Returns the voltages of both batteries under load.
 
         The voltage without load falls evenly over the flight, as the charge is used. The load lowers it by the current
         times the internal resistance.
@@ -279,7 +282,11 @@ class Instruments:
         Args:
             time: Seconds after arming.
             current: Current of the first battery, A.
-            remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
+            remaining_voltage: Fraction of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to
+                1.
+
+        Returns:
+            Voltages of the first and the second battery, V; NaN if there is no second one.
         """
         flown_share = min(max(time / self._duration, 0.0), 1.0)
         open_voltage = _between(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)
@@ -296,9 +303,12 @@ class Instruments:
         return first, CELLS * cell_voltage - RESISTANCE * second_current
 
     def _board_voltage(self, time: float) -> float:
-        """Returns the supply of the autopilot's board, V, ``time`` seconds after arming.
+        """Returns the supply voltage of the autopilot's board, V.
 
-        It is constant, except before a brown-out, where it falls evenly to the voltage at which the board stops.
+        It is constant, except before a brown-out, in which it falls evenly to the voltage at which the board stops.
+
+        Args:
+            time: Seconds after arming.
         """
         mishap = self._mishap
         if not isinstance(mishap, BrownOut) or time < mishap.start:

@@ -207,7 +207,16 @@ class Pilot:
         return self.idle()
 
     def _dive(self, dive: Dive, time: float, estimate: State) -> ControlOutput | None:
-        """Flies by hand, closes the throttle for the time of the dive, and opens it until the fall has ended."""
+        """Flies by hand: closes the throttle for the time of the dive, and then opens it until the fall has ended.
+
+        Args:
+            dive: The mishap, with its start and duration.
+            time: Time since the beginning of the flight, s.
+            estimate: The estimated state.
+
+        Returns:
+            Output of the pilot; None before the dive, when the autopilot flies.
+        """
         self.mode = "stabilize"
         self.throttle_stick = self.hover_stick
         if time < dive.start:
@@ -221,7 +230,15 @@ class Pilot:
         return self._level(estimate, CATCH_THRUST)
 
     def _flip(self, since: float, estimate: State) -> ControlOutput | None:
-        """Climbs for a moment, and rolls to the right until the attitude is controlled again."""
+        """Climbs for a moment, and then rolls to the right until the whole turn is complete.
+
+        Args:
+            since: Time since the beginning of the flip, s.
+            estimate: The estimated state.
+
+        Returns:
+            Output of the flip; None when it is complete, and the attitude is controlled again.
+        """
         self.mode = "flip"
         if since < FLIP_CLIMB_SECONDS:
             return self._level(estimate, FLIP_CLIMB_THRUST)
@@ -231,7 +248,7 @@ class Pilot:
             return None
         is_braking = self.rolled > pi
         thrust = FLIP_BRAKING_THRUST if is_braking else FLIP_THRUST
-        # The rate from which the braking just ends the rotation after a whole turn.
+        # The largest rate from which the braking ends the rotation after a whole turn.
         rate = min(FLIP_RATE, sqrt(2 * FLIP_BRAKING * (2 * pi - self.rolled)))
         angles = euler_angles(estimate.attitude)
         return self.controller.rate_control(
@@ -244,9 +261,12 @@ class Pilot:
         The vehicle is tied down, so the controller answers setpoints that the attitude cannot follow.
 
         Args:
-            bench: the bench run, with the highest throttle.
-            time: since the beginning of the flight, s.
-            estimate: the estimated state.
+            bench: The bench run, with its highest throttle.
+            time: Time since the beginning of the flight, s.
+            estimate: The estimated state.
+
+        Returns:
+            Output of the pilot at the stick positions of this time.
         """
         self.mode = "stabilize"
         phase = time % BENCH_RUN_SECONDS / BENCH_RUN_SECONDS

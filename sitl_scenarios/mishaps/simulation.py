@@ -109,7 +109,11 @@ class InstrumentedSimulation(Simulation):
         return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
 
     def _reference(self, estimate: State) -> Reference:
-        """Returns the setpoints that are flown: the plan's, with what a mishap changes."""
+        """Returns the setpoints that are flown: those of the plan, as the mishap changes them.
+
+        Args:
+            estimate: The estimated state.
+        """
         reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
         self._planned_state = reference.landed_state
         mishap = self.scenario.mishap
@@ -147,7 +151,12 @@ class InstrumentedSimulation(Simulation):
                 self._announcements.appendleft(Announcement(time, text, severity))
 
     def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
-        """Returns the output of pilot or failsafe, or else that of the plan's autopilot."""
+        """Returns the output of the pilot or the failsafe, if one of them flies, or else that of the plan's autopilot.
+
+        Args:
+            estimate: The estimated state.
+            reference: Setpoints of this cycle.
+        """
         output = None
         if self.armed:
             output = self._pilot.control(self._flight_time, estimate, reference)
@@ -167,7 +176,18 @@ class InstrumentedSimulation(Simulation):
         reference: Reference,
         control: ControlOutput,
     ) -> Row:
-        """Returns the row of the motion, with what the instruments measure and the autopilot says."""
+        """Returns the row of the motion in this cycle, with measurements of the instruments and the autopilot's text.
+
+        Args:
+            air: The air during the cycle.
+            battery: Remaining fraction of the voltage of a full battery.
+            estimate: The estimated state.
+            reference: Setpoints of the cycle.
+            control: Output of the controller.
+
+        Returns:
+            Values by field.
+        """
         row = super()._row(air, battery, estimate, reference, control)
         knock = 0.0 if self._contact is None else self._contact.knock
         row |= self._instruments.row(
@@ -186,7 +206,11 @@ class InstrumentedSimulation(Simulation):
         return row | reported
 
     def _landed_state(self, reference: Reference) -> int:
-        """Returns the reported MAV_LANDED_STATE: a land detector takes a running motor for flight."""
+        """Returns the reported MAV_LANDED_STATE; a land detector mistakes a running motor for flight.
+
+        Args:
+            reference: Setpoints of the flight plan, with its state.
+        """
         mishap = self.scenario.mishap
         if isinstance(mishap, BenchRun):
             is_running = self.armed and self._pilot.throttle_stick > 0.3
@@ -215,7 +239,14 @@ class InstrumentedSimulation(Simulation):
         self._state = self._contact.state(self._state)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:
-        """Turns the rotors for one cycle on the ground; a vehicle that lies, or is tied down, does not lift off."""
+        """Turns the rotors for one cycle on the ground.
+
+        A vehicle that lies on the ground, or is tied down, does not lift off. One that topples at take-off begins to
+        tip over when its lift exceeds ``TOPPLE_LIFT``.
+
+        Args:
+            settled_speeds: Speeds (n,) that the rotors tend to, rad/s.
+        """
         was_on_ground = self._contact is None
         super()._spin_on_ground(settled_speeds)
         mishap = self.scenario.mishap

@@ -488,7 +488,7 @@ def _train_and_test(
 
 @contextmanager
 def _learning_step(progress: ShowStep) -> Iterator[None]:
-    """Context in which a model is learned: shows the step to the user, and turns a failure into a refusal.
+    """Returns a context in which a model is learned: it shows the step, and turns a failure into a refusal.
 
     Args:
         progress: shows the name of a step while it runs.

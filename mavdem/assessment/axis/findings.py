@@ -177,6 +177,9 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
     Args:
         learned: the model.
         held_out: forecasts of windows that it was not trained on; without them, prediction is not judged.
+
+    Returns:
+        Findings in the order of these purposes.
     """
     physical = learned.physical
     findings = []
@@ -298,15 +301,19 @@ def _damping_finding(physical: Physical) -> Finding:
 
 
 def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding:
-    """Judges how well the wind torque is known, which is what remains of the total torque without that of the motors.
+    """Judges how well the wind torque is known: the part of the total torque that the motors do not make.
 
-    So it is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubted.
-    Otherwise the 90 % interval of its standard deviation decides, relative to that standard deviation.
+    It is NOT IDENTIFIABLE without the control effectiveness, and LIMITED if any physical parameter is doubtful.
+    Otherwise the half width of the 90 % interval of its standard deviation decides, relative to that standard
+    deviation.
 
     Args:
         wind_torque: the estimate, with its own ``reason`` if it is not resolved from the noise; None if the estimation
             failed.
         physical: the parameters with which the torque of the motors was computed.
+
+    Returns:
+        The grade, with its reason.
     """
     grade = Grade.NOT_IDENTIFIABLE
     doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
@@ -327,18 +334,21 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
 
 
 def _prediction_finding(held_out: HeldOut) -> Finding:
-    """Judges how well a model predicts, by its forecasts of windows that no model was trained on.
+    """Judges how well a model predicts, by its forecasts of windows of the flight that it was not trained on.
 
-    They are compared with two baselines, which forecast the constant mean, or the last sample held. The finding is GOOD
+    They are compared with two baselines, which forecast the constant mean, or hold the last sample. The grade is GOOD
     within all of the ``PREDICTION_LIMITS``, and NOT IDENTIFIABLE if the squared error is no less than that of the
     better baseline. Otherwise it is LIMITED.
 
     Args:
-        held_out: the forecasts.
+        held_out: forecasts and baselines in the held-out windows.
+
+    Returns:
+        The grade, with the error ratio and the shares of windows that were forecast worse than by each baseline.
     """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline
-    # Each error ratio is over the error of the constant mean, which cancels.
+    # Both error ratios are relative to the constant mean, whose error cancels.
     ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
     worse_shares = held_out.worse_shares
     worse_than_mean = worse_shares[CONSTANT_MEAN]

@@ -116,6 +116,9 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
 
     Args:
         observations: what the flight shows.
+
+    Returns:
+        The decision, with the observation that is its reason and the advised action.
     """
     if observations.oscillation is not None:
         return _decision_on_oscillation(observations, observations.oscillation)

@@ -48,6 +48,9 @@ def loops_of_axes(
         signals: signals of the vehicle, with the inputs to use.
         start: time at the beginning of the settled flight that is left out, s.
         figures: physical parameters by axis, if they were estimated before.
+
+    Returns:
+        By axis the identified loop, or the fact that says why it was not identified; and the facts about AutoTune.
     """
     loops = dict[str, Loop | Fact]()
     autotune = []
@@ -121,6 +124,9 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
         signals: signals of the vehicle, for the axis.
         flights: flights to identify the plant from.
         fitted: result of the gray-box fit, if that was made already.
+
+    Returns:
+        The plant: angular acceleration of the axis per command of the motors.
 
     Raises:
         NotLearnable: the plant is not identifiable in either way.

@@ -74,7 +74,7 @@ class AxisMargins:
 
         The first fact is of the best source that the log has: the measurement by an injected signal, else the
         identified loop, else a peak of the spectrum. The response of the rate to its setpoint is a second, independent
-        one. A fact of the level "unknown", whose interval holds the limit, is left out.
+        one. A fact of the level "unknown", whose interval contains the limit, is left out.
         """
         facts = []
         if self.injected is not None:
@@ -104,6 +104,9 @@ def margins_of(
         signals: signals of the vehicle.
         segments: segments of settled flight in which responses are measured.
         loops: the identified loop of each axis, or why it is not known.
+
+    Returns:
+        The margins of each axis, roll first; sources that the log lacks are None.
     """
     margins = []
     for axis in AXES:
@@ -302,10 +305,13 @@ def resonance_fact(resonance: Resonance) -> Fact:
     A loop with small margins amplifies some frequencies. Ms is the peak of its sensitivity |1/(1 + L)|, and follows
     from the peak of the response with an interval. The loop resonates if all of the interval is above the Ms of the
     usual margins, and is bad if it is above that of the least ones. It is good if all of it is below the usual Ms. An
-    interval that holds the limit decides nothing, and the level is "unknown".
+    interval that contains the limit decides nothing, and the level is "unknown".
 
     Args:
-        resonance: the peak of the measured response, which must have an interval.
+        resonance: peak of the measured response, which must have an interval.
+
+    Returns:
+        The fact "resonates" or "no resonance", with its level.
     """
     assert resonance.ms_interval is not None
     lowest_ms, highest_ms = resonance.ms_interval

@@ -219,19 +219,27 @@ def _tracking_rating(
     turn: ReachedRate | None,
     peak: ResponsePeak | None,
 ) -> _TrackingRating:
-    """Rates how an axis follows its setpoint, by the first of these that applies.
+    """Rates how well an axis follows its setpoint.
 
-    Its error is not small; its rate does not reach the setpoint in turns; a step overshoots by more than
-    ``MAX_OVERSHOOT``, or, where no step can be measured, the response is surely large at some frequency; or it follows
-    well. The step response takes long to estimate, so that it is measured only if the response is large at some
-    frequency.
+    The first of these cases that applies decides:
+
+    1. The error of the angle is not small.
+    2. The rate falls short of its setpoint in turns.
+    3. A step overshoots by more than ``MAX_OVERSHOOT``. If no step response can be measured, the whole confidence
+       interval of the largest response to the setpoint must exceed ``MAX_RESPONSE_PEAK``.
+    4. The axis follows well.
+
+    Estimating the step response takes long, so that is done only if the response is large at some frequency.
 
     Args:
         signals: signals of the vehicle and axis.
         segments: parts of the flight in which the angle is judged.
         error_level: level of the error of the angle.
-        turn: the rate that was reached in turns; None where it is not known.
-        peak: the largest response to the setpoint; None where the setpoint hardly moves.
+        turn: the rate that was reached in turns; None if it is not known.
+        peak: the largest response to the setpoint; None if the setpoint hardly moves.
+
+    Returns:
+        Code and level of the case, with the overshoot where it was measured.
     """
     if error_level is not Level.GOOD:
         return _TrackingRating(TrackingLight.MISSES_SETPOINT, error_level)
@@ -242,7 +250,7 @@ def _tracking_rating(
     response = attitude_step_response(signals, segments)
     # A fact states why the flight shows no step response.
     if isinstance(response, Fact):
-        # Without a step response the peak alone decides, so that it must surely be too large.
+        # The peak alone decides, so the lower end of its interval is compared.
         if peak.lowest_ratio > MAX_RESPONSE_PEAK:
             return _TrackingRating(TrackingLight.AMPLIFIES_SETPOINT, Level.WATCH)
         return _TrackingRating(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD)

@@ -57,6 +57,9 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
         evidence: what the log shows of the vehicle.
         mass: mass of the vehicle, kg; None if it is not known.
 
+    Returns:
+        The twin, the loops that it simulates, and by axis the reason why a loop is missing.
+
     Raises:
         NotLearnable: the loop of roll, or the hover, is not known.
     """

@@ -156,9 +156,13 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     and compass exceed that limit, where a velocity of twice the limit counts as two. The height does not count.
 
     Args:
-        time: (N,) s.
-        ratios: (N, 4) of the ``INNOVATIONS``, each an innovation over what the filter's own test accepts.
+        time: (N,) times of the samples, s since boot.
+        ratios: (N, 4), one column for each of the ``INNOVATIONS``, in units of the limit of the filter's own test.
         failsafe_limit: the ratio from which on the failsafe doubts the filter (:func:`failsafe_limit_of`).
+
+    Returns:
+        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit; and
+        how long ArduCopter's failsafe doubted the filter, s.
     """
     velocity_ratio, position_ratio, _, compass_ratio = ratios.T
     # How many of the three doubt the filter, at each sample; a very large velocity innovation counts twice.

@@ -173,13 +173,16 @@ def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
 
 
 def _log_of_other_vehicle(evidence: Evidence) -> Fact:
-    """Judges how well the log recorded a vehicle that is no multirotor, of which no model is learned.
+    """Judges how well the log recorded a vehicle that is not a multirotor, and of which no model is learned.
 
     Without a model no rate is too slow, and the outputs of the motors do not matter. Only gaps of the attitude in
     operation, and messages that the logger lost ("dropouts"), count.
 
     Args:
         evidence: the signals of the vehicle, and when it operated.
+
+    Returns:
+        The fact with the rate of the attitude, Hz, its longest gap, s, and the messages that the logger lost.
     """
     attitude = evidence.signals.attitude
     dropouts = evidence.signals.telemetry.dropouts

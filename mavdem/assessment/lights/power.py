@@ -322,6 +322,10 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
 
     Args:
         flights: one series (N, 2) for each flight: voltage, V, and current, A.
+
+    Returns:
+        Resistance, Ω, and largest moving mean of the current, A. The resistance is left out if voltage and current do
+        not show it, or all is left out if the current was not measured.
     """
     deviations: list[Array] = []
     max_current = 0.0

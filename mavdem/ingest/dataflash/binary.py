@@ -359,11 +359,14 @@ class _MessageScan:
                 offset = self._next_header(offset + 1)
 
     def _possible_messages(self, first: int, stop: int) -> PossibleRecords:
-        """Finds what looks like whole messages of an id with one length.
+        """Finds the places that look like whole messages: the marker, then an id whose messages have one length.
 
         Args:
-            first: Offset from which on the messages begin.
-            stop: Offset before which they begin; they may end behind it.
+            first: Offset of the first byte at which a message may begin.
+            stop: Offset before which messages begin; the last may end after it.
+
+        Returns:
+            Offset (n,) of the start of each possible message, and of the byte after it.
         """
         content = np.frombuffer(self.content, dtype=np.uint8)
         last_start = min(stop, len(content) - HEADER_BYTES + 1)

@@ -192,6 +192,9 @@ def _recording(path: PathName) -> _Content:
     Args:
         path: The log, or an archive of it.
 
+    Returns:
+        The located messages, with the bytes of the file, which are empty for a text log.
+
     Raises:
         Unreadable: The file cannot be opened.
     """
@@ -277,10 +280,13 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
 def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     """Decodes the messages that are translated, by name, under the names that fields have today.
 
-    Messages that the log does not have are there too, with empty tables.
+    A message that the log does not have gets an empty table.
 
     Args:
         recording: The log, whose messages are located.
+
+    Returns:
+        Tables by name of the message.
     """
     logged = {}
     for name in TRANSLATED_MESSAGES:
@@ -341,12 +347,15 @@ def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
 def _without_old_blocks(
     recording: DataflashRecording, logged: dict[str, MessageTable], content: FileContent
 ) -> _KeptMessages:
-    """Leaves out the blocks of a log whose messages are of another one (``other_recordings``).
+    """Leaves out the blocks of a log that belong to another recording (``other_recordings``), such as an older file.
 
     Args:
-        recording: The log.
-        logged: Its messages that are translated, by name.
-        content: The bytes of the file; none of a text log.
+        recording: The log, whose messages are located.
+        logged: Its translated messages, by name.
+        content: The bytes of the file; empty for a text log.
+
+    Returns:
+        The messages outside these blocks, with their clock, and a repair that reports the blocks.
     """
     clock = _log_clock(logged)
     if not clock.names:
@@ -401,6 +410,9 @@ def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
 
     Args:
         logged: Decoded messages by name.
+
+    Returns:
+        Stamps (n,), s, by name of the message.
     """
     stamps: dict[str, Array] = {}
     for name, table in logged.items():

@@ -39,13 +39,16 @@ POSITION_CONTROLLER_MESSAGES = tuple(axis.message for axis in AXES)
 
 
 def position_targets(tables: Tables) -> NamedMessage:
-    """Makes POSITION_TARGET_LOCAL_NED: x, y and z, m, and vx, vy and vz, m/s, north, east and down.
+    """Makes POSITION_TARGET_LOCAL_NED: position, m, and velocity, m/s, in north-east-down.
 
-    A target is NaN while its axis was not controlled. The axes are logged in messages of their own; the first of them
+    A target is NaN while its axis was not controlled. Each axis is logged in a message of its own; the first of them
     gives the stamps.
 
     Args:
         tables: DataFlash's messages by name.
+
+    Returns:
+        Columns x, y, z, vx, vy and vz (n,); none if no axis was logged.
     """
     columns: Fields = {}
     stamps = None

@@ -94,11 +94,14 @@ def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number
 def further_sensors(
     tables: Tables, rules: Mapping[str, Mapping[str, SourceFields]]
 ) -> dict[str, NamedMessage]:
-    """Makes the messages of the second and third barometer and compass, by name.
+    """Makes the MAVLink messages of the second and third barometer and compass.
 
     Args:
         tables: DataFlash's messages by name.
-        rules: How the first sensor's messages are translated, by name.
+        rules: Translation rules of the first sensor's messages, by name.
+
+    Returns:
+        Messages by their MAVLink name; sensors that were not logged are missing.
     """
     messages = {}
     for sensor in SENSORS:
@@ -125,6 +128,9 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
 
     Args:
         tables: DataFlash's messages by name.
+
+    Returns:
+        Specific force on three axes, with the number of each sensor as ``instance``, in the order of time.
     """
     parts: list[Columns] = []
     for number in (1, 2):
@@ -160,12 +166,15 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
 
     Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix; the altitude is in mm.
-    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it. Accuracy, noise and jamming have
-    messages of their own; their last values at each fix count.
+    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it. Accuracy, noise and jamming are logged
+    in messages of their own, whose last values before each fix are used.
 
     Args:
         tables: DataFlash's messages by name.
         number: Number of the receiver, 0 or 1.
+
+    Returns:
+        A row for each fix; no columns if the receiver was not logged.
     """
     fields = ("Status", "NSats", "HDop", "Lat", "Lng")
     logged = rows_of_sensor(tables, "GPS", ("GPS2",), number)

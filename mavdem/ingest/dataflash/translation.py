@@ -164,13 +164,16 @@ NEW_NAMES_OF_OLD_FIELDS = {
 
 
 def with_new_names(message: str, logged: MessageTable) -> MessageTable:
-    """Renames the fields of a message that later versions of ArduPilot call otherwise.
+    """Renames the fields of a message to the names of the latest ArduPilot version.
 
-    A table is of an old version where it has all old names.
+    A table comes from an old version if it has all the old names.
 
     Args:
         message: Name of the messages.
-        logged: The messages, under the names of their version.
+        logged: The messages, under the field names of the version that wrote them.
+
+    Returns:
+        The same columns under the latest names.
     """
     new_names = NEW_NAMES_OF_OLD_FIELDS.get(message, {})
     if not all(old_name in logged.columns for old_name in new_names):
@@ -284,11 +287,14 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
 def _local_position(estimates: FlownEstimates) -> NamedMessage:
     """Makes LOCAL_POSITION_NED: position, m, and velocity, m/s, in north-east-down.
 
-    The vertical speed of the first filter, EKF1, is off by 0.3 m/s. Where a climb rate was logged too (VFR_HUD, from
-    CTUN), it takes its place, resampled at the stamps of the position and with its sign changed, since z points down.
+    The vertical speed of the first filter, EKF1, is off by 0.3 m/s. If a climb rate was logged too (VFR_HUD, from
+    CTUN), it replaces that speed: resampled at the stamps of the position, with its sign changed, since z points down.
 
     Args:
         estimates: DataFlash's messages, those of filters of the core that flew.
+
+    Returns:
+        Columns x, y, z, vx, vy and vz (n,).
     """
     position = _renamed_message(estimates, "LOCAL_POSITION_NED")
     climb = _renamed_message(estimates, "VFR_HUD").columns
@@ -319,11 +325,14 @@ SHARED_STATUS_FLAGS: int = dialect.EKF_UNINITIALIZED - 1
 def _estimator_status(status: NamedMessage) -> NamedMessage:
     """Makes EKF_STATUS_REPORT, the health of the state estimator.
 
-    DataFlash has the filter's own status word. Its lower bits are those of EKF_STATUS_REPORT.flags; the glitch of GPS
-    has another bit in each of them and is moved.
+    DataFlash has the filter's own status word. Its lower bits are those of EKF_STATUS_REPORT.flags; the bit for a
+    glitch of GPS is at another place in the two, and is moved.
 
     Args:
         status: The message with the filter's own status word as ``flags``.
+
+    Returns:
+        The message with the ``flags`` of MAVLink.
     """
     # Before ArduCopter 3.3 there was no status.
     if "flags" not in status.columns:
@@ -452,8 +461,11 @@ def _servo_output_port(
     Args:
         tables: DataFlash's messages by name.
         port: Number of the port.
-        messages_of_port: By name of the message, pulse widths by number of the output on the port. Without any, all
-            outputs are 0 at the stamps of RCOU.
+        messages_of_port: Pulse widths (n,), µs, by name of the message and number of the output on the port. If it is
+            empty, all outputs are 0 at the stamps of RCOU.
+
+    Returns:
+        Columns (n,): the port, and the pulse width of each output as servo1_raw and so on.
     """
     main_message = max(
         messages_of_port, key=lambda name: message_count(tables[name]), default="RCOU"

@@ -70,10 +70,13 @@ class _Tables(NamedTuple):
 
 @cache
 def _tables() -> _Tables:
-    """Computes the tables of this module, once for all: when a block is read for the first time.
+    """Computes the tables of this module when a block is read for the first time.
 
-    Each table is built from the one before: the registers after a word or a number of bytes follow from those after one
-    byte less.
+    Each table follows from the one before: the registers after a number of bytes are those after one byte less, updated
+    by one byte.
+
+    Returns:
+        The tables, which are cached.
     """
     zero = np.uint8(0)
     all_registers = np.arange(1 << 16).astype(np.uint16)

@@ -195,10 +195,13 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
 
 
 def stamped_messages(message_type: MessageStamps) -> tuple[StreamPositions, Times]:
-    """Returns positions and stamps, s, of the messages of a type that have a stamp.
+    """Returns the messages of a type that have a stamp.
 
     Args:
         message_type: The messages of the type. Their stamps may be a function that decodes them, or None.
+
+    Returns:
+        Positions (m,) in the stream, and stamps (m,), s.
     """
     if message_type.stamps is None:
         return message_type.positions[:0], np.empty(0)
@@ -524,17 +527,20 @@ class _Comparison(NamedTuple):
 def _compared_with_reference(
     reference: _ClockReadings, positions: StreamPositions, stamps: Times, period: float
 ) -> _Comparison:
-    """Compares each stamp with the reference's stamps before and after it in the stream.
+    """Compares each stamp with the stamps of the reference type before and after it in the stream.
 
-    A message that was sent between two of the reference should have a stamp between theirs. Around a reboot these two
-    are of different boots; the message belongs to the one to which its stamp is nearer. A counter may also have wrapped
-    since the reference's: whole periods are added so that the stamp is nearest to the reference's.
+    A message that was sent between two messages of the reference type should have a stamp between theirs. Around a
+    reboot these two are of different boots; the message belongs to the one whose stamp is nearer. The counter of the
+    stamps may have wrapped since the reference's stamp: whole periods are added so that the stamp is nearest to it.
 
     Args:
-        reference: The reference type on the boot clock.
+        reference: Stamps of the reference type on the boot clock.
         positions: Positions (m,) of the messages.
-        stamps: Their stamps (m,), s, wraps not undone.
+        stamps: Their stamps (m,), s, as sent, before wraps are undone.
         period: Time after which the counter of the stamps wraps, s.
+
+    Returns:
+        For each message (m,) the unwrapped stamp, s, its distance from the interval of the reference, s, and its boot.
     """
     next_rows = np.searchsorted(reference.positions, positions)
     row_before = np.maximum(next_rows - 1, 0)

@@ -223,12 +223,15 @@ def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]
 def _definition(message: Any) -> MessageDefinition:
     """Makes the definition of a message from pymavlink's class for it.
 
-    MAVLink sorts fields by size on the wire. ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
-    definition. Types are those of C, such as "uint8_t"; NumPy's names are made of them, so that a payload is decoded as
-    one structured item: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
+    MAVLink sorts fields by size on the wire: ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
+    definition. The C types, such as "uint8_t", are turned into types of NumPy, so that a payload is decoded as one
+    structured item: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
 
     Args:
         message: pymavlink's class of the message.
+
+    Returns:
+        The definition, with the layout of the payload as a structured NumPy type.
     """
     type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
     wire_fields = []
@@ -265,10 +268,13 @@ def encode_frame(
     """Makes a frame of MAVLink 2: header, payload and checksum, without a signature.
 
     Args:
-        payload: The payload as ``definition.wire`` lays it out; trailing zeros are not sent.
-        definition: The definition of the message.
-        sender: Who sends it.
-        sequence: The sender's number of the frame, 0 to 255.
+        payload: The payload in the layout ``definition.wire``; trailing zeros are not sent.
+        definition: Definition of the message.
+        sender: System and component that send it.
+        sequence: Sequence number of the frame, 0 to 255.
+
+    Returns:
+        The bytes of the frame.
     """
     # MAVLink 2 cuts trailing zeros off, which the receiver adds again; at least one byte of the payload is sent.
     payload = payload.rstrip(b"\0") or b"\0"

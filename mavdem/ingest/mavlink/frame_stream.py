@@ -121,11 +121,14 @@ def joined_parts(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Joins parts of a recording into one whose frames and bytes are in the order of the recording.
 
     A recording may have frames in several channels, which are read one by one as parts. Here they are merged by the
-    number of the recording's message that each frame begins in. The bytes of the frames are copied in that order,
-    without what is between them, and the frames get new offsets.
+    number of the recorded message in which each frame begins. The bytes of the frames are copied in that order, without
+    the bytes between them, and the frames get new offsets.
 
     Args:
         parts: The parts, at least one. A single one is returned as it is.
+
+    Returns:
+        The joined part.
     """
     if len(parts) == 1:
         return parts[0]

@@ -382,11 +382,14 @@ def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
 def _without_overlaps(frames: Frames, free_start: int) -> Frames:
     """Leaves out frames that begin before an offset or inside an earlier frame.
 
-    Of frames that overlap, the one that begins first stays.
+    Of frames that overlap, the one that begins first is kept.
 
     Args:
         frames: Frames in stream order.
-        free_start: The offset before which none may begin.
+        free_start: Offset before which no frame may begin.
+
+    Returns:
+        The kept frames, in stream order.
     """
     frames = frames[frames.start >= free_start]
     if (frames.start[1:] >= frames.end[:-1]).all():
@@ -498,6 +501,9 @@ def _fits_between(
         accepted: Accepted frames in stream order.
         decided_end: Offset before which no frame may begin.
         new_end: Offset after which no frame may end.
+
+    Returns:
+        Flags (N,).
     """
     # The row of the first accepted frame that begins later, which is also the number of the free space before it.
     next_rows = np.searchsorted(accepted.start, start, side="right")

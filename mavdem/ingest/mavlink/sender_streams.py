@@ -65,15 +65,18 @@ class SenderStream:
 def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStream:
     """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
 
-    Over one link the sequence numbers of one vehicle rise, by more than 1 where messages were lost. Most recordings are
-    like that, and the numbers alone suffice. Several links, or two vehicles under the same ids, are suspected in two
-    cases: many numbers do not rise, or a frame with a boot clock comes twice. Only then every frame is compared with
+    Over one link the sequence numbers of a vehicle rise, by more than 1 where messages were lost. In most recordings
+    they do, and then the numbers alone suffice. Several links, or two vehicles under the same ids, are suspected in two
+    cases: many numbers do not rise, or a frame with a boot clock comes twice. Only then is every frame compared with
     those before it, which takes much longer.
 
     Args:
         data: The stream (B,).
         all_frames: The frames (N,) of all senders, in stream order.
         rows: Rows (n,) of the frames of one sender, ascending.
+
+    Returns:
+        A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
     # Signed numbers, so that their differences may be negative.
     sequence = all_frames.sequence[rows].astype(np.int16)
@@ -129,13 +132,17 @@ def _has_reading(message_ids: Offsets) -> Flags:
 def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) -> SenderStream:
     """Finds copies, missing frames and a second vehicle among the frames of a sender.
 
-    Around a copy, while a second link is known, each frame is compared with those before it. Runs of other frames are
-    taken at once.
+    Around a copy, while a second link is known, each frame is compared with those before it. The frames between are
+    taken in runs.
 
     Args:
         data: The stream (B,).
         frames: The frames (n,) of one sender, in stream order.
         possible_copies: Rows of frames with a boot clock that may be copies of frames before them, ascending.
+
+    Returns:
+        Flags (n,) of frames that are no copies, numbers of missing frames and copies, the longest delay of a copy, s,
+        and whether two vehicles sent.
     """
     links = SenderLinks()
     run_taker = _RunTaker(data, frames, links)
@@ -317,13 +324,13 @@ class _RunTaker:
         self._attitude_rows = np.flatnonzero(has_attitude)
 
     def take(self, first: int, end: int) -> None:
-        """Takes the frames from one row to before another, of which none is a copy.
+        """Passes a run of frames, none of which is a copy, to the sender's links.
 
-        The result is that of ``SenderLinks.take`` of each frame, which has no late link. Frames whose sequence numbers
-        rise by one are taken at once; only the first of them may break the order.
+        The result is that of ``SenderLinks.take`` for each frame while no second link is known. Frames whose sequence
+        numbers rise by one are passed together; only the first of them may break the order.
 
         Args:
-            first, end: Rows of the first frame and behind the last one.
+            first, end: Row of the first frame, and the row after the last one.
         """
         # Signed numbers, so that their differences may be negative.
         sequence = self._frames.sequence[first:end].astype(np.int16)
@@ -350,12 +357,12 @@ class _RunTaker:
             self._links.take_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
-        """Yields number and bytes of the readable ones of those frames that are to be remembered.
+        """Yields number and bytes of the readable frames that are to be remembered for comparison with later ones.
 
-        Those are the last ones, or all frames where too many of the last are equal.
+        These are the last ``REMEMBERED_ROWS``, or all frames if too many of the last ones are equal.
 
         Args:
-            first, end: Rows of the first frame and behind the last one.
+            first, end: Row of the first frame, and the row after the last one.
         """
         rows = first + np.flatnonzero(self._is_readable[first:end])
         last_contents = {self._content(row) for row in rows[-REMEMBERED_ROWS:].tolist()}
@@ -379,12 +386,16 @@ class _RowsOfReadings(NamedTuple):
 
 
 def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfReadings:
-    """Decodes what ``clock_reading`` returns of each frame, for all frames at once.
+    """Decodes the boot clock, heading and position in all frames at once, as ``clock_reading`` does for one.
 
     Args:
         data: The stream (B,).
         frames: The frames (n,) of one sender, in stream order.
         is_readable: Whether the checksum of each (n,) matches.
+
+    Returns:
+        Rows of the frames that have a boot clock, with clock (s), heading (rad), latitude and longitude (degrees); NaN
+        where a frame has none.
     """
     clock = np.zeros(len(frames))
     heading = np.full(len(frames), np.nan)

@@ -175,6 +175,9 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     Args:
         stream: The recording, with the repairs of its framing.
         unread: Frames that could not be read, with the cause.
+
+    Returns:
+        A repair for each cause for which frames were left out, and one for bytes outside frames.
     """
     repairs = stream.repairs
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
@@ -247,6 +250,9 @@ def _unread_frames(
         frames: Frames (N,) in stream order.
         sender_ids: Packed sender of each (N,).
         frames_of_senders: Offsets of the frames that can be read, by packed sender and message id.
+
+    Yields:
+        The number of unread frames of each message and sender, with the cause.
     """
     is_unreadable = frames.checksum != CHECKSUM_MATCHES
     checksums = frames.checksum[is_unreadable]
@@ -279,17 +285,20 @@ def _component_record(
     frames_of_messages: OffsetsByMessage,
     sender_stream: SenderStream,
 ) -> _ComponentRecord:
-    """Decodes everything that one component sent, and finds out what it is and how many messages were lost.
+    """Decodes all messages of one component, and finds out what it is and how many messages were lost.
 
-    Its kind is that of its HEARTBEATs. A component that sent only the messages that telemetry radios add is a radio.
+    Its kind is that in its HEARTBEATs. A component that sent only the messages that telemetry radios insert is a radio.
 
     Args:
         stream: The recording.
         sender_id: Packed sender.
         frames_of_messages: Offsets of its readable frames by message id.
-        sender_stream: What its frames show of the links over which they came.
+        sender_stream: Links over which its frames came, copies and losses.
+
+    Returns:
+        The component, its messages by name, and the repairs.
     """
-    # Messages that only the second link delivered came late, after later ones.
+    # A message that only the slower of two links delivered arrived after later messages.
     messages, clock_repairs = _messages(
         stream, frames_of_messages, is_in_order=not sender_stream.copies
     )
@@ -433,14 +442,17 @@ def _messages(
 def _blocks_of_other_recordings(
     stream: FrameStream, message_stamps: Sequence[MessageStamps]
 ) -> list[LeftOutBlock]:
-    """Finds the parts of a component's stream whose boot clock is not the vehicle's.
+    """Finds the parts of a component's stream that do not follow the vehicle's boot clock.
 
-    Time that goes back is a reboot only if the clock begins near zero, or if by the times of reception it began anew
-    while nothing was received. Else it is of another sender, or of an older recording.
+    Time that goes back is a reboot only if the clock begins near zero, or if by the reception times it restarted while
+    nothing was received. Otherwise the messages are of another sender, or of an older recording.
 
     Args:
         stream: The recording.
         message_stamps: The component's messages by type.
+
+    Returns:
+        The blocks to leave out, in the order of the stream.
     """
     reference = reference_type_of(message_stamps)
     if reference is None:

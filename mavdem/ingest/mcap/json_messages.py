@@ -100,10 +100,13 @@ _PARSER = json.JSONDecoder(strict=False)
 
 
 def _parsed_json(body: bytes) -> Any:
-    """Parses a JSON document; None where it is none.
+    """Parses a JSON document, also one with Rust's infinities.
 
     Args:
         body: The document, UTF-8.
+
+    Returns:
+        The value; None if it is not JSON.
     """
     try:
         return _PARSER.decode(body.decode("utf-8", errors="replace"))
@@ -147,14 +150,18 @@ def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any
 
 
 def _number(value: Any, wire_type: np.dtype[Any]) -> float:
-    """Converts a number, an entry of an enumeration or a bitmask to the number in the payload.
+    """Converts a JSON value to the number in the payload of a message.
 
     Args:
-        value: The value in JSON: a number, a text, None, or an object with the number or names as "type" or "bits".
+        value: The value in JSON: a number, a text, None, or an object with the number or names under "type" (entry of
+            an enumeration) or "bits" (bitmask).
         wire_type: Type of the field in the payload.
 
+    Returns:
+        An integer, or a float for a floating-point field, NaN for None.
+
     Raises:
-        TypeError, ValueError, OverflowError: It is none, or has decimals where the field is an integer.
+        TypeError, ValueError, OverflowError: It is not a number, or has decimals while the field is an integer.
     """
     if isinstance(value, dict):
         value = value.get("type", value.get("bits"))
@@ -168,7 +175,7 @@ def _number(value: Any, wire_type: np.dtype[Any]) -> float:
 
 
 def _value_of_text(text: str) -> float:
-    """Converts a text in the place of a number.
+    """Converts a text that stands for a number.
 
     It is the name of an enumeration's entry, or several names of bits joined with "|", each of which may also be an
     integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".
@@ -176,8 +183,11 @@ def _value_of_text(text: str) -> float:
     Args:
         text: The text.
 
+    Returns:
+        The number; named bits are combined.
+
     Raises:
-        ValueError: It is none of these.
+        ValueError: The text is none of these.
     """
     try:
         bits = 0

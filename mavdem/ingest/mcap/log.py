@@ -115,13 +115,16 @@ class _StreamPiece(NamedTuple):
 def _stream(source: str, recording: McapRecording) -> FrameStream:
     """Collects the MAVLink in a recording as one stream of frames, whichever way it was recorded.
 
-    There are two ways: as frames, which are taken as they are, and as JSON text, which is encoded as frames again, so
-    that one path decodes all messages. A sender may be recorded both ways. Its JSON messages are then skipped, so that
+    Two ways of recording are read. Frames are taken as they are. JSON text is encoded as frames again, so that all
+    messages are decoded in one way. If a sender was recorded in both ways, its JSON messages are skipped, so that
     nothing counts twice. A recording counts as MAVLink if the checksum of any frame matches.
 
     Args:
         source: Name of the file.
-        recording: The recording, which is read.
+        recording: The recording.
+
+    Returns:
+        The frames in the order of the recording, with their reception times.
 
     Raises:
         Unreadable: There is no MAVLink.
@@ -194,11 +197,14 @@ def _carries_frames(channel: Channel, first_message: bytes) -> bool:
 def _recording_part(pieces: Sequence[_StreamPiece]) -> RecordingPart:
     """Finds the frames in the pieces of one stream.
 
-    Pieces are joined before frames are searched, so that a frame that was split over two messages is found too. It has
+    Pieces are joined before frames are searched, so that a frame that was split over two messages is found too. It gets
     position and time of the message in which it begins.
 
     Args:
         pieces: The messages of one channel, in the order of the file.
+
+    Returns:
+        The bytes, the frames, and for each frame position and time (ns).
     """
     data = np.frombuffer(b"".join(piece.data for piece in pieces), dtype=np.uint8)
     piece_ends = np.cumsum([len(piece.data) for piece in pieces], dtype=np.int64)
@@ -316,7 +322,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
-    """Explains to the user why no MAVLink was read from a recording, and what it seems to be instead.
+    """Explains why no MAVLink was read from a recording, and what the recording seems to be instead.
 
     The most specific reason comes first:
 
@@ -330,6 +336,9 @@ def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> 
         source: Name of the file.
         recording: The recording, which was read.
         candidates: Number of messages that look like MAVLink, but cannot be read.
+
+    Returns:
+        The fact for the user.
     """
     if candidates:
         return Fact(Source.DIALECT_UNKNOWN, path=source, count=candidates, recording=True)

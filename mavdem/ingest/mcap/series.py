@@ -152,7 +152,10 @@ def _messages(series: Mapping[str, Series]) -> Messages:
     channels.
 
     Args:
-        series: By topic, times (T,), s, and columns (T,) by name.
+        series: Times (T,), s, and columns (T,) by name, by topic.
+
+    Returns:
+        Heads and bodies of all messages.
     """
     bodies: list[str] = []
     times = [np.empty(0)]

@@ -128,11 +128,14 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
 
 
 def _topic_columns(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns | None:
-    """Puts the fields of a topic that are read into columns; None where the messages are of another type.
+    """Puts those fields of a topic that are read into columns.
 
     Args:
         topic: The topic.
-        messages: Its decoded messages by their number in the recording.
+        messages: Its decoded messages, by their number in the recording.
+
+    Returns:
+        Columns of the messages; None if they are of another type.
     """
     stamp_fields = tuple(STAMP_UNITS[topic.bridge])
     if topic.bridge == PX4_BRIDGE:

@@ -95,11 +95,14 @@ class LoopData(NamedTuple):
 
     @classmethod
     def from_samples(cls, segments: Sequence[Array], dt: float) -> LoopData:
-        """Builds the data from the samples of some segments, less their mean over all of them.
+        """Builds the data from the samples of some segments, and subtracts the mean over all of them.
 
         Args:
             segments: samples (T, 3) of each segment, in physical units.
             dt: sampling step, s.
+
+        Returns:
+            The centred data, with mean and standard deviation of each channel.
         """
         samples = np.concatenate(segments)
         center = samples.mean(axis=0)
@@ -306,11 +309,14 @@ class LoopPosterior:
     def expand(self, at: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, with the Fisher information as curvature.
 
-        Of Gaussian innovations e with covariance F the information on two parameters a and b is
-        Σ_t e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b), subscripts being derivatives, here forward differences.
+        Of Gaussian innovations e with covariance F the information on two parameters a and b is Σ_t e_aᵀ F⁻¹ e_b + ½
+        tr(F⁻¹ F_a F⁻¹ F_b), subscripts being derivatives, here forward differences.
 
         Args:
-            at: logarithms of the parameters at the point (k,).
+            at: (k,) logarithms of the parameters at the point.
+
+        Returns:
+            Value, gradient (k,) and curvature (k, k) of the log posterior at the point.
 
         Raises:
             numpy.linalg.LinAlgError: the loop is unstable there.

@@ -183,14 +183,17 @@ def _squared_errors(
     setpoint: _ProcessCovariances,
     trim_covariance: Array,
 ) -> _SquaredErrors:
-    """Sums the squares of all smoothed noises of one segment, by what they belong to.
+    """Sums the squares of all smoothed noises of one segment, for each group of noises.
 
     Args:
-        segment: the filtered segment.
+        segment: the filtered and smoothed segment.
         noise_variance: (3,) variances of the measurement noises.
         driving: covariances of all driving noises.
-        setpoint: the part of them that the setpoint causes.
+        setpoint: the part of these covariances that the setpoint causes.
         trim_covariance: (3, 3) prior covariance of the trims.
+
+    Returns:
+        Sums of squares, each relative to its variance, of measurement noise, setpoint, and other driving noises.
     """
     states = segment.smoothing[:, :STATES]
     trims = segment.smoothing[0, STATES:]

@@ -325,13 +325,16 @@ def _ascend(
 
 
 def _limited_step(step: Array) -> Array:
-    """Shortens a step of θ (k,), in its direction, so that no entry changes by more than its limit.
+    """Shortens a step of the parameters θ, in its direction, so that no entry changes by more than its limit.
 
     The limit is the prior standard deviation of the entry, at most ``MAX_PARAMETER_STEP``: beyond it, the quadratic
     expansion of the posterior is not trusted.
 
     Args:
-        step: change of the parameters θ (k,).
+        step: (k,) change of the parameters θ.
+
+    Returns:
+        The step (k,), as long as it was or shorter.
     """
     largest = np.minimum(PRIOR_SD, MAX_PARAMETER_STEP)
     return step / max(1.0, np.abs(step / largest).max())

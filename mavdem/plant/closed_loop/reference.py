@@ -24,15 +24,15 @@ MAX_ITERATIONS = 600
 
 
 def denoised_density(density: Array, noise_density: float) -> ArrayPair:
-    """Subtracts noise from an estimated density of the reference.
+    """Subtracts the noise from an estimated spectral density of the reference.
 
     Args:
-        density: estimate that contains the noise, of any shape.
-        noise_density: density of the noise, white.
+        density: (…) estimate that contains the noise, of any shape.
+        noise_density: density of the white noise.
 
     Returns:
-        The density without the noise, at least ``MIN_REFERENCE_FRACTION`` of the estimate; and the derivative of its
-        logarithm with respect to the logarithm of the noise's standard deviation, of the same shape.
+        The density (…) without the noise, at least ``MIN_REFERENCE_FRACTION`` of the estimate; and the derivative (…)
+        of its logarithm by the logarithm of the noise's standard deviation.
     """
     floor = MIN_REFERENCE_FRACTION * density
     difference = np.maximum(density - noise_density, floor)

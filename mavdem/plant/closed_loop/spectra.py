@@ -279,15 +279,16 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     """Returns the Fourier transform of one window of a stream, at the stamps of its messages.
 
     The linear trend is removed, and a Hann taper applied. A discrete Fourier transform at uneven stamps would be slow.
-    So each sample is split between the two nearest points of a fine even grid, which a fast transform then takes.
+    So each sample is split between the two nearest points of a fine even grid, which a fast Fourier transform then
+    takes.
 
     Args:
-        stream: the messages.
+        stream: stamps and values of the messages.
         start: time at which the window begins, s.
 
     Returns:
-        Transform at the frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``, scaled so that the mean of its squared
-        magnitude is the two-sided density.
+        (F,) transform at the frequencies from 0 in steps of 1 / ``SPECTRUM_SECONDS``, scaled so that the mean of its
+        squared magnitude is the two-sided density.
     """
     first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
     time = stream.time[first:last] - start

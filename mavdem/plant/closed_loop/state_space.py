@@ -320,11 +320,14 @@ SOURCES = 6
 
 
 def continuous_loop(parameters: GenerativeParameters, controller: LoopController) -> ContinuousLoop:
-    """Builds the differential equation of the closed loop, row by row as the module's equations have it.
+    """Builds the differential equation of the closed loop, row by row in the order of the module's equations.
 
     Args:
-        parameters: parameters of the loop, each a number or an array (…).
-        controller: controller, of which the form and the feed-forwards are used.
+        parameters: parameters of the loop, each a number or an array (…) for several loops at once.
+        controller: controller, whose form and feed-forwards are used.
+
+    Returns:
+        Matrices (…, n, n) of the states, (…, n, sources) of the noises and (…, channels, n) of the outputs.
     """
     shape = np.shape(parameters.effect)
     A = np.zeros((*shape, STATES, STATES))
@@ -398,7 +401,7 @@ def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> Non
     Args:
         A: system matrix (…, n, n), whose rows are written.
         parameters: parameters of the loop, each a number or an array (…).
-        motors: weights (…, n) of the states in the motors' combination.
+        motors: (…, n) weights of the states in the command to the motors.
     """
     unit = np.eye(STATES)
     A[..., State.ANGLE, State.RATE] = 1.0
@@ -421,11 +424,14 @@ def _wind_torque_weights(parameters: GenerativeParameters) -> Array:
     """Returns the weights (…, n) of the states in the wind torque, rad/s².
 
     The torque is the sum of its components. A first-order component is one state of variance 1 times its standard
-    deviation. The smooth component has several states, of which the noise model's output row C makes a noise of
-    variance 1.
+    deviation. The smooth component has several states; the output matrix C of its noise model combines them to a noise
+    of variance 1.
 
     Args:
         parameters: parameters of the loop, each a number or an array (…).
+
+    Returns:
+        Weights (…, n).
     """
     weights = np.zeros((*np.shape(parameters.effect), STATES))
     weights[..., State.DRIFT] = parameters.drift_size
@@ -458,7 +464,7 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
 
 
 def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) -> None:
-    """Enters the setpoint, actuation and wind, which white noises drive, and the gyro noise.
+    """Enters the rows of setpoint, actuation and wind, which white noises drive, and of the gyro noise.
 
     Args:
         A: system matrix (…, n, n), whose rows are written.
@@ -510,7 +516,7 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
     """Samples the closed loop exactly: the discrete model has the same distribution at the samples.
 
     Args:
-        theta: (…, k) logarithms of the parameters.
+        theta: (…, k) logarithms of the parameters; leading dimensions are several loops.
         controller: the controller.
         dt: sampling step, s.
 
@@ -518,7 +524,7 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
         The discrete model, with every state divided by its stationary standard deviation.
 
     Raises:
-        numpy.linalg.LinAlgError: a loop is unstable, and so has no stationary distribution.
+        numpy.linalg.LinAlgError: a loop is unstable, so it has no stationary distribution.
     """
     parameters = GenerativeParameters(*np.moveaxis(np.exp(theta), -1, 0))
     loop = continuous_loop(parameters, controller)
@@ -581,16 +587,19 @@ class _StepOfLoop(NamedTuple):
 def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     """Discretises the closed loop over one sampling step, and finds its stationary covariance.
 
-    Both use doubling of the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ, with the transition matrix Φ and the
-    covariance Q of the process noise. A step is doubled from a very short one, and the stationary covariance is Q of a
-    time after which its variances grow no more (``STEADY_CHANGE``, at most ``MAX_DOUBLINGS``).
+    Both are computed by doubling of the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ, with the transition matrix
+    Φ and the covariance Q of the process noise. The doubling begins with a very short step. The stationary covariance
+    is Q after a time at which its variances have stopped growing (``STEADY_CHANGE``, at most ``MAX_DOUBLINGS``).
 
-    Only positive semidefinite matrices are added, so that no covariance gets a negative eigenvalue by rounding, however
+    Only positive semidefinite matrices are added, so rounding cannot give a covariance negative eigenvalues, however
     much faster one state is than another.
 
     Args:
         loop: the loop in continuous time.
         dt: sampling step, s.
+
+    Returns:
+        Transition matrix and process covariance of a step, and stationary covariance, (…, n, n) each.
 
     Raises:
         numpy.linalg.LinAlgError: a loop is unstable.
@@ -622,13 +631,16 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
 
 
 def _over_two_steps(transition: Array, covariance: Array) -> Array:
-    """Returns the covariance (…, n, n) of the process noise of two steps, Q(2h) = Q + Φ Q Φᵀ.
+    """Returns the covariance of the process noise over two steps, Q(2h) = Q + Φ Q Φᵀ.
 
-    Rounding would make it a little asymmetric, so that it is averaged with its transpose.
+    Rounding makes it slightly asymmetric, so it is averaged with its transpose.
 
     Args:
-        transition: transition matrix Φ of one step (…, n, n).
-        covariance: covariance Q of the process noise of one step (…, n, n).
+        transition: (…, n, n) transition matrix Φ of one step.
+        covariance: (…, n, n) covariance Q of the process noise of one step.
+
+    Returns:
+        (…, n, n) covariance of two steps.
     """
     doubled = covariance + transition @ covariance @ transition.mT
     return np.asarray((doubled + doubled.mT) / 2)

@@ -132,9 +132,12 @@ class Line(NamedTuple):
         Args:
             name: what the legend calls it.
             colour: colour from ``mavdem.report.palette``.
-            x, y: abscissae and values (N,).
-            half_width: half width of the band (N,), in the unit of ``y``.
+            x, y: abscissae and values (N,) each.
+            half_width: (N,) half widths of the band, in the unit of ``y``.
             style: how the line is drawn.
+
+        Returns:
+            The line, with the lower and upper edge of its band.
         """
         return cls(name, colour, x, y, y - half_width, y + half_width, style)
 
@@ -464,13 +467,13 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
 def packed(
     values: Array | None, is_logarithmic: bool, may_be_even: bool = False
 ) -> JsonValues | None:
-    """Packs an array (N,) into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
+    """Packs an array into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
 
-    They take a quarter of the room of numbers as text, and resolve more than any screen. ``charts.js`` unpacks them.
+    They take a quarter of the space of numbers as text, and resolve more than any screen. ``charts.js`` unpacks them.
 
     Args:
-        values: the array; None gives None.
-        is_logarithmic: whether decimal logarithms of the values are packed in their place.
+        values: (N,) the array; None gives None.
+        is_logarithmic: whether the decimal logarithms of the values are packed instead.
         may_be_even: whether the values may be evenly spaced. If they are, only start, step and size are returned.
 
     Returns:

@@ -82,14 +82,17 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 
 
 def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> tuple[Charts, ...]:
-    """Returns charts of the closed-loop responses, measured and predicted: a column for each axis.
+    """Returns charts of the closed-loop responses, measured and predicted.
 
-    A column has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
-    response have no column.
+    Each axis with a measured response has a column: the step responses of rate and angle, and the gain |T| of the rate
+    loop.
 
     Args:
         responses: by axis and loop.
         advised: predicted step responses with the advised gains, by axis and loop.
+
+    Returns:
+        Columns of charts, one for each axis.
     """
     columns = []
     for axis, loops in responses.items():
@@ -116,9 +119,9 @@ def _response_charts(
     Args:
         title: axis and loop, such as "Roll rate".
         response: the response with its prediction, if the loop is identified.
-        measured: the same as ``response.measured``, which is known to be no reason for a missing one.
-        advised_step: predicted response to a step with the advised gains, at the times of the measured one; None where
-            the gains are kept.
+        measured: the measured response, ``response.measured``, in the case that it is not a reason why there is none.
+        advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
+            if the gains are kept.
     """
     # Where the messages are too slow to measure a step, the step is that of the identified loop.
     step_name = "identified" if measured.is_identified else "measured"

@@ -140,12 +140,12 @@ def _mode_colour(number: int) -> str:
 
 
 def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> Iterator[_Piece]:
-    """Yields the path in pieces, a new one wherever the class of height or the flight mode changes.
+    """Yields the path in pieces of one colour: a new piece begins where the class of height or the flight mode changes.
 
     Args:
-        x, y: places (N,) in units of the drawing.
-        height_classes: class of height (N,).
-        mode_numbers: number of the flight mode (N,).
+        x, y: coordinates (N,) in units of the drawing, to the right and downward.
+        height_classes: (N,) index of the colour of each height.
+        mode_numbers: (N,) number of the flight mode.
     """
     is_change = (np.diff(height_classes) != 0) | (np.diff(mode_numbers) != 0)
     edges = [0, *(np.flatnonzero(is_change) + 1).tolist(), len(x)]

@@ -20,7 +20,7 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
 
     Args:
         learned: the model, with matrices A, B and C.
-        motors: what the motors do for a command of 1, m (r,).
+        motors: what the motors do for a command of 1: the vector m (r,) of model inputs.
         frequency: frequencies f (F,), Hz.
         output: index of the output.
 
@@ -29,8 +29,8 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
     """
     A, B, C = learned.model.A, learned.model.B, learned.model.C
     s = 2j * np.pi * frequency[:, None, None]
-    states = np.linalg.solve(s * np.eye(len(A)) - A, (B @ motors)[:, None])
-    return (C[output] @ states).T
+    state_responses = np.linalg.solve(s * np.eye(len(A)) - A, (B @ motors)[:, None])
+    return (C[output] @ state_responses).T
 
 
 def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle: bool) -> Complex:

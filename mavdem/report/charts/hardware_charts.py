@@ -238,12 +238,15 @@ def _lines(
     timeline: Timeline,
     colours: Names | list[str] = DISTINCT,
 ) -> tuple[Line, ...]:
-    """Returns a line for each series that has samples within the time of the other charts.
+    """Returns a line for each series that has samples in the interval that all charts share.
 
     Args:
-        series_by_name: (N,) samples by the name of the line; None where they were not recorded.
-        timeline: the other charts.
-        colours: colours that the lines get in turn.
+        series_by_name: series (N,) by the name of the line; None if it was not recorded.
+        timeline: the boot and the interval that the charts show.
+        colours: colours that the lines get in turn; they repeat if there are more lines.
+
+    Returns:
+        Lines in the order of the names.
     """
     lines = []
     start, end = timeline.span

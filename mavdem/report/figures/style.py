@@ -130,7 +130,7 @@ def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
 
     Args:
         axes: axes whose limits are set; they are only narrowed.
-        values: values that must be visible; NaN is ignored.
+        values: values of any shape that must be visible; NaN is ignored.
         margin: space above and below them, in spans of the values.
     """
     array = np.asarray(values, np.float64)

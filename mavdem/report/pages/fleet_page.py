@@ -134,10 +134,13 @@ def _rated(cells: Sequence[str]) -> list[str]:
 
 
 def vehicle_charts(rows: FlightRows) -> str:
-    """Renders the charts of a vehicle over its flights as HTML; empty where there is nothing to draw.
+    """Renders the charts of a vehicle over its flights.
 
     Args:
         rows: the rows of the vehicle, with all columns.
+
+    Returns:
+        HTML; empty if there is nothing to draw.
     """
     flights = flights_of(row for row in rows if row.has_flight)
     group = vehicle_group(flights)
@@ -446,10 +449,13 @@ def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
 
 
 def fleet_remark(row: FlightRow) -> str:
-    """Renders how a flight differs from others of its vehicle, for the top of its page; empty if it does not.
+    """Renders how a flight differs from others of its vehicle, for the top of the flight's page.
 
     Args:
         row: row of the flight's axis with the worst health.
+
+    Returns:
+        HTML; empty if the flight does not differ.
     """
     template = environment().get_template("beside.html")
     return render_page(template, trouble=row, healths=HEALTH_LEVELS)

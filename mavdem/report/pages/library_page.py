@@ -100,8 +100,11 @@ def render_server_page(name: str, /, **values: Any) -> str:
     """Renders a page of the server.
 
     Args:
-        name: name of its template, without the ending, in ``mavdem/report/serve``.
-        **values: what the template uses, by name.
+        name: name of the template, without the ending, in ``mavdem/report/serve``.
+        **values: values that the template uses, by name.
+
+    Returns:
+        The page as HTML.
     """
     return render_page(_environment().get_template(f"serve/{name}.html"), **values)
 
@@ -111,6 +114,9 @@ def first_plots(history: TimeHistory) -> str:
 
     Args:
         history: the flight over time.
+
+    Returns:
+        Part of a page as HTML.
     """
     timeline = timeline_of_history(history)
     axis_columns = tuple(
@@ -154,9 +160,12 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     """Renders the page of one vehicle: its charts over its flights, and what differs from the baseline.
 
     Args:
-        flights: rows of each flight, in order of time.
-        changes: sentences and tables on what differs.
-        **values: what else the template uses, by name.
+        flights: rows of each flight, in the order of time.
+        changes: sentences and tables on the differences from the baseline.
+        **values: further values that the template uses, by name.
+
+    Returns:
+        The page as HTML.
     """
     summary = vehicle_words(flights).difference if flights else ""
     group = vehicle_group(flights) if len(flights) > 1 else None
@@ -165,12 +174,15 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
 
 
 def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
-    """Renders the page that says why there is no other page.
+    """Renders the page that is shown in the place of a refused one, with the reason.
 
     Args:
-        fact: the reason.
+        fact: reason of the refusal.
         asks: whether the page asks for the token.
-        **values: what else the template uses, by name.
+        **values: further values that the template uses, by name.
+
+    Returns:
+        The page as HTML.
     """
     return render_server_page(
         "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values

@@ -192,16 +192,19 @@ def render_document(
 ) -> str:
     """Renders a page as HTML, with all text escaped.
 
-    The same arguments give the same bytes with the same versions of mavdem and Python.
+    The same arguments give the same bytes under the same versions of mavdem and Python.
 
     Args:
         title: heading of the page.
         subtitle: line below it.
         blocks: the result, in sentences and tables.
-        chapters: what follows; those without content are left out.
-        back: the page that leads here, if any.
-        head: the top of a flight's page; None of another page.
-        max_points: points that a line of a chart has at most.
+        chapters: chapters below the result; those without content are left out.
+        back: link to the page that leads here; None for no link.
+        head: top part of a flight's page; None for other pages.
+        max_points: largest number of points of a line in a chart.
+
+    Returns:
+        The page as HTML.
     """
     chapters_with_content = [
         chapter
@@ -234,7 +237,10 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
     Args:
         name: name of the log, the title of the page.
         tuning: the advice for each axis.
-        evidence: what the log shows of the vehicle, from which its twin is built.
+        evidence: signals and measurements of the vehicle, from which its twin is built.
+
+    Returns:
+        The page as HTML.
     """
     judgement = tuning.judgement
     changes = gain_changes(
@@ -277,6 +283,9 @@ def flight_html(flight: Flight) -> str:
 
     Args:
         flight: the flight.
+
+    Returns:
+        HTML without scripts.
     """
     rows = [
         _channel_row(name, unit, values)
