@@ -221,7 +221,8 @@ def generalized_data(
 ) -> tuple[Array, ...]:
     """Embeds training data into generalized coordinates, in the engine's units.
 
-    Outputs and inputs have the same window about the same instant, so that no derivative lags another.
+    Outputs and inputs have the same window about the same instant, so that no derivative lags another. A sample has
+    generalized data if its whole window lies inside the segment.
 
     Args:
         settings: settings of the fit, with the embedding orders and the window.
@@ -229,8 +230,7 @@ def generalized_data(
         record: training data.
 
     Returns:
-        Generalized data [ỹ; η̃] of each segment that is long enough, (T', (p + 1)m + (d + 1)r): one row for each sample
-        whose whole window lies inside the segment.
+        Generalized data [ỹ; η̃] (T', (p + 1)m + (d + 1)r) of each segment that is long enough, one row for each sample.
     """
     window = settings.window
     center = settings.window // 2
@@ -250,7 +250,7 @@ def _kalman_gain(
     smoothness: float,
     dt: float,
 ) -> Array:
-    """Returns the gain (n, m) of the steady-state Kalman filter with the fitted parameters and noises.
+    """Returns the gain of the steady-state Kalman filter with the fitted parameters and noises.
 
     Args:
         model: the generative model.
@@ -258,8 +258,11 @@ def _kalman_gain(
         smoothness: kernel width s of the noises, s.
         dt: sampling step, s.
 
+    Returns:
+        (n, m) gain.
+
     Raises:
-        numpy.linalg.LinAlgError: there is no steady filter.
+        numpy.linalg.LinAlgError: the model has no steady-state filter.
     """
     A, B, C = unpack(posterior.theta, *model.sizes)
     noise_variances = np.exp(-posterior.lambda_)
@@ -280,10 +283,13 @@ def predictor_from_theta(
     """Returns the discrete model in innovation form, which predicts each sample from those before it.
 
     Args:
-        theta: (k,) parameters, in the engine's units.
+        theta: (k,) parameters θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], in the engine's units.
         sizes: numbers of states, inputs and outputs.
-        gain: (n, m) gain with which the filter corrects the state of a sample.
+        gain: (n, m) Kalman gain, by which a sample corrects the state.
         dt: sampling step, s.
+
+    Returns:
+        The model, in the engine's units.
     """
     A, B, C = unpack(theta, *sizes)
     return StateSpace.from_transition(discretize(A, B, dt), C, gain)

@@ -468,11 +468,12 @@ class Learned(ImmutableResult, ForecasterBase):
     def free_energy_terms_of_samples(self) -> dict[str, Array]:
         """Returns the terms of F(t), of which :attr:`free_energy_of_samples` is the sum.
 
-        Those of the priors and entropies of θ and λ, the complexity of the model, are shared evenly by the samples.
+        The terms of the priors and entropies of θ and λ, the complexity of the model, are shared evenly between the
+        samples.
 
         Returns:
-            (T′,) of each term by its name, nats, at the samples :attr:`window_center_samples`. The sums over the
-            samples are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is zero.
+            (T′,) values of each term by its name, nats, at the samples :attr:`window_center_samples`. Their sums over
+            the samples are the terms of F̄ in the last iteration of :attr:`free_energy`; that of the mean field is 0.
             Empty for a model without :attr:`sample_free_energy`.
         """
         if self.sample_free_energy is None:
@@ -486,7 +487,7 @@ class Learned(ImmutableResult, ForecasterBase):
         The states x, their rates x′ and the inputs v are DEM's posterior means at each sample.
 
         Returns:
-            Indices of the samples, :attr:`window_center_samples`, (T′,), and the noise there, (T′, n), in units of the
+            Indices (T′,) of the samples, :attr:`window_center_samples`, and the noise (T′, n) there, in units of the
             states per second.
         """
         n, r = self.model.B.shape

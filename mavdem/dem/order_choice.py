@@ -214,7 +214,8 @@ def free_energy_of_flights(
         progress: called after each flight with the completed fraction of all.
 
     Returns:
-        Results of :func:`free_energy_by_order` by name, and why other flights have none, by name.
+        Results of :func:`free_energy_by_order` by name of the flight; and by name of each other flight, why it has
+        none.
     """
     work = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
     results: dict[str, FlightFreeEnergy] = {}

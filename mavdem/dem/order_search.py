@@ -475,14 +475,14 @@ def _principal_directions(symmetric: Array) -> Array:
 def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:
     """Estimates θ by regression of rates and outputs on states and inputs, in the coordinates of the priors.
 
-    The data determine the states only up to an invertible linear map. The priors fix it: they are for states of
+    The data determine the states only up to an invertible linear map, which the priors fix: they are for states of
     variance 1 with independent noises. So the states are first whitened, and then rotated to the principal axes of the
     process noise.
 
     Args:
         data: the generalized data.
-        states: linear functions of the data that are the n states, one in each row (n, dim [ỹ; η̃]).
-        rates: linear functions of the data that are their rates (n, dim [ỹ; η̃]).
+        states: (n, dim [ỹ; η̃]) linear functions of the data that estimate the n states, one in each row.
+        rates: (n, dim [ỹ; η̃]) linear functions of the data that estimate the derivatives of the states.
 
     Returns:
         θ (k,) in the units of the data.

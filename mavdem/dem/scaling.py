@@ -140,10 +140,10 @@ class Scaling:
         )
 
     def physical_model(self, theta: Array, order: int) -> LinearModel:
-        """Converts parameters to a model in physical units.
+        """Converts parameters θ to a model in physical units.
 
         Args:
-            theta: (k,) parameters in the engine's units, with the column of B for the constant input, if there is one.
+            theta: (k,) parameters in the engine's units; B has an additional column if there is a constant input.
             order: number of states.
 
         Returns:

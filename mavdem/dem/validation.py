@@ -182,7 +182,15 @@ def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
 
 
 def require_finite_and_bounded(samples: Array, name: str) -> None:
-    """Raises ``ValueError`` unless all samples are finite and at most ``MAX_ABS_VALUE``, so that squares are finite."""
+    """Checks that all samples are finite and at most ``MAX_ABS_VALUE``, so that their squares are finite.
+
+    Args:
+        samples: samples of any shape.
+        name: name of the argument, with which the error message begins.
+
+    Raises:
+        ValueError: a sample is NaN, infinite or too large.
+    """
     # The largest of values with a NaN is NaN, for which no comparison is true.
     if abs(samples).max(initial=0.0) <= MAX_ABS_VALUE:
         return

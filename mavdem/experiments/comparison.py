@@ -177,12 +177,15 @@ class Outcome:
 def evaluate_window(method: Method, window: Window) -> Outcome:
     """Trains a method on the first part of a window and forecasts the second.
 
-    A method that fails on a window must not end the comparison: the outcome then has the reason, and infinite errors,
+    A method that fails on a window must not end the comparison. The outcome then has the reason, and infinite errors,
     so that a failure counts as the worst forecast.
 
     Args:
         method: the method.
         window: the window, with its training part and its test part.
+
+    Returns:
+        Errors and forecasts of the test part, whether the model is stable, and the processor time of training, s.
     """
     begin = thread_time()
     # Overflow shows in the errors or the failure of the outcome, so that warnings would only repeat it.
@@ -253,8 +256,11 @@ def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
     A forecast from state 0 has only the horizon of the whole test part, because it is not renewed from the data.
 
     Args:
-        question: what the forecast is given.
+        question: the kind of forecast: what data it may use.
         test: the test part.
+
+    Returns:
+        Numbers of steps.
     """
     return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
 
@@ -316,16 +322,19 @@ def compare(
 ) -> Comparison:
     """Runs all methods on all windows and compares the first method with each of the others.
 
-    Each pair of a method and a window is a trial of its own, which any process may do. It uses all cores of this
-    process, in processes that import the running script: call it below ``if __name__ == "__main__":``.
+    Each pair of a method and a window is a trial of its own, which any process may run. It uses all cores, in processes
+    that import the running script: call it below ``if __name__ == "__main__":``.
 
     Args:
         windows: windows of one flight or several, at least one.
         methods: methods to compare, the reference first.
-        progress: called with the share of the trials that are done, 0 to 1.
+        progress: function that is called with the completed fraction of the trials, 0 to 1.
+
+    Returns:
+        Outcomes of all methods in each window.
 
     Raises:
-        ValueError: there is no window.
+        ValueError: ``windows`` is empty.
         concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
     if not windows:
@@ -441,7 +450,10 @@ class Comparison:
         """Returns the summaries of all methods over the windows of this comparison, the lowest error ratio first.
 
         Args:
-            question: what the forecasts were given.
+            question: the kind of forecast: what data it may use.
+
+        Returns:
+            A summary for each method, as JSON values.
         """
         methods = self.methods_of(question)
         summaries = [self._summary(method, question, methods[0]) for method in methods]

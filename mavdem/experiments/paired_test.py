@@ -53,13 +53,16 @@ def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None 
     """Compares the errors of two methods on the same windows, by the median ratio and Wilcoxon's signed-rank test.
 
     Args:
-        ours: (W,) errors of one method, at least 0, and infinite where it has no forecast.
+        ours: (W,) errors of one method, at least 0, and infinite for a window without a forecast.
         theirs: (W,) errors of the other method on the same windows. Two errors that are both infinite, or both 0, count
             as equal.
-        windows: the W windows; they count as independent unless given.
+        windows: the W windows, of which overlapping ones are not independent; None if all are independent.
+
+    Returns:
+        Median ratio of the errors, number of windows in which the first method has the lower error, and p-value.
 
     Raises:
-        ValueError: arrays of different lengths, or errors that are negative or NaN.
+        ValueError: the arrays have different lengths, or errors are negative or NaN.
     """
     our_errors = np.asarray(ours, float)
     their_errors = np.asarray(theirs, float)

@@ -76,18 +76,13 @@ class Mspe(NamedTuple):
 
 @may_overflow
 def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
-    """Returns the mean over samples of the squared error (the paper, ``Metric for comparison``).
+    """Returns the mean squared prediction error over samples (the paper's ``Metric for comparison``).
 
     Args:
-        measured, predicted: (H, m) each. A prediction that is NaN has an infinite error.
+        measured, predicted: (H, m) values each. A prediction that is NaN has an infinite error.
 
     Raises:
-        ValueError: shapes that differ, or no samples.
-
-    >>> mspe([[0.0, 0.0], [2.0, 1.0]], [[0.0, 0.0], [0.0, 0.0]]).total
-    2.5
-
-    See Also:
+        ValueError: the shapes differ, or there are no samples.
         :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
     y = as_real_array(measured, "measured")

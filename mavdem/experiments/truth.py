@@ -201,8 +201,11 @@ def compare_with_truth(
 
     Args:
         learned: the model of one axis. Without physical parameters or wind torque that part is empty.
-        flights: the segments that it was trained on, whose times the wind torque is compared at.
-        truth: of these flights, as from :func:`truth_of`.
+        flights: the segments that it was trained on, at whose times the wind torque is compared.
+        truth: truth of these flights, as :func:`truth_of` returns it.
+
+    Returns:
+        Each parameter and the wind torque as learned and in truth, with their errors.
 
     Raises:
         ValueError: ``flights`` are not what ``learned`` was trained on.

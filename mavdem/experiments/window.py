@@ -44,12 +44,15 @@ class Length(NamedTuple):
 def part_samples(
     dt: float, train: Length | None = None, test: Length | None = None
 ) -> tuple[int, int]:
-    """Returns the numbers of samples of a training part and of a test part.
+    """Returns the lengths of a training part and of a test part in samples.
 
     Args:
         dt: sampling step, s.
-        train: length of the training part; 7 s for ``None``.
-        test: length of the test part; 1.5 s for ``None``.
+        train: length of the training part; None for 7 s.
+        test: length of the test part; None for 1.5 s.
+
+    Returns:
+        Numbers of samples of the training part and of the test part.
     """
     train = train or Length(TRAIN_SECONDS)
     test = test or Length(FORECAST_HORIZON_SECONDS)
@@ -190,14 +193,17 @@ def windows(
 def required_windows(
     name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
 ) -> tuple[Window, ...]:
-    """Returns the :func:`windows` of a flight, of which there must be at least one.
+    """Cuts a flight into windows (:func:`windows`), and requires at least one.
 
     Args:
         name: name of the flight.
         flight: the flight.
-        train: length of each training part; 7 s for ``None``.
-        test: length of each test part; 1.5 s for ``None``.
-        hop: samples from the start of a window to that of the next; half a window for ``None``.
+        train: length of each training part; None for 7 s.
+        test: length of each test part; None for 1.5 s.
+        hop: samples from the start of a window to that of the next; None for half a window.
+
+    Returns:
+        The windows, at least one.
 
     Raises:
         TooFewSamples: no window fits into the flight.

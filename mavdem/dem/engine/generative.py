@@ -78,10 +78,13 @@ class SufficientStatistics(NamedTuple):
 
     @classmethod
     def from_segments(cls, *segments: Array) -> SufficientStatistics:
-        """Counts the samples of all segments, and sums up the outer products of their generalized data.
+        """Counts the samples of all segments, and sums the outer products of their generalized data.
 
         Args:
             *segments: (T, (p + 1)m + (d + 1)r) generalized data [ỹ; η̃] of each segment, one row for each sample.
+
+        Returns:
+            The number of samples, and the Gram matrix (k, k) of the k generalized data.
         """
         gram = np.asarray(sum(data.T @ data for data in segments))
         sample_count = sum(map(len, segments))
@@ -305,7 +308,7 @@ class GenerativeModel:
 
     @cached_property
     def _regressor_layout(self) -> RegressorLayout:
-        """Which columns of the joint vector [ỹ; η̃; X] and which parameters belong to each row of [A B] and of C."""
+        """Which columns of the joint vector [ỹ; η̃; X], and which parameters, belong to each row of [A B] and of C."""
         n, r, m = self.sizes
         joint_size = self.hidden_columns.start + n * (self.p + 1) + r * (self.d + 1)
         x_columns = self.hidden_columns.start + np.arange(n * (self.p + 1)).reshape(-1, n)

@@ -129,8 +129,11 @@ class SteadyStateFilter(NamedTuple):
             process_covariance: (n, n) covariance of the process noise.
             noise_sd: standard deviation of the measurement noise, in the unit of the first state.
 
+        Returns:
+            The filter, with its gain and the covariance of the predicted state.
+
         Raises:
-            numpy.linalg.LinAlgError: there is no steady filter.
+            numpy.linalg.LinAlgError: the system has no steady-state filter.
         """
         C = np.eye(1, len(A))
         K, P = steady_state_gain(A, C, process_covariance, np.array([[noise_sd**2]]))
@@ -285,7 +288,7 @@ class KalmanFilter(NamedTuple):
         """Runs the filter over segments of T samples each.
 
         Args:
-            initial_state: (…, n) mean of the state at the first sample; leading axes are segments side by side.
+            initial_state: (…, n) mean of the state at the first sample; leading axes are independent segments.
             forcing: (…, T, n) known terms g that are added to the next state.
             measurements: (…, T, m) measured outputs y.
 
@@ -296,8 +299,8 @@ class KalmanFilter(NamedTuple):
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
-        # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here; there is one L
-        # for each gain, and the last one holds for all later samples.
+        # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
+        # for each gain; the last gain is the steady one, of all later samples.
         L_transposed = (self.A - self.gains @ self.C).mT
         driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
         for t, row in enumerate(rows):
@@ -311,11 +314,12 @@ class KalmanFilter(NamedTuple):
         and interpolation with the state-space model", Journal of the American Statistical Association 84(408), 1989).
 
         Args:
-            states: (…, T + 1, n) predicted states of :meth:`filter`.
-            innovations: (…, T, m) innovations of :meth:`filter`.
+            states: (…, T + 1, n) predicted states, as :meth:`filter` returns them.
+            innovations: (…, T, m) innovations, as :meth:`filter` returns them.
 
         Returns:
-            Means, covariances and lag-one covariances of the states, given all measurements of the segment.
+            Means (…, T + 1, n), covariances (T + 1, n, n) and lag-one covariances (T, n, n) of the states, given all
+            measurements of the segment.
         """
         samples = innovations.shape[-2]
         rows = self.gain_rows(samples)

@@ -127,15 +127,15 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
 
 
 def require_positive_definite(matrix: Array, name: str, size: int) -> None:
-    """Raises ``ValueError`` unless an argument is a finite, symmetric positive definite matrix (size, size).
+    """Checks that an argument is a finite, symmetric positive definite matrix.
 
     Args:
-        matrix: the argument.
-        name: its name, with which the message begins.
+        matrix: the argument, which should have the shape (size, size).
+        name: name of the argument, with which the error message begins.
         size: expected number of rows and columns.
 
     Raises:
-        ValueError: the message says which of these properties the matrix lacks.
+        ValueError: the argument lacks one of these properties; the message says which.
     """
     if np.shape(matrix) != (size, size):
         raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
@@ -162,7 +162,11 @@ Forecasts of an unstable model overflow, and so do those of huge inputs; callers
 
 @contextmanager
 def raise_on_overflow() -> Iterator[None]:
-    """Raises ``numpy.linalg.LinAlgError`` where arithmetic overflows or is undefined, instead of going on with NaN."""
+    """Raises an error where arithmetic in its block overflows or is undefined, instead of continuing with NaN.
+
+    Raises:
+        numpy.linalg.LinAlgError: a result overflowed, or was NaN.
+    """
     try:
         with np.errstate(over="raise", divide="raise", invalid="raise"):
             yield

@@ -63,7 +63,7 @@ def unpack(
     """Unpacks θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] into the matrices of the model.
 
     Args:
-        theta: (n² + n·r + m·n,) the parameter vector, or anything arranged like it, such as variances.
+        theta: (n² + n·r + m·n,) the parameter vector, or another vector in its order, such as variances.
         n: number of states.
         r: number of inputs.
         m: number of outputs.

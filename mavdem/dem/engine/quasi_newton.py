@@ -92,14 +92,14 @@ class _Search:
         self._breakdown_value = BREAKDOWN_NATS - start.free_energy
 
     def evaluate(self, coordinates: Array) -> tuple[float, Array]:
-        """Evaluates −F̄ᵒ and its gradient, and remembers the iterate if it is the best so far.
+        """Evaluates −F̄ᵒ and its gradient, and keeps the iterate if it is the best so far.
 
         Args:
             coordinates: (k + g,) deviations of θ and λ from the origin, scaled.
 
         Returns:
-            −F̄ᵒ, nats, and its gradient by the coordinates (k + g,); a large value and no gradient where the states or
-            the covariances have no finite solution.
+            −F̄ᵒ, nats, and its gradient by the coordinates (k + g,). If the states or the covariances have no finite
+            solution, a large value and a zero gradient.
         """
         theta, lambda_ = np.split(
             self.origin + self._root @ coordinates, [len(self.best.posterior.theta)]

@@ -45,10 +45,10 @@ def d_step(posterior: Posterior) -> Array:
     with one matrix L for all samples.
 
     Args:
-        posterior: the posterior of θ and λ; its states play no part.
+        posterior: the posterior of θ and λ; its states are not used.
 
     Returns:
-        L, (dim X, dim [ỹ; η̃]).
+        L (dim X, dim [ỹ; η̃]).
     """
     data_effect, precision = state_gradient(posterior)
     return solve(precision, data_effect)
@@ -62,7 +62,7 @@ def state_gradient(posterior: Posterior) -> ArrayPair:
     penalizes X.
 
     Args:
-        posterior: the posterior of θ and λ; its states play no part.
+        posterior: the posterior of θ and λ; its states are not used.
 
     Returns:
         G (dim X, dim [ỹ; η̃]) and P (dim X, dim X), with ∂F/∂X = G [ỹ; η̃] − P X.

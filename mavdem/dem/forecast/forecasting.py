@@ -66,15 +66,16 @@ class ForecasterBase:
         raise NotImplementedError
 
     def predict(self, steps: int) -> Array:
-        """Predicts the outputs after the training data (steps, m), with the inputs unknown.
-
-        Row 0 is the first sample after the training data.
+        """Predicts the outputs after the training data, with the inputs unknown.
 
         >>> learned.predict(100).shape
         (100, 2)
 
         Args:
             steps: number of samples to predict.
+
+        Returns:
+            (steps, m) means of the outputs in physical units. Row 0 is the first sample after the training data.
         """
         return self.predict_with_variance(steps).mean
 

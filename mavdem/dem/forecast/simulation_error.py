@@ -68,9 +68,9 @@ def models_for_parameters(
     """Returns the discrete-time state-space models of several parameter vectors, to be simulated together.
 
     Args:
-        thetas: b parameter vectors (b, k), which differ in A and B only.
+        thetas: (b, k) b parameter vectors, which differ in A and B only.
         sizes: numbers of states n, inputs r and outputs m.
-        gain: gain of the filter (n, m), the same for all models.
+        gain: (n, m) gain of the filter, the same for all models.
         dt: sampling step, s.
 
     Returns:
@@ -94,12 +94,12 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
     may overflow; its outputs are then infinite or NaN.
 
     Args:
-        models: b models, as of :func:`models_for_parameters`.
+        models: b models, as :func:`models_for_parameters` returns them.
         inputs: (h + H + 1, r, S) inputs of S pieces.
         outputs: (h + 1, m, S) outputs, which the filter uses.
 
     Returns:
-        Simulated outputs (b, H, m, S).
+        (b, H, m, S) simulated outputs.
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
     # (h + 1, r + m, S): what the filter takes at each step of every piece.

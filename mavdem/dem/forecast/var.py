@@ -77,7 +77,10 @@ class ChannelScaling(NamedTuple):
         """Scales channels from physical units to mean 0 and variance 1.
 
         Args:
-            channels: the k channels (…, k), or only the first of them, such as the outputs.
+            channels: (…, k) values of the channels; fewer than k columns are the first channels, such as the outputs.
+
+        Returns:
+            (…, k) scaled values.
         """
         count = channels.shape[-1]
         return (channels - self.center[:count]) / self.scale[:count]
@@ -88,15 +91,15 @@ class ChannelScaling(NamedTuple):
 
 
 def lagged_rows(samples: Array, lags: int) -> Array:
-    """Returns for each sample the samples before it, side by side: the regressors of an autoregression.
+    """Returns the regressors of an autoregression: for each sample, the samples before it, side by side.
 
     Args:
-        samples: samples z of k channels in time order (…, T, k).
+        samples: (…, T, k) samples z of k channels in time order; leading axes are independent segments.
         lags: number L of samples before each.
 
     Returns:
-        Rows [z_{t−1}, …, z_{t−L}] (…, T − L, L · k), one for each sample z_t that has L samples before it; none where
-        T < L.
+        (…, T − L, L · k) rows [z_{t−1}, …, z_{t−L}], one for each sample z_t that has L samples before it; none if T <
+        L.
     """
     rows = max(0, samples.shape[-2] - lags)
     # Each block has, for each of the samples, the sample ``lag`` steps before it.
@@ -172,24 +175,31 @@ class LagStatistics(NamedTuple):
         return scaling, statistics
 
     def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
-        """Adds the statistics of earlier samples, each of which counts as a fraction of a sample.
+        """Adds the statistics of earlier samples with a weight, so that each of them counts as a fraction of a sample.
 
         Args:
             earlier: statistics of the earlier samples.
-            weight: the fraction, 0 to 1.
+            weight: weight of an earlier sample, 0 to 1.
+
+        Returns:
+            Statistics of all samples.
         """
         return LagStatistics(
             self.row_count + weight * earlier.row_count, self.gram + weight * earlier.gram
         )
 
     def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
-        """Returns the ``gram`` of the same regression with fewer lags, by leaving out columns.
+        """Returns the Gram matrix of the same regression with fewer lags, by leaving out columns.
 
         The rows stay the same, so that free energies of different numbers of lags are of the same data.
 
         Args:
             lags: number of lags L of these statistics.
             fewer: number of lags to keep, the latest ones, at most L.
+
+        Returns:
+            Gram matrix (fewer · k + 1 + k, fewer · k + 1 + k): the k channels of each lag, the constant, and the k
+            channels of the sample.
         """
         # A row has the k channels of each lag, the constant, and the k channels of the sample.
         k = (len(self.gram) - 1) // (lags + 1)
@@ -412,12 +422,12 @@ class VectorAutoregression(NamedTuple):
         each step by that of one more innovation.
 
         Args:
-            past: samples up to the forecast (…, L, k), the latest last; leading axes are separate forecasts.
+            past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
             steps: number of samples to forecast.
 
         Returns:
-            The channels (…, steps, k), outputs first. Where a mean overflows it is replaced by the mean of the training
-            data, with infinite variance.
+            Means (…, steps, k) and variances (steps, k) of the channels, outputs first. Where a mean overflows it is
+            replaced by the mean of the training data, with infinite variance.
         """
         # Step h of the forecast is the h-th map of the past, plus the h-th constant.
         maps, constants = self.prediction_maps(steps)
@@ -490,7 +500,7 @@ class VectorAutoregression(NamedTuple):
             steps: number of samples that the filter is needed for.
 
         Returns:
-            The filter of scaled channels; its initial covariance is zero, since the past is known.
+            The filter of scaled channels; its initial covariance is 0, since the past is known.
         """
         lags, k, _ = self.coefficients.shape
         n = m * lags
@@ -646,11 +656,11 @@ class VectorAutoregression(NamedTuple):
         return self._physical_forecast(np.concatenate(predictions), np.zeros(1)).mean
 
     def _physical_forecast(self, mean: Array, variance: Array) -> Forecast:
-        """Brings a forecast of scaled channels to physical units.
+        """Converts a forecast of scaled channels to physical units.
 
         Args:
-            mean: (…, H, columns) means of the first columns of the channels.
-            variance: variances; they broadcast against ``mean``.
+            mean: (…, H, c) means of the first c channels.
+            variance: (…, H, c) variances, or an array that broadcasts to that shape.
 
         Returns:
             The forecast. Where a mean is not finite it is that of the training data, with infinite variance.
@@ -685,9 +695,9 @@ def _latest_first(past: Array) -> Array:
     """Flattens samples to the order of the coefficients: the latest sample first.
 
     Args:
-        past: L samples of k channels (…, L, k), the latest last.
+        past: (…, L, k) samples of k channels, the latest last.
 
     Returns:
-        The samples side by side (…, L · k).
+        (…, L · k) the samples side by side.
     """
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])

@@ -107,16 +107,18 @@ class Identified(Baseline):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Forecasts the outputs without the inputs of the time that is forecast.
+        """Forecasts the outputs without the inputs during the forecast.
 
-        Only models without an effect of the inputs, such as the constant mean, can do that: a plant model needs to know
-        the motors. ``steps``, the samples after the training data and the result are as for
-        :meth:`rolling_forecast_known_inputs`.
+        Only models whose inputs have no effect, such as the constant mean, can do that: a plant model needs to know the
+        motors.
 
         Args:
-            steps: samples of each forecast.
-            inputs: (H, r) after the training data. They have no effect.
+            steps: number of samples of each forecast.
+            inputs: (H, r) inputs after the training data; they have no effect.
             outputs: (H, m) of the same samples, from which the state at the start of each forecast is filtered.
+
+        Returns:
+            Means and variances of the outputs (H, m), with a new forecast at every ``steps``-th sample.
 
         Raises:
             ValueError: inputs have an effect on the model.

@@ -20,9 +20,19 @@ from mavdem.facts.forecasts import MethodName
 def var(train: TrainingData, order: int = 10) -> JointAutoregression:
     """Models outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
-    Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
-    other methods it can predict without the inputs; given them, it infers the outputs from what the inputs show of the
-    motion, by a Kalman filter. ``train`` and errors are as for :func:`mavdem.baselines.subspace`.
+    It is least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`).
+    Unlike the other methods it can predict without the inputs. If inputs are given, it infers the outputs from what
+    they show of the motion, by a Kalman filter.
+
+    Args:
+        train: a flight, or segments of one that are sampled at the same rate.
+        order: number of lags.
+
+    Returns:
+        The fitted autoregression.
+
+    Raises:
+        ValueError: the training data or the order are not valid.
     """
     order = validated_count(order, "order")
     record = Record.from_flights(train)
@@ -65,10 +75,14 @@ class JointAutoregression(Baseline):
         """Forecasts the outputs after the training data, with a new forecast at every ``steps``-th sample.
 
         Args:
-            steps: samples of each forecast.
-            inputs: (H, r) after the training data.
-            outputs: (H, m) of the same samples.
-            smooth: whether each sample is inferred from all inputs of its forecast, not only those up to its own.
+            steps: number of samples of each forecast.
+            inputs: (H, r) inputs after the training data.
+            outputs: (H, m) outputs of the same samples; a forecast uses those before it.
+            smooth: whether each sample is inferred from all inputs of its forecast, and not only from those up to its
+                own.
+
+        Returns:
+            Means and variances of the outputs (H, m).
         """
         return self.model.rolling_forecast_known_inputs(
             self._last_samples, steps, inputs, outputs, smooth

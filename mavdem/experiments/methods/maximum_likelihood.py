@@ -45,14 +45,23 @@ motion that is taken to be exact."""
 
 
 def pem(train: TrainingData, order: int = 2) -> Identified:
-    """Returns the model in innovation form that makes the determinant of the one-step errors' covariance smallest.
+    """Fits a state-space model by the prediction error method (PEM): it minimises the one-step errors' covariance.
 
-    That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
-    of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Gauss-Newton steps on
-    errors weighted by their covariance. The determinant never rises. It starts from the subspace model, and stays where
-    the predictor A − K C is stable. Consistent in closed loop, as far as the order is right.
+    The determinant of the covariance is minimised, which is maximum likelihood if the errors are Gaussian (Ljung,
+    System Identification, 2nd ed., secs. 7.2, 10.2). All of A, B, C, K, the offset and the first states of the segments
+    are free, in full parametrization. The fit takes Gauss-Newton steps on errors weighted by their covariance, from the
+    subspace model on, and the determinant never rises. It stays where the predictor A − K C is stable. The result is
+    consistent in closed loop, if the order is right.
 
-    ``train``, ``order`` and errors are as for :func:`mavdem.baselines.subspace`.
+    Args:
+        train: a flight, or segments of one that are sampled at the same rate.
+        order: number of states.
+
+    Returns:
+        The model in innovation form.
+
+    Raises:
+        ValueError: the training data or the order are not valid, as in :func:`mavdem.baselines.subspace`.
     """
     return identified("PEM", train, order, pem_fit)
 
@@ -101,9 +110,12 @@ class PredictionErrorLikelihood(NamedTuple):
         return np.concatenate([part.ravel() for part in self._parameter_arrays])
 
     def with_parameters(self, parameters: Array) -> PredictionErrorLikelihood:
-        """Returns the same likelihood with the model and the first states of a parameter vector (f,).
+        """Returns the same likelihood with the model and the first states of a parameter vector.
 
-        This undoes :attr:`parameters`: the vector is cut into the parts, which get their shapes again.
+        It is the inverse of :attr:`parameters`: the vector is cut into its parts, which get their shapes back.
+
+        Args:
+            parameters: (f,) parameter vector.
         """
         arrays = self._parameter_arrays
         ends = np.cumsum([array.size for array in arrays])
@@ -183,14 +195,24 @@ def error_covariance(errors: Array) -> Array:
 
 
 def em(train: TrainingData, order: int = 2) -> Identified:
-    """Returns the model of :class:`StateSpace`'s A, B and C with independent white noises of states and outputs.
+    """Fits a state-space model by expectation maximisation (EM), with independent white noises of states and outputs.
 
-    Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, trim and R, and
-    the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
-    1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
-    rises with every iteration from the subspace model on, to a maximum that need not be the highest. K is the steady
-    Kalman gain. Consistent in closed loop, as far as order and noises are right. ``train``, ``order`` and errors are as
-    for :func:`mavdem.baselines.subspace`; ``ValueError`` too where EM breaks down.
+    In the E step, states are smoothed under the present model. In the M step A, B, offset and Q, C, trim and R, and the
+    first states of the segments are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4), 1982;
+    with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood rises with
+    every iteration from the subspace model on, to a maximum that need not be the highest. K is the steady-state Kalman
+    gain. The result is consistent in closed loop, if order and noises are right.
+
+    Args:
+        train: a flight, or segments of one that are sampled at the same rate.
+        order: number of states.
+
+    Returns:
+        The model in innovation form.
+
+    Raises:
+        ValueError: the training data or the order are not valid, as in :func:`mavdem.baselines.subspace`, or EM breaks
+            down.
     """
     return identified("EM", train, order, em_fit)
 
@@ -202,11 +224,12 @@ def em_fit(segments: Segments, order: int) -> NormalizedFit:
     one noise and a gain, so the steady-state Kalman gain K for Q and R is computed at the end.
 
     Args:
-        segments: inputs (T, k) and outputs (T, m) of each segment.
+        segments: inputs (T, k) and outputs (T, m) of each segment, in normalized units.
         order: number of states.
 
     Returns:
-        The model with the first state of each segment, and the number of iterations if it is still improving.
+        The model with the first state of each segment; and the number of iterations, if the likelihood still rose at
+        the end.
 
     Raises:
         NotLearnable: the likelihood becomes infinite, or there is no steady-state filter.
@@ -236,15 +259,18 @@ class EMFit(NamedTuple):
 
 
 def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS) -> EMFit:
-    """Runs EM (expectation maximization) from the subspace model with noise, until the likelihood hardly rises.
+    """Runs EM (expectation maximisation) from the subspace model on, until the likelihood hardly rises.
 
-    Each iteration smooths the states of all segments under the model there is (E step), and fits the model to the
-    smoothed states (M step). The smoother gives the log likelihood of the model as well.
+    Each iteration smooths the states of all segments under the present model (E step), and fits a new model to the
+    smoothed states (M step). The smoother also gives the log likelihood of the model.
 
     Args:
         segments: inputs (T, k) and outputs (T, m) of each, in normalized units.
         order: number of states.
-        iterations: at most.
+        iterations: largest number of iterations.
+
+    Returns:
+        The model, the first state of each segment, and the log likelihood, nats, in each iteration.
 
     Raises:
         numpy.linalg.LinAlgError: the likelihood is not finite.

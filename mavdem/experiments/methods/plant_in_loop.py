@@ -276,12 +276,15 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Forecasts the outputs (H, 2) in consecutive parts of ``steps`` samples, from the samples before each part.
+        """Forecasts the outputs in consecutive parts of ``steps`` samples, each from the samples before it.
 
         Args:
             steps: number of samples of a part.
-            inputs: (H, r) inputs after the training data; those of earlier parts only are used for a forecast.
-            outputs: (H, 2) outputs of the same samples; those of earlier parts only are used for a forecast.
+            inputs: (H, r) inputs after the training data; a forecast uses only those before its part.
+            outputs: (H, 2) outputs of the same samples; a forecast uses only those before its part.
+
+        Returns:
+            Means and variances of angle and rate (H, 2).
         """
         steps = min(steps, len(inputs))
         A, C = self._filter.A, self._filter.C
@@ -299,13 +302,17 @@ class ClosedLoop(ForecasterBase):
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts the outputs (H, 2) in consecutive parts of ``steps`` samples, with the motors as measurements.
+        """Forecasts the outputs in consecutive parts of ``steps`` samples, with the motors as measurements.
 
         Args:
             steps: number of samples of a part.
-            inputs: (H, r) inputs after the training data, which are known in the part itself, too.
-            outputs: (H, 2) outputs of the same samples; those of earlier parts only are used for a forecast.
-            smooth: whether each sample is forecast with all motors of its part, and not only with those up to it.
+            inputs: (H, r) inputs after the training data; a forecast uses those of its part too.
+            outputs: (H, 2) outputs of the same samples; a forecast uses only those before its part.
+            smooth: whether each sample is forecast with all motor samples of its part, and not only with those up to
+                it.
+
+        Returns:
+            Means and variances of angle and rate (H, 2).
         """
         steps = min(steps, len(inputs))
         starts = self._start_states(steps, inputs, outputs)
@@ -323,13 +330,16 @@ class ClosedLoop(ForecasterBase):
     def _forecast_from_states(
         self, starts: Array, steps: int, inputs: Array, smooth: bool
     ) -> Forecast:
-        """Forecasts the outputs (H, 2) by a Kalman filter that measures the motors alone, and not the outputs.
+        """Forecasts the outputs by a Kalman filter that measures only the motors, and not the outputs.
 
         Args:
-            starts: (S, n + 3) states at the start of each forecast.
+            starts: (S, n + 3) states at the start of S forecasts.
             steps: number of samples of each forecast.
-            inputs: (H, r) motors of all forecasts, one after the other.
-            smooth: whether a smoother follows, so that each sample is estimated with the motors after it, too.
+            inputs: (H, r) motor samples of all forecasts, one after the other.
+            smooth: whether a smoother follows, so that each sample is estimated with the later motor samples too.
+
+        Returns:
+            Means and variances of angle and rate (H, 2).
         """
         full_filter = self._filter
         motors_output = full_filter.C[MOTORS_CHANNEL:]
@@ -400,12 +410,15 @@ class ClosedLoop(ForecasterBase):
         return predicted_states[len(training_samples) :: steps]
 
     def _joined_forecast(self, means: Array, variances: Array, length: int) -> Forecast:
-        """Joins forecasts, one after the other, and cuts off what the last has beyond the samples.
+        """Joins forecasts, one after the other, and cuts off the part of the last one that exceeds the samples.
 
         Args:
-            means: (S, steps, 3) centred channels.
-            variances: (steps, 3) their variances.
+            means: (S, steps, 3) means of the centred channels in S forecasts.
+            variances: (steps, 3) variances of the channels.
             length: number H of samples.
+
+        Returns:
+            Means and variances of angle and rate (H, 2).
         """
         all_variances = np.tile(variances, (len(means), 1))[:length]
         return self._output_forecast(means.reshape(-1, CHANNELS)[:length], all_variances)

@@ -229,20 +229,23 @@ def least_squares(regressors: Array, targets: Array) -> Array:
 
 
 def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
-    """Returns the steady Kalman gain K (n, m) of the innovation form of x⁺ = A x + … + w, y = C x + … + v.
+    """Returns the steady-state Kalman gain of the innovation form of x⁺ = A x + … + w, y = C x + … + v.
 
-    With it the predictor A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear Systems,
-    1996, sec. 4.2.2, Table 4.1).
+    With this gain the predictor A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear
+    Systems, 1996, sec. 4.2.2, Table 4.1).
 
-    For data without noise the Riccati equation has no such solution, so a little noise is added, and more if need be.
+    For data without noise the Riccati equation has no such solution, so a little noise is added, and more if necessary.
 
     Args:
-        A: (n, n) of one sampling step.
-        C: (m, n).
+        A: (n, n) state transition matrix of one sampling step.
+        C: (m, n) output matrix.
         Q, R, S: covariances E wwᵀ (n, n), E vvᵀ (m, m) and E wvᵀ (n, m).
 
+    Returns:
+        (n, m) gain K.
+
     Raises:
-        numpy.linalg.LinAlgError: there is no steady-state filter.
+        numpy.linalg.LinAlgError: no added noise gives a steady-state filter.
     """
     for variance in ADDED_NOISE_VARIANCES:
         with suppress(LinAlgError):

@@ -130,14 +130,17 @@ def _our_errors(runner: Runner) -> dict[str, dict[str, Array]]:
 def agreement_check(method: str, start: str, ours: Array, theirs: Array) -> Check:
     """Checks that the errors of our method agree with those of the authors' code.
 
-    The authors' DEM result, of one random prior, must lie in the central 90 % of ours. Of EM we have one fit and they
-    five, so the median of ours must lie between the best and the worst of theirs.
+    The authors' DEM result, of one random prior, must lie in the central 90 % of ours over random priors. Of EM we have
+    one fit and they have five, so the median of ours must lie between the best and the worst of theirs.
 
     Args:
         method: name of the method, one of ``METHODS``.
-        start: start of the forecasts, for the sentences.
-        ours: (N,) MSPE of our fits.
-        theirs: (M,) MSPE of the authors' fits.
+        start: start of the forecasts, for the text.
+        ours: (N,) mean squared prediction errors (MSPE) of our fits.
+        theirs: (M,) mean squared prediction errors of the authors' fits.
+
+    Returns:
+        The check, with the figures that it compares.
     """
     our_median = np.median(ours)
     if method == EM:

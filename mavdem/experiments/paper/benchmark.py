@@ -125,10 +125,16 @@ def _experiment_outcome(runner: Runner, method: str, number: int, start: str) ->
 
 
 def _figure_forecasts(runner: Runner) -> dict[str, Array]:
-    """Returns the forecasts that the figures of a single experiment show, by name of the method.
+    """Returns the forecasts that the figures of a single experiment show.
 
-    They start from the state estimated at the end of training. Each has shape (H, m): H steps of the test data, and m
-    outputs. A method that failed has no forecast and is left out.
+    They start from the state that is estimated at the end of training. A method that failed has no forecast and is left
+    out.
+
+    Args:
+        runner: runs the experiments, and has their outcomes.
+
+    Returns:
+        By name of the method, forecasts (H, m) of H steps of the test data and m outputs.
     """
     forecasts = {}
     for method in COMPARED_METHODS:
@@ -144,8 +150,11 @@ def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:
     The ratio of a window is the squared error of the forecast from the data over that of the constant mean, with each
     output in units of its variance in training.
 
+    Args:
+        runner: runs the experiments, and has the outcomes on the recorded flights.
+
     Returns:
-        (windows,) by name of the method; infinite where a method has no forecast.
+        By name of the method, ratios (W,) in W windows; infinite where it has no forecast.
     """
     ratios = {}
     for method, outcomes in runner.recorded_outcomes.items():
@@ -155,10 +164,13 @@ def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:
 
 
 def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
-    """Returns the table of the error ratios on the recorded flights, the lowest median first, and its introduction.
+    """Returns the table of the error ratios on the recorded flights, the lowest median first, after an introduction.
 
     Args:
-        ratios: error over that of the constant mean, (windows,) by name of the method.
+        ratios: (W,) squared errors relative to the constant mean, by name of the method.
+
+    Returns:
+        A sentence and the table.
     """
     methods = [name for name in ratios if name != CONSTANT_MEAN]
     methods.sort(key=lambda name: np.median(ratios[name]))
@@ -182,12 +194,15 @@ def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
 def lowest_error_check(errors: ErrorsByMethod, conditions: str) -> Check:
     """Checks that DEM has a lower error than each of the paper's other methods on every flight.
 
-    On each flight DEM is compared with the best of the others. The geometric mean of the ratios of the two errors goes
-    into the finding.
+    On each flight DEM is compared with the best of the others. The finding states the geometric mean of the ratios of
+    the two errors.
 
     Args:
-        errors: MSPE of each method on the same flights.
-        conditions: names the start of the forecasts, or the flight, in the sentences.
+        errors: mean squared prediction errors (MSPE) on the same flights, by name of the method.
+        conditions: start of the forecasts, or the flight, for the text.
+
+    Returns:
+        The check, which holds if DEM is best on all flights.
     """
     lowest_peer_errors = np.min([errors[name] for name in PEER_METHODS], axis=0)
     flight_count = len(lowest_peer_errors)
@@ -205,9 +220,12 @@ def _steps_check(squared_errors: Mapping[str, Array], flight: str) -> Check:
     """Checks that DEM has the lowest squared error of the paper's methods at more than half of the steps.
 
     Args:
-        squared_errors: (H,) summed over the outputs, by method; the constant mean is always among them, and a method
-            without a forecast is not.
-        flight: name of the flight in the sentences.
+        squared_errors: (H,) squared errors summed over the outputs, by method. The constant mean is always among them;
+            a method without a forecast is not.
+        flight: name of the flight, for the text.
+
+    Returns:
+        The check, with the share of steps.
     """
     no_forecast = np.full_like(squared_errors[CONSTANT_MEAN], np.inf)
     dem_errors = squared_errors.get(DEM_P2, no_forecast)
@@ -225,11 +243,14 @@ def _steps_check(squared_errors: Mapping[str, Array], flight: str) -> Check:
 def _error_tables(
     experiment_errors: Mapping[str, ErrorsByMethod], numbers: list[int]
 ) -> tuple[Block, ...]:
-    """Returns a table of the errors by method and experiment for each start, each after a sentence on it.
+    """Returns a table of the errors by method and experiment for each start of the forecasts.
 
     Args:
         experiment_errors: errors on the experiments, by start of the forecasts.
         numbers: numbers of the experiments.
+
+    Returns:
+        For each start a sentence and a table.
     """
     blocks: list[Block] = []
     for start, errors in experiment_errors.items():
@@ -243,12 +264,15 @@ def _error_tables(
 def _pictures(
     runner: Runner, forecasts: Mapping[str, Array], squared_errors: Mapping[str, Array]
 ) -> tuple[Picture, ...]:
-    """Returns the figures of the forecasts and of their errors by step, in the experiment of the figures.
+    """Returns the figures of the forecasts and of their errors by step, in one experiment.
 
     Args:
-        runner: has the window of the experiment.
-        forecasts: (H, m) by method.
-        squared_errors: (H,) summed over outputs, by method.
+        runner: has the window of that experiment.
+        forecasts: (H, m) forecasts by method.
+        squared_errors: (H,) squared errors summed over the outputs, by method.
+
+    Returns:
+        Two pictures.
     """
     window = runner.figure_window
     return (

@@ -57,7 +57,14 @@ class ExperimentResult:
 
 
 def claim_status(checks: Sequence[Check]) -> ClaimStatus:
-    """Returns how much of a claim is reproduced: all, some or none of its checks hold, or there are no checks."""
+    """Returns how much of a claim is reproduced.
+
+    Args:
+        checks: checks of the claim.
+
+    Returns:
+        Reproduced, partly or not, if all, some or none of the checks hold; not tried without checks.
+    """
     if not checks:
         return ClaimStatus.NOT_TRIED
     if all(check.holds for check in checks):
@@ -68,7 +75,14 @@ def claim_status(checks: Sequence[Check]) -> ClaimStatus:
 
 
 def joined_findings(checks: Sequence[Check]) -> str:
-    """Joins the findings of checks into one clause: those that fail, then, after "but", those that hold."""
+    """Joins the findings of checks into one clause.
+
+    Args:
+        checks: checks with their findings.
+
+    Returns:
+        The findings of checks that fail, then, after "but", those of checks that hold.
+    """
     failing = [check.finding for check in checks if not check.holds]
     holding = [check.finding for check in checks if check.holds]
     clauses = []

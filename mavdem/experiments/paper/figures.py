@@ -42,12 +42,15 @@ def draw_lines(
     """Draws panels side by side, each with lines over whole numbers.
 
     Args:
-        panels: values (N,) by panel and name; a panel whose series have no names has no legend. More than
-            ``MAX_LEGEND_LINES`` names must be the same in all panels: they have one legend below.
+        panels: values (N,) by panel and name. A panel whose series have no names has no legend. More than
+            ``MAX_LEGEND_LINES`` names must be the same in all panels, which then have one legend below.
         x_label: label of the horizontal axis.
-        first: the number of the first value on the horizontal axis.
+        first: number of the first value on the horizontal axis.
         scale: matplotlib's name of the scale of the vertical axis.
         bounds: values at which horizontal lines are drawn in every panel.
+
+    Returns:
+        The figure.
     """
     with new_figure() as figure:
         row = figure.subplots(1, len(panels), squeeze=False)[0]
@@ -72,8 +75,11 @@ def draw_forecasts(window: Window, panels: Panels, one_step: Array | None = None
     Args:
         window: T samples of training data and H of test data, with m outputs.
         panels: forecasts (H, m) of the test data, by title of the column and by name.
-        one_step: (T, m) one-step predictions of the training data, all of which is then shown; without them only the
-            last ``TRAINING_SAMPLES_SHOWN``.
+        one_step: (T, m) one-step predictions of the training data, all of which are then shown; None shows only the
+            last ``TRAINING_SAMPLES_SHOWN`` samples of training.
+
+    Returns:
+        The figure.
     """
     output_count = window.train.outputs.shape[1]
     with new_figure(ROW_HEIGHT * output_count) as figure:
@@ -135,6 +141,9 @@ def draw_histograms(series: Mapping[str, Array]) -> Figure:
 
     Args:
         series: values (N,) by name, of mean 0 and variance 1.
+
+    Returns:
+        The figure.
     """
     with new_figure(HISTOGRAM_HEIGHT * len(series)) as figure:
         panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]

@@ -74,13 +74,14 @@ def simulated_experiment(number: int) -> Flight:
 
 
 def simulated_flight(scenario: Scenario, name: str = "flight") -> Flight:
-    """Simulates a scenario, writes it as a telemetry log and reads the flight from that log.
-
-    The flight thus has the message rates, clocks and rounding of a real log.
+    """Simulates a scenario, writes it as a telemetry log, and reads the flight from that log.
 
     Args:
         scenario: the scenario to fly.
         name: stem of the log's file name.
+
+    Returns:
+        The flight, with the message rates, clocks and rounding of a real log.
     """
     motion = fly(scenario)
     with TemporaryDirectory() as folder:
@@ -167,6 +168,9 @@ def read_ardrone_flight(path: Path) -> Flight:
 
     The flights of Bos et al. (``exp_25_WW_WM_2.mat``) are aligned by their authors and have a variable ``Data_model``;
     a raw recording (``expData10_29_25.mat``) has ``expData``.
+
+    Args:
+        path: path of the MATLAB file.
 
     Returns:
         A flight with the PWM of four motors as inputs, and as outputs roll (rad) and roll rate (rad/s).

@@ -108,8 +108,11 @@ def lower_error_check(errors: ErrorsByOrder, data: str) -> Check:
     The error of an experiment is the median over random priors, since a single prior may be a bad one.
 
     Args:
-        errors: MSPE (experiments, priors) by embedding order.
-        data: names the settings and the start of the forecasts in the sentences.
+        errors: (experiments, priors) mean squared prediction errors (MSPE), by embedding order.
+        data: settings and start of the forecasts, for the text.
+
+    Returns:
+        The check, with both total errors.
     """
     medians_p2 = np.median(errors.p2, axis=1)
     medians_p1 = np.median(errors.p1, axis=1)
@@ -133,7 +136,14 @@ def _compare_on_ardrone(runner: Runner) -> Paired:
 
 
 def _ardrone_check(comparison: Paired) -> Check:
-    """Checks that the error with p = 2 is lower than that with p = 1 on the median window of the AR.Drone."""
+    """Checks that the error with p = 2 is lower than with p = 1 on the median window of the AR.Drone.
+
+    Args:
+        comparison: errors of both orders on the same windows.
+
+    Returns:
+        The check.
+    """
     return Check(
         f"{ARDRONE_NAME}, from {DATA_START}: the median over windows of the error with p = 2 over that with p = 1 is "
         "less than 1",
@@ -144,11 +154,14 @@ def _ardrone_check(comparison: Paired) -> Check:
 
 
 def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[Block, ...]:
-    """Returns the table of errors by experiment, the paper's first, after a sentence that introduces it.
+    """Returns the table of errors by experiment, the paper's first.
 
     Args:
         runner: has the numbers of the experiments.
-        errors: MSPE by order, by name of the settings and of the start.
+        errors: (experiments, priors) MSPE by order, by name of the settings and of the start.
+
+    Returns:
+        A sentence and the table.
     """
     numbers = list(runner.experiment_windows)
     # The paper's experiments are numbered from 1.
@@ -170,10 +183,13 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
 
 
 def _forecast_picture(runner: Runner) -> Picture:
-    """Returns the figure of the forecasts with p = 2 and p = 1, beside the measured test data.
+    """Returns the figure of the forecasts with p = 2 and p = 1, with the measured test data.
 
-    It has a column for each start of the forecasts: from the filtered state and from state 0. Of the many random
-    priors each order shows the one whose error, from the filtered state, is the median.
+    It has a column for each start of the forecasts: the filtered state, and state 0. Of the many random priors, each
+    order shows the one whose error from the filtered state is the median.
+
+    Args:
+        runner: runs the experiments, and has their outcomes.
     """
     outcomes = {}
     for label, method in (("p = 2", DEM_P2), ("p = 1", DEM_P1)):

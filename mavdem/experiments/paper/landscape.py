@@ -128,6 +128,9 @@ def _peak_check(peaks: list[float], curvatures: list[float]) -> Check:
     Args:
         peaks: height of the peak at each iteration, nats.
         curvatures: curvature of the peak along the parameter A at each iteration, nats s².
+
+    Returns:
+        The check, with the first and the last peak.
     """
     rises = (np.diff(peaks) > 0).all()
     sharpens = (np.diff(curvatures) > 0).all()
@@ -143,8 +146,11 @@ def _end_check(settings_name: str, spread: float) -> Check:
     """Checks that all ascents from the circle end at one point.
 
     Args:
-        settings_name: whose settings they are, for the sentences.
-        spread: spread of the ends, in posterior standard deviations.
+        settings_name: owner of the settings, for the text.
+        spread: spread of the end points, in posterior standard deviations.
+
+    Returns:
+        The check.
     """
     return Check(
         f"with {settings_name} settings, ascents from fifty priors on a circle end within {MAX_END_SPREAD:g} posterior "
@@ -219,7 +225,15 @@ def end_spread(ascents: list[list[Posterior]]) -> float:
 
 
 def draw_manifolds(model: GenerativeModel, posteriors: list[Posterior]) -> Figure:
-    """Draws F̄ᵒ over A and B side by side at the iterations ``ITERATIONS_SHOWN``, one posterior for each."""
+    """Draws F̄ᵒ over A and B at the iterations ``ITERATIONS_SHOWN``, side by side.
+
+    Args:
+        model: model of the scalar system.
+        posteriors: posterior after each of these iterations.
+
+    Returns:
+        The figure.
+    """
     with new_figure(1.8) as figure:
         panels = figure.subplots(1, len(posteriors), sharey=True)
         for axes, iteration, posterior in zip(panels, ITERATIONS_SHOWN, posteriors, strict=True):
@@ -230,11 +244,14 @@ def draw_manifolds(model: GenerativeModel, posteriors: list[Posterior]) -> Figur
 
 
 def draw_ascents(model: GenerativeModel, ascents: list[list[Posterior]]) -> Figure:
-    """Draws the paths of ascents over A and B, on F̄ᵒ as it is after the last iteration of the first of them.
+    """Draws the paths of ascents over A and B, on F̄ᵒ as it is after the last iteration of the first ascent.
 
     Args:
-        model: the scalar system's model.
+        model: model of the scalar system.
         ascents: for each prior of the circle, the posterior after each iteration.
+
+    Returns:
+        The figure.
     """
     with new_figure(2.8) as figure:
         axes = figure.subplots()
@@ -248,9 +265,14 @@ def draw_ascents(model: GenerativeModel, ascents: list[list[Posterior]]) -> Figu
 
 
 def _draw_manifold(axes: Axes, model: GenerativeModel, posterior: Posterior) -> None:
-    """Draws F̄ᵒ over A and B from above, with the truth and the posterior means.
+    """Draws F̄ᵒ over A and B as contours, with the true parameters and the posterior means.
 
     The colour is the distance below the peak, with contours at ``CONTOUR_LEVELS``.
+
+    Args:
+        axes: axes to draw into.
+        model: model of the scalar system.
+        posterior: posterior, whose states and covariances F̄ᵒ is computed with.
     """
     # (B, A) nats: rows are values of B, as contours need them.
     rows = []

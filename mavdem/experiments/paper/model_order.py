@@ -182,7 +182,14 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
 
 
 def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:
-    """Returns the choices of the model search without wind, with known inputs, for each of ``CALM_SYSTEMS``."""
+    """Returns the choices of the model search without wind, with known inputs.
+
+    Args:
+        runner: runs the simulations and fits in several processes.
+
+    Returns:
+        Choice of the order, with the evidence, for each of ``CALM_SYSTEMS``.
+    """
     flights = runner.map_jobs(partial(lateral_flight, has_wind=False), runner.experiment_numbers)
     choices = {}
     for system in CALM_SYSTEMS:
@@ -228,7 +235,8 @@ def _paper_free_energies(
         flights: hovers with the outputs of all systems.
 
     Returns:
-        F̄ (systems, flights, orders), nats, by whether the inputs are known; and why fits failed, each reason once.
+        By whether the inputs are known, F̄ (systems, flights, orders), nats; and the reasons why fits failed, each
+        once.
     """
     fits = []
     for inputs in SETTINGS_BY_INPUTS:
@@ -245,10 +253,13 @@ def _paper_free_energies(
 
 
 def _by_system(values: Mapping[str, list[Any]]) -> JsonValues:
-    """Turns lists of values, one for each of ``SYSTEMS``, into dictionaries by the name of the system.
+    """Converts lists of values, one for each of ``SYSTEMS``, to dictionaries by the name of the system.
 
     Args:
         values: lists by whether the inputs are known, a key of ``SETTINGS_BY_INPUTS``.
+
+    Returns:
+        Values by whether the inputs are known, and by system.
     """
     names = [f"system {system}" for system in SYSTEMS]
     named_values = {}
@@ -258,11 +269,14 @@ def _by_system(values: Mapping[str, list[Any]]) -> JsonValues:
 
 
 def lateral_flight(experiment: int, has_wind: bool = True) -> Flight:
-    """Simulates an experiment and returns the first 700 samples of its hover, with y, ẏ, φ and φ̇ as outputs.
+    """Simulates an experiment, and returns the first 700 samples of its hover.
 
     Args:
         experiment: number of the experiment.
         has_wind: whether the blower is on, as in the experiment.
+
+    Returns:
+        The flight, with y, ẏ, φ and φ̇ as outputs.
     """
     scenario = load(f"paper_{experiment}")
     if not has_wind:
@@ -301,12 +315,16 @@ def _system_flight(flight: Flight, system: int) -> Flight:
 
 
 def saturation_order(free_energy: Array) -> int:
-    """Applies the paper's rule: returns the order at which F̄ saturates.
+    """Returns the order at which F̄ saturates, by the paper's rule.
 
-    It is the lowest order beyond which F̄ no longer gains more than ``NEGLIGIBLE_GAIN`` of its range.
+    It is the lowest order beyond which F̄ gains no more than ``NEGLIGIBLE_GAIN`` of its range.
 
     Args:
-        free_energy: F̄ of models of order 1, 2, …, nats; NaN where no model could be fitted, but not everywhere.
+        free_energy: (orders,) F̄ of models of order 1, 2, …, nats; NaN where no model could be fitted, but not
+            everywhere.
+
+    Returns:
+        The order.
     """
     known_free_energy = np.where(np.isnan(free_energy), -np.inf, free_energy)
     finite = known_free_energy[np.isfinite(known_free_energy)]
@@ -322,6 +340,9 @@ def order_checks(chosen_orders: Mapping[str, list[int]]) -> tuple[Check, ...]:
 
     Args:
         chosen_orders: by whether the inputs are known, the order that is chosen for each of ``SYSTEMS``.
+
+    Returns:
+        One check for each system.
     """
     checks = []
     for index, system in enumerate(SYSTEMS):

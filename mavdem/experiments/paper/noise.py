@@ -68,7 +68,10 @@ def analyse_process_noise(window: Window) -> NoiseAnalysis:
     last output is the roll rate, whose noise w^φ̇ is in rad/s².
 
     Args:
-        window: its training part is used.
+        window: window of a flight, of which the training part is used.
+
+    Returns:
+        Autocorrelation and tests of that noise.
     """
     learned = learn(window.train, PAPER_SETTINGS)
     _, state_noise = learned.process_noise()
@@ -87,8 +90,11 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
 
     Args:
         noises: analyses of the series.
-        subject: names the noise in the sentences.
-        pieces: plural noun for that of which each series is, in the sentences.
+        subject: name of the noise, for the text.
+        pieces: plural noun for the pieces that the series come from, for the text.
+
+    Returns:
+        The check for Gaussian noise, and that for coloured noise.
     """
     gaussian_count = 0
     coloured_count = 0
@@ -114,14 +120,16 @@ def noise_checks(noises: Sequence[NoiseAnalysis], subject: str, pieces: str) -> 
 
 
 def _pictures(noises: Mapping[str, NoiseAnalysis]) -> tuple[Picture, ...]:
-    """Returns two figures of the process noise: histograms and autocorrelations.
+    """Returns the figures of the process noise: histograms and autocorrelations.
 
-    The histograms show whether the noise is Gaussian, the autocorrelations whether it is white: then they would lie
-    within the 95 % bounds that are drawn with them. The first ``LAGS_SHOWN`` lags are shown. Each figure holds a
-    function that draws it later.
+    The histograms show whether the noise is Gaussian. The autocorrelations show whether it is white: those of white
+    noise lie within the 95 % bounds that are drawn with them. The first ``LAGS_SHOWN`` lags are shown.
 
     Args:
         noises: analyses of the noise series, by the name in the legend.
+
+    Returns:
+        Two pictures, each with a function that draws it later.
     """
     series = {name: noise.values for name, noise in noises.items()}
     autocorrelations = {name: noise.autocorrelation[:LAGS_SHOWN] for name, noise in noises.items()}

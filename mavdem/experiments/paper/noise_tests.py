@@ -83,7 +83,10 @@ def analyse_noise(values: Array, overlap: int) -> NoiseAnalysis:
 
     Args:
         values: (N,) the series, not constant, in any unit.
-        overlap: number of neighbouring values that one underlying sample contributes to; 1 if values share none.
+        overlap: number of neighbouring values that share underlying samples; 1 if none do.
+
+    Returns:
+        Autocorrelation with its bound, and both tests.
     """
     standardised = (values - values.mean()) / values.std()
     lag_count = min(MAX_REPORTED_LAG, len(values) // 4) + 1
@@ -108,6 +111,9 @@ def normality(series: Array) -> Significance:
 
     Args:
         series: (N,) values in any unit.
+
+    Returns:
+        Statistic G, and p-value.
     """
     deviation = series - series.mean()
     count = len(deviation)
@@ -137,6 +143,9 @@ def whiteness(series: Array) -> Significance:
 
     Args:
         series: (N,) values in any unit, more than ``LJUNG_BOX_LAGS``.
+
+    Returns:
+        Statistic Q, and p-value.
     """
     count = len(series)
     lags = np.arange(1, LJUNG_BOX_LAGS + 1)

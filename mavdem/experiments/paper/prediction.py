@@ -79,9 +79,12 @@ def prediction_checks(
     """Checks the claims on prediction, convergence and free energy.
 
     Args:
-        window: training and test data.
+        window: window with training and test data.
         learned: the model that was learned from the training data.
-        prior_errors: MSPE of the forecasts of models that were learned from several random priors.
+        prior_errors: (priors,) MSPE of the forecasts of models that were learned from several random priors.
+
+    Returns:
+        Checks of one-step predictions, of the forecast, of convergence, and of the influence of the prior.
     """
     return (
         *_one_step_checks(window, learned),
@@ -125,7 +128,15 @@ def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
 
 
 def _forecast_check(window: Window, learned: Learned) -> Check:
-    """Checks that the forecast of the whole test part is better than the mean of the training data."""
+    """Checks that the forecast of the whole test part is better than the mean of the training data.
+
+    Args:
+        window: window with training and test data.
+        learned: model that was learned from the training data.
+
+    Returns:
+        The check, with the ratio of both errors.
+    """
     error_ratio = relative_mspe(window.train, window.test, learned.forecast(window.test.inputs))
     return Check(
         "150 steps ahead, from the data, the error is less than that of the constant mean",
@@ -169,10 +180,13 @@ def _convergence_checks(learned: Learned) -> tuple[Check, Check]:
 
 
 def _prior_check(prior_errors: Sequence[float] | Array) -> Check:
-    """Checks that the forecasts' errors hardly depend on the random prior from which a model was learned.
+    """Checks that the forecast errors hardly depend on the random prior from which a model was learned.
 
     Args:
-        prior_errors: MSPE of the forecast of the test part, one for each random prior.
+        prior_errors: (priors,) MSPE of the forecast of the test part.
+
+    Returns:
+        The check, with the range of the errors.
     """
     low, high = np.percentile(prior_errors, RANGE_PERCENTILES)
     return Check(

@@ -72,6 +72,9 @@ class ScalarSystem:
 
         Args:
             seed: seed of the noises.
+
+        Returns:
+            Outputs (T, 1) and inputs (T, 1).
         """
         rng = default_rng(seed)
         sample_count = round(self.duration / self.dt)
@@ -160,11 +163,14 @@ class ScalarSettings:
     """Time between the samples that are used, s; after 3.5 kernel widths noise is uncorrelated."""
 
     def sufficient_statistics(self, system: ScalarSystem, seed: int) -> SufficientStatistics:
-        """Simulates a system and returns the statistics of its generalized outputs and inputs.
+        """Simulates a system, and returns the sufficient statistics of its generalized outputs and inputs.
 
         Args:
             system: the true system.
-            seed: seed of its noises.
+            seed: seed of the noises.
+
+        Returns:
+            The statistics.
         """
         data = system.simulate(seed)
         window = self.p + 1

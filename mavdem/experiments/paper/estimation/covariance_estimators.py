@@ -70,7 +70,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
         record: T samples, with the model and the variances of the process noise.
 
     Returns:
-        (n,) variances.
+        (n,) variances of the measurement noise.
     """
     Phi, Gamma = record.transition
     n = len(Phi)
@@ -245,7 +245,15 @@ def _first_prediction(record: NoisyRecord) -> FilterStep:
 
 
 def kalman_states_with_variances(record: NoisyRecord, variances: Array) -> Array:
-    """Estimates the states (T, n) by a Kalman filter with given variances (n,) of the measurement noise."""
+    """Estimates the states by a Kalman filter with given variances of the measurement noise.
+
+    Args:
+        record: T samples, with the model and the variances of the process noise.
+        variances: (n,) variances of the measurement noise.
+
+    Returns:
+        (T, n) states.
+    """
     step = _first_prediction(record)
     states = np.zeros_like(record.outputs)
     for t, output in enumerate(record.outputs):
@@ -266,6 +274,9 @@ def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
 
     Args:
         record: T samples, with the model and the variances of the process noise.
+
+    Returns:
+        Variances (T, n) and states (T, n) at each sample.
     """
     step = _first_prediction(record)
     variances = first_variances(record)
@@ -301,6 +312,9 @@ def sage_husa(record: NoisyRecord) -> RecursiveEstimates:
 
     Args:
         record: T samples, with the model and the variances of the process noise.
+
+    Returns:
+        Variances (T, n) and states (T, n) at each sample.
     """
     step = _first_prediction(record)
     variances = first_variances(record)
@@ -329,6 +343,9 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
 
     Args:
         record: T samples, with the model and the variances of the process noise.
+
+    Returns:
+        Variances (T, n) and states (T, n) at each sample.
     """
     step = _first_prediction(record)
     shape = np.ones(len(record.process_variances))

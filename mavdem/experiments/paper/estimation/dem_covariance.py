@@ -86,7 +86,15 @@ def generalized_data(record: NoisyRecord) -> Array:
 
 
 def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) -> Posterior:
-    """Returns a posterior at the priors of θ and λ, from which the steps start; its states are not used."""
+    """Returns a posterior at the priors of θ and λ, from which the steps of DEM start.
+
+    Args:
+        model: the generative model, with its priors.
+        statistics: sufficient statistics of the generalized data.
+
+    Returns:
+        The posterior; its states are 0, and not used.
+    """
     prior = model.prior
     hidden_size = model.n * (model.p + 1) + model.r * (model.d + 1)
     no_states = np.zeros((hidden_size, len(statistics.gram)))
@@ -103,13 +111,16 @@ def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) ->
 def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) -> Posterior:
     """Updates the states by a D step, and then the noise precisions λ by an M step.
 
-    The covariances of θ and λ stay zero, as in the code that the authors publish, which leaves out mean-field terms.
-    The covariance of the states is used: without it the M step would take uncertain states for exact ones, and
-    overestimate the precisions.
+    The covariances of θ and λ stay 0, as in the code that the authors published, which leaves out mean-field terms. The
+    covariance of the states is used: without it the M step would treat uncertain states as exact, and overestimate the
+    precisions.
 
     Args:
         posterior: the posterior before the steps.
         statistics: statistics of the generalized data.
+
+    Returns:
+        The posterior with new states and λ.
     """
     model = posterior.model
     moments = GeneralizedMoments.from_state_map(model, statistics, d_step(posterior))

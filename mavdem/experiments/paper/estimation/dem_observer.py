@@ -124,6 +124,9 @@ class DemObserver:
         Args:
             outputs: (T, m) measured outputs.
             inputs: (T, r) inputs, or prior means of those that are not known.
+
+        Returns:
+            States (T, n) and inputs (T, r); NaN at both ends, where the window is not complete.
         """
         n, r = self.B.shape
         center = self.p // 2

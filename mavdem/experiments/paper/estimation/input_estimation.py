@@ -263,7 +263,14 @@ ESTIMATORS: dict[str, Callable[[RollWindow], Array]] = {
 
 
 def input_errors(window: RollWindow) -> dict[str, float]:
-    """Returns the SSE of the hidden command by estimator; infinite where an estimate is not finite."""
+    """Returns the sum of squared errors (SSE) of the hidden command by each estimator.
+
+    Args:
+        window: samples of states and commands; the ends are left out of the sum (``TRIM``).
+
+    Returns:
+        SSE by name of the estimator; infinite if an estimate is not finite.
+    """
     true_commands = window.inputs[TRIM:-TRIM, UNKNOWN_INPUT]
     errors = {}
     for name, estimate in ESTIMATORS.items():
@@ -325,7 +332,10 @@ def input_checks(errors: Mapping[str, Mapping[str, float]], data: str) -> list[C
 
     Args:
         errors: SSE by window and estimator.
-        data: names the windows in the sentences.
+        data: name of the windows, for the text.
+
+    Returns:
+        A check for each observer, and one for the mean.
     """
     checks = []
     for observer in (UIO, MINIMUM_VARIANCE_UIO):
@@ -360,7 +370,14 @@ def error_table(errors: Mapping[str, Mapping[str, float]]) -> Table:
 
 
 def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
-    """Returns the tables of the SSE on the recorded flights with and without wind, with the published ones."""
+    """Returns the tables of the errors (SSE) on the recorded flights, with the published ones.
+
+    Args:
+        recorded: SSE by flight and estimator.
+
+    Returns:
+        A sentence and a table for flights with wind, and for those without.
+    """
     blocks: list[Block] = []
     for wind in (WITH_WIND, WITHOUT_WIND):
         flights = {}
@@ -383,7 +400,14 @@ def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, 
 
 
 def _published_rows(flights: list[str]) -> list[list[str]]:
-    """Returns the rows of the published SSE for flights with blower; a dash where none is published."""
+    """Returns the rows of the published errors (SSE) for flights with a blower.
+
+    Args:
+        flights: names of the flights, the columns of the table.
+
+    Returns:
+        One row for DEM and one for UIO; a dash for a flight without a published value.
+    """
     dem_row = ["DEM, published"]
     uio_row = ["UIO, published"]
     for flight in flights:

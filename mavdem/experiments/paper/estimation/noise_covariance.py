@@ -101,14 +101,17 @@ class RecordErrors(NamedTuple):
 
 
 def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
-    """Estimates the variances of a record with all estimators, and returns their errors by name.
+    """Estimates the variances of a record with all estimators, and returns their errors.
 
-    An estimator of a whole record has the states of a Kalman filter with its variances; a recursive estimator and DEM
-    have states of their own. DEM's states also use two later samples. A Kalman filter with the true variances shows
-    the error that perfect estimates would have.
+    For an estimator of a whole record, the states are those of a Kalman filter with its variances; a recursive
+    estimator and DEM have states of their own. DEM's states also use two later samples. A Kalman filter with the true
+    variances shows the error that perfect estimates would have.
 
     Args:
         record: T samples with true states and variances.
+
+    Returns:
+        Errors by name of the estimator; infinite if it failed.
     """
     errors = {}
     for name, estimate in BATCH_ESTIMATORS.items():
@@ -136,7 +139,17 @@ def final_variances(history: Array) -> Array:
 
 
 def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordErrors:
-    """Returns the errors of estimated variances (n,) and states (T, n), where these are not NaN."""
+    """Returns the errors of estimated variances and states.
+
+    Args:
+        record: T samples with true states and variances.
+        variances: (n,) estimated variances of the measurement noise.
+        states: (T, n) estimated states; NaN where there is no estimate.
+
+    Returns:
+        Mean absolute logarithm of the ratio of the variances; and the squared error of the states in the second half,
+        relative to that of the measurement, NaN without estimates.
+    """
     log_error = np.abs(np.log(variances / record.noise_variances)).mean()
     second_half = slice(len(states) // 2, None)
     state_squares = (states[second_half] - record.states[second_half]) ** 2
@@ -151,7 +164,14 @@ def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordError
 
 
 def online_errors(record: NoisyRecord) -> dict[str, float]:
-    """Returns the log variance errors of the recursive estimators alone, by name."""
+    """Returns the log variance errors of the recursive estimators.
+
+    Args:
+        record: T samples with true variances.
+
+    Returns:
+        Errors by name of the estimator.
+    """
     no_states = np.full_like(record.states, np.nan)
     histories = {
         name: estimate(record).variances for name, estimate in RECURSIVE_ESTIMATORS.items()
@@ -174,7 +194,14 @@ class MeanErrors(NamedTuple):
 
 
 def mean_errors(records: Sequence[Mapping[str, RecordErrors]]) -> dict[str, MeanErrors]:
-    """Returns the errors of each estimator over several records, by name."""
+    """Averages the errors of each estimator over several records.
+
+    Args:
+        records: errors by name of the estimator, for each record.
+
+    Returns:
+        Geometric mean of the variance error as a factor, and median of the state error, by name.
+    """
     means = {}
     for name in records[0]:
         log_error = np.mean([errors[name].log_variance_error for errors in records])
@@ -245,7 +272,14 @@ def _online_factors(records: Sequence[Mapping[str, float]]) -> dict[str, float]:
 def _nested_values(
     errors: Mapping[str, Mapping[str, MeanErrors]],
 ) -> dict[str, dict[str, dict[str, float]]]:
-    """Returns errors by noise, estimator and name of the error: dictionaries, as a JSON document needs them."""
+    """Converts errors to nested dictionaries, as a JSON document needs them.
+
+    Args:
+        errors: errors by noise and estimator.
+
+    Returns:
+        Errors by noise, estimator and name of the error.
+    """
     values = {}
     for noise, means in errors.items():
         values[noise] = {name: mean._asdict() for name, mean in means.items()}
@@ -257,7 +291,10 @@ def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str)
 
     Args:
         errors: errors by noise and estimator.
-        data: names the records in the sentences.
+        data: name of the records, for the text.
+
+    Returns:
+        A check for each coloured noise.
     """
     checks = []
     for noise, means in errors.items():
@@ -279,7 +316,14 @@ def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str)
 
 
 def state_check(means: Mapping[str, MeanErrors]) -> Check:
-    """Checks for the noise of highest colour that DEM's states have a lower error than those of variational Bayes."""
+    """Checks for the noise of highest colour that DEM's states have a lower error than those of variational Bayes.
+
+    Args:
+        means: errors with that noise, by estimator.
+
+    Returns:
+        The check.
+    """
     dem_error = means[DEM].state_error
     bayes_error = means[VARIATIONAL_BAYES].state_error
     return Check(
@@ -291,7 +335,14 @@ def state_check(means: Mapping[str, MeanErrors]) -> Check:
 
 
 def online_check(factors: Mapping[str, float]) -> Check:
-    """Checks that after a step of the variances DEM's online estimates are less wrong than all recursive ones."""
+    """Checks that DEM's online variances are less wrong than all recursive ones, after a step of the true variances.
+
+    Args:
+        factors: factor by which the variances are wrong, by estimator.
+
+    Returns:
+        The check.
+    """
     best = min(RECURSIVE_ESTIMATORS, key=lambda name: factors[name])
     return Check(
         f"simulated, {STEP_NOISE}, after a step of the variances: those of {ONLINE_DEM} are wrong by a smaller factor "
@@ -333,7 +384,14 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> l
 
 
 def online_table(factors: Mapping[str, float]) -> list[Block]:
-    """Returns the table of the recursive estimators after a step of the variances, the best first."""
+    """Returns the table of the recursive estimators after a step of the variances, the best first.
+
+    Args:
+        factors: factor by which the variances are wrong, by estimator.
+
+    Returns:
+        A sentence and the table.
+    """
     rows = [
         [name, rounded(factors[name], 3)]
         for name in sorted(factors, key=lambda name: factors[name])

@@ -158,7 +158,10 @@ def fit_with_known_variances(record: NoisyRecord, data: Array) -> FitAt:
 
     Args:
         record: the samples, with the variances of both noises.
-        data: the same in generalized coordinates.
+        data: (T, dim [ỹ; η̃]) the same samples in generalized coordinates.
+
+    Returns:
+        The function, of the smoothness s.
     """
     model = generative_model(record)
     # The noise of the continuous model has the unit of the states per second.
@@ -175,6 +178,10 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
 
     Args:
         job: true smoothness in sampling steps, and seed of the record.
+
+    Returns:
+        Error of ln s, and whether two intervals cover the true value: that by the curvature of F̄, and that by the
+        sandwich.
     """
     width, seed = job
     record = random_record(seed, width * SIMULATED_DT)
@@ -200,6 +207,9 @@ def _learn_window(window: Window, settings: Settings) -> WindowResult:
     Args:
         window: a window of a recorded flight.
         settings: settings of DEM, in which the smoothness is left open.
+
+    Returns:
+        The learned smoothness in sampling steps, whether it is inside the grid of candidates, and both forecast errors.
     """
     with one_thread(), raise_on_overflow():
         record, complete = prepared_training(window.train, settings)
@@ -230,6 +240,9 @@ def coverage_check(simulated: Mapping[int, Sequence[SimulatedResult]]) -> Check:
 
     Args:
         simulated: results by true smoothness in sampling steps.
+
+    Returns:
+        The check, with the coverage at each width.
     """
     coverages = {
         width: float(np.mean([result.sandwich_covers for result in results]))
@@ -249,6 +262,9 @@ def gain_check(comparisons: Mapping[str, Paired]) -> Check:
 
     Args:
         comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+
+    Returns:
+        The check, with the ratio of the errors for each of the settings.
     """
     findings = []
     for name, comparison in comparisons.items():
@@ -267,7 +283,14 @@ def gain_check(comparisons: Mapping[str, Paired]) -> Check:
 def _simulated_table(
     simulated: Mapping[int, Sequence[SimulatedResult]],
 ) -> tuple[Block, ...]:
-    """Returns the table of the learned smoothness of simulated noise, after a sentence that introduces it."""
+    """Returns the table of the learned smoothness of simulated noise.
+
+    Args:
+        simulated: results by true smoothness in sampling steps.
+
+    Returns:
+        A sentence and the table.
+    """
     rows = []
     for width, results in simulated.items():
         log_ratios = np.array([result.log_ratio for result in results])
@@ -291,7 +314,7 @@ def _simulated_table(
 def _recorded_table(
     recorded: Mapping[str, Sequence[WindowResult]], comparisons: Mapping[str, Paired]
 ) -> tuple[Block, ...]:
-    """Returns the table of recorded flights, after a sentence that introduces it.
+    """Returns the table of the learned smoothness on recorded flights.
 
     A row shows the smoothness s that was learned with some settings of DEM, and compares the forecast error with this s
     to the error with the default s = dt: their ratio, in how many windows the learned s has the lower error, and
@@ -300,6 +323,9 @@ def _recorded_table(
     Args:
         recorded: results of all windows of the flights, by name of the settings.
         comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
+
+    Returns:
+        A sentence and the table.
     """
     rows = []
     for name, results in recorded.items():

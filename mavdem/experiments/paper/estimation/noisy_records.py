@@ -104,6 +104,9 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
         seed: seed of the system, its noises and their variances.
         smoothness: width of the noises' kernel, s; 0 for white noise.
         variance_step: factor by which the variances of the measurement noise change in the middle of the record.
+
+    Returns:
+        T samples of a system with two states, with its true states and variances.
     """
     rng = default_rng(seed)
     A = _random_system(rng)
@@ -140,7 +143,14 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
 
 
 def _random_system(rng: Generator) -> Array:
-    """Returns a random stable system matrix A (2, 2) with one damped oscillation, in random coordinates."""
+    """Returns a random stable system with one damped oscillation, in random coordinates.
+
+    Args:
+        rng: generator of random numbers.
+
+    Returns:
+        System matrix A (2, 2), 1/s.
+    """
     decay = rng.uniform(*DECAY_RATES)
     frequency = rng.uniform(0, MAX_FREQUENCY)
     modal = np.array([[-decay, frequency], [-frequency, -decay]])

@@ -61,6 +61,9 @@ def fit_autoregression(series: Array, order: int) -> Autoregression:
     Args:
         series: (T,) values.
         order: number of coefficients.
+
+    Returns:
+        (order,) coefficients, and the variance of the prediction error.
     """
     forward_errors = series[1:]
     backward_errors = series[:-1]

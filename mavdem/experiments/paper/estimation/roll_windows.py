@@ -213,15 +213,18 @@ SETTLING_SAMPLES = 240
 
 
 def simulated_window(seed: int, smoothness: float, samples: int = WINDOW_SAMPLES) -> RollWindow:
-    """Simulates a roll axis that follows the model exactly, but for process noise, with a controller.
+    """Simulates a roll axis with a controller, which follows the model exactly except for process noise.
 
-    Observers see the roll with white measurement noise of ``MEASUREMENT_VARIANCE``. The true states are known, which
-    those of a recorded flight are not.
+    Observers get the roll with white measurement noise of ``MEASUREMENT_VARIANCE``. The true states are known, unlike
+    those of a recorded flight.
 
     Args:
         seed: seed of all noises.
         smoothness: width of the Gaussian kernel of the process noise, s; 0 for white noise.
-        samples: samples of the window.
+        samples: number of samples of the window.
+
+    Returns:
+        The window, without the time in which the simulation settles.
     """
     rng = default_rng(seed)
     dt = 1 / ARDRONE_RATE
@@ -249,13 +252,16 @@ def simulated_window(seed: int, smoothness: float, samples: int = WINDOW_SAMPLES
 
 
 def smooth_noise(white_noise: Array, kernel_samples: float) -> Array:
-    """Filters white noise by a Gaussian kernel, and scales it to the variance that it had.
+    """Filters white noise by a Gaussian kernel, and scales it to its former variance.
 
     The autocorrelation of the result is exp(−τ²/4s²), that of DEM's noise with the smoothness s.
 
     Args:
-        white_noise: (T,) or (T, channels).
+        white_noise: (T,) or (T, channels) samples.
         kernel_samples: width s of the kernel in samples; 0 leaves the noise white.
+
+    Returns:
+        Noise of the same shape.
     """
     if kernel_samples == 0:
         return white_noise

@@ -113,9 +113,12 @@ def smoothness_gradient(posterior: Posterior) -> float:
 
 
 def _derivative_by_log_smoothness(model: GenerativeModel) -> GenerativeModel:
-    """Returns the model with the derivative ∂S/∂ln s in the place of the temporal precision S of both noises.
+    """Returns the model in which the derivative ∂S/∂ln s replaces the temporal precision S of both noises.
 
-    The precision of the inputs does not depend on s, so that it is 0 here.
+    The precision of the inputs does not depend on s, so it is 0 here.
+
+    Args:
+        model: the model with the precisions S.
     """
     derivatives = []
     for S in (model.output_temporal_precision, model.state_temporal_precision):
@@ -158,18 +161,21 @@ def learn_smoothness(fit_at: FitAt, candidates: Sequence[float]) -> LearnedSmoot
 def smoothness_uncertainty(
     learned: LearnedSmoothness, fit_at: FitAt, data: Array, dt: float
 ) -> SmoothnessUncertainty:
-    """Estimates how sure ln s is, for known θ and λ.
+    """Estimates the uncertainty of ln s, for known θ and λ.
 
-    F̄ sums the free energies of generalized samples whose windows overlap and whose noise is correlated: a composite
-    likelihood, of which the curvature alone is no measure of uncertainty. The sandwich J / H² is one, with the
+    F̄ sums the free energies of generalized samples whose windows overlap and whose noise is correlated. It is a
+    composite likelihood, whose curvature alone is no measure of uncertainty. The sandwich J / H² is one, with the
     curvature H and the variance J of the gradient (C. Varin, N. Reid and D. Firth, "An overview of composite likelihood
     methods", Statistica Sinica 21, 2011). J is estimated from sums over blocks that are longer than the correlation.
 
     Args:
         learned: the smoothness at the maximum of F̄.
-        fit_at: the fit for one value of s.
+        fit_at: function that fits the model for one value of s.
         data: (T, dim [ỹ; η̃]) generalized data.
         dt: sampling step, in the unit of the smoothness.
+
+    Returns:
+        Standard deviations of ln s by the curvature (Laplace) and by the sandwich, and the number of blocks.
     """
     s = learned.smoothness
     gradient_below = smoothness_gradient(fit_at(s * np.exp(-DIFFERENCE_STEP)).posterior)

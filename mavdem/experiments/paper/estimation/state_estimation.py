@@ -114,7 +114,17 @@ StateEstimator = Callable[[RollWindow, Array, Array], Array]
 
 
 def dem_states(window: RollWindow, outputs: Array, inputs: Array, p: int) -> Array:
-    """Estimates the states by DEM with embedding order p and the authors' settings."""
+    """Estimates the states of a window by DEM with the authors' settings.
+
+    Args:
+        window: model and noises of the window.
+        outputs: (T, 1) measured roll.
+        inputs: (T, 4) motor commands.
+        p: embedding order.
+
+    Returns:
+        (T, 2) roll and roll rate.
+    """
     observer = DemObserver(
         A=ROLL_SYSTEM_MATRIX,
         B=window.B,
@@ -132,7 +142,10 @@ def white_noise_model(window: RollWindow) -> DiscreteModel:
     """Returns the discrete model of a window with white noises.
 
     The covariance of the process noise is diagonal and has the variances of the window's own noise, as in the authors'
-    scripts. The observers so know more than they would in flight: that noise is computed from the hidden state.
+    scripts. So the observers know more than they would in flight: that noise is computed from the hidden state.
+
+    Args:
+        window: transition and process noise of the window.
     """
     Phi, Gamma = window.transition
     Q = np.diag(window.process_noise.var(axis=0, ddof=1))
@@ -161,8 +174,11 @@ def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool)
         window: the window.
         outputs: (T, 1) measured roll.
         inputs: (T, 4) motor commands.
-        accumulates: whether the covariance of noise and state error has the part of earlier samples, which the authors'
-            scripts leave out.
+        accumulates: whether the covariance of noise and state error contains the part of earlier samples, which the
+            authors' scripts leave out.
+
+    Returns:
+        (T, 2) roll and roll rate.
     """
     noise = window.process_noise
     return smikf_states(white_noise_model(window), noise, outputs, inputs, accumulates)
@@ -361,7 +377,14 @@ class TrimmedMean(NamedTuple):
 
 
 def trimmed_errors(errors: Sequence[WindowErrors]) -> dict[str, TrimmedMean]:
-    """Returns the authors' mean SSE, with their timing, of each published observer."""
+    """Returns the mean error (SSE) of each published observer with the authors' timing, without outliers.
+
+    Args:
+        errors: errors in each window.
+
+    Returns:
+        Mean SSE over the windows below ``OUTLIER_SSE``, and the number of other windows, by observer.
+    """
     means = {}
     for name in PUBLISHED_SSE:
         sse = np.array([window.authors_timing[name] for window in errors])
@@ -383,11 +406,11 @@ def recorded_checks(
     by_delay: Mapping[str, Mapping[str, Array]],
     published_timing: Mapping[str, Mapping[str, TrimmedMean]],
 ) -> list[Check]:
-    """Checks on the flights in wind that DEM has the least error of the observers.
+    """Checks that DEM has the least error of the observers on the flights in wind.
 
     Args:
-        by_delay: mean SSE by wind and observer, by delay.
-        published_timing: mean SSE by wind and observer, by the authors' criterion.
+        by_delay: (delays,) mean SSE, by wind and observer.
+        published_timing: mean SSE by the authors' criterion, by wind and observer.
 
     Returns:
         One check with the authors' timing, three at each observer's own time; none without flights in wind.
@@ -406,10 +429,13 @@ def recorded_checks(
 
 
 def simulated_checks(simulated: Mapping[str, Mapping[str, Array]]) -> list[Check]:
-    """Checks on the simulated windows with coloured noise that DEM has the least error of the observers.
+    """Checks that DEM has the least error of the observers on simulated windows with coloured noise.
 
     Args:
-        simulated: mean SSE by name of the noise and observer, by delay.
+        simulated: (delays,) mean SSE, by name of the noise and observer.
+
+    Returns:
+        Two checks for each coloured noise: with each observer's own timing, and with equal look-ahead.
     """
     checks = []
     for name, smoothness in SIMULATED_SMOOTHNESS.items():
@@ -428,7 +454,10 @@ def least_error_check(errors: Mapping[str, float], peers: Sequence[str], data: s
     Args:
         errors: mean SSE by observer.
         peers: names of the observers that DEM is compared with.
-        data: names the data in the sentences.
+        data: name of the data, for the text.
+
+    Returns:
+        The check, with the errors of DEM and of the best peer.
     """
     best_peer = min(peers, key=lambda name: errors[name])
     return Check(
@@ -441,7 +470,14 @@ def least_error_check(errors: Mapping[str, float], peers: Sequence[str], data: s
 def published_table(
     published_timing: Mapping[str, Mapping[str, TrimmedMean]],
 ) -> tuple[Block, ...]:
-    """Returns the table of the errors beside the published ones, the least error in wind first."""
+    """Returns the table of the errors with the authors' timing, with the published ones, the least error in wind first.
+
+    Args:
+        published_timing: mean SSE by wind and observer.
+
+    Returns:
+        A sentence and the table.
+    """
     winds = list(published_timing)
     header = ["observer"]
     for wind in winds:
@@ -468,7 +504,14 @@ def published_table(
 
 
 def order_table(by_order: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
-    """Returns the table of DEM's errors by wind and embedding order, with the published ones of flights in wind."""
+    """Returns the table of DEM's errors by wind and embedding order, with the published ones of flights in wind.
+
+    Args:
+        by_order: mean SSE by wind and embedding order.
+
+    Returns:
+        A sentence and the table.
+    """
     orders = [f"p = {p}" for p in PUBLISHED_SSE_BY_ORDER]
     rows = []
     for wind, errors in by_order.items():
@@ -482,7 +525,14 @@ def order_table(by_order: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...
 
 
 def recorded_table(by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
-    """Returns the table of the errors at each observer's own time and at its best delay, the least error first."""
+    """Returns the table of the errors at each observer's own time and at its best delay, the least error first.
+
+    Args:
+        by_delay: (delays,) mean SSE, by wind and observer.
+
+    Returns:
+        A sentence and the table.
+    """
     winds = list(by_delay)
     header = ["observer", "look-ahead, samples"]
     for wind in winds:
@@ -510,7 +560,14 @@ def recorded_table(by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, 
 
 
 def simulated_table(simulated: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
-    """Returns the table of the errors on simulated windows, the least error with the smoothest noise first."""
+    """Returns the table of the errors on simulated windows, the least error with the smoothest noise first.
+
+    Args:
+        simulated: (delays,) mean SSE, by name of the noise and observer.
+
+    Returns:
+        A sentence and the table.
+    """
     names = list(simulated)
     rows = []
     for observer in sorted(COMPARED_OBSERVERS, key=lambda name: simulated[names[-1]][name][0]):
@@ -528,7 +585,11 @@ def simulated_table(simulated: Mapping[str, Mapping[str, Array]]) -> tuple[Block
 
 
 def _delay_picture(by_delay: Mapping[str, Mapping[str, Array]]) -> Picture:
-    """Returns the figure of the errors on the flights by the delay of the estimates."""
+    """Returns the figure of the errors on the flights by the delay of the estimates.
+
+    Args:
+        by_delay: (delays,) mean SSE, by wind and observer.
+    """
     panels = {}
     for wind, errors in by_delay.items():
         panels[wind] = {name: errors[name] for name in COMPARED_OBSERVERS}
