@@ -87,7 +87,7 @@ UPWARD_IMPORTS = {
 
 ROOMS_OF_LIBRARIES = {
     "rerun": {"view"},
-    "pymavlink": {"ingest", "live"},
+    "pymavlink": set(),
     "mcap": {"ingest"},
     "rosbags": {"ingest"},
     "zstandard": {"ingest"},

@@ -33,9 +33,10 @@ from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Columns
-from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND, mavlink_constant
+from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
 from mavdem.witnesses.position import position_fix, receiver_message
 from mavdem.witnesses.scene import Scene
 

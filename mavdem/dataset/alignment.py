@@ -16,7 +16,7 @@ from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.flight import Flight
-from mavdem.ingest.mavlink.definitions import decoded_parameters
+from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 

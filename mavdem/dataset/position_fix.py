@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.time_series import float_column
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Columns, Telemetry
-from mavdem.ingest.vocabulary import mavlink_constant
 
 FIX_3D = mavlink_constant("GPS_FIX_TYPE_3D_FIX")
 """The least GPS fix type with a position in three dimensions."""

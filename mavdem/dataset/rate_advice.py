@@ -8,8 +8,8 @@ from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import mavlink_constant
 
 RATE_REQUEST_MESSAGE = "REQUEST_DATA_STREAM"
 """Message by which a ground station asks for the rates of groups of messages."""

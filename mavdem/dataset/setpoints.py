@@ -21,8 +21,9 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES, MAX_BODY_RATE, TILT_AXES
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, rows_of_boot
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import Injection, euler_angles, mavlink_constant, wrapped_angle
+from mavdem.ingest.vocabulary import Injection, euler_angles, wrapped_angle
 
 SETPOINT_MESSAGE = "ATTITUDE_TARGET"
 """MAVLink message with the setpoints of attitude and body rates."""

@@ -43,15 +43,9 @@ from mavdem.dataset.time_series import (
 )
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import announced_names, mode_name
-from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
-from mavdem.ingest.vocabulary import (
-    ARMED,
-    CUSTOM_MODE,
-    LANDING_MODES,
-    Injection,
-    wrapped_angle,
-)
+from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, wrapped_angle
 
 CLIMB_RATE_FIELDS = {
     "LOCAL_POSITION_NED": ("vz", -1.0),

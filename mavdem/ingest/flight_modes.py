@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Integers
 from mavdem.files import load_adjacent_toml
-from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.telemetry import Columns
 
 

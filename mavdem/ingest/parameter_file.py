@@ -14,8 +14,8 @@ from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Log, Parameters, Telemetry, repair_facts
-from mavdem.ingest.vocabulary import mavlink_constant
 
 REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
 """MAVLink's number of the type of parameters in files that are written: float32."""

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array, Flags
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.flight_modes import px4_custom_mode
+from mavdem.ingest.mavlink.dialect import definitions_by_name
 from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
 from mavdem.ingest.motors import PORT_OUTPUTS
 from mavdem.ingest.px4_topics import (
@@ -225,7 +225,7 @@ def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) 
     return {"time": topic["time"], "controls": controls}
 
 
-DEMAND_CHANNELS = max(dialect.MAVLink_actuator_control_target_message.array_lengths)
+DEMAND_CHANNELS: int = definitions_by_name()["ACTUATOR_CONTROL_TARGET"].wire["controls"].shape[0]
 """Number of elements of ACTUATOR_CONTROL_TARGET.controls."""
 
 THRUST_CHANNEL = 3

@@ -4,11 +4,10 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
-from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.dialect import enum_name, mavlink_constant
 from mavdem.ingest.px4_instances import (
     accelerometers,
     battery_status,
@@ -175,13 +174,13 @@ def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
     return columns | {"boot": np.broadcast_to(np.int64(0), count)}
 
 
-MULTIROTOR_TYPE: int = dialect.MAV_TYPE_GENERIC_MULTIROTOR
+MULTIROTOR_TYPE = mavlink_constant("MAV_TYPE_GENERIC_MULTIROTOR")
 """MAV_TYPE of a multirotor whose number of rotors is not known."""
 
 MAV_TYPE_OF_VEHICLE_TYPE = {
     1: MULTIROTOR_TYPE,
-    2: dialect.MAV_TYPE_FIXED_WING,
-    3: dialect.MAV_TYPE_GROUND_ROVER,
+    2: mavlink_constant("MAV_TYPE_FIXED_WING"),
+    3: mavlink_constant("MAV_TYPE_GROUND_ROVER"),
 }
 """MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors."""
 

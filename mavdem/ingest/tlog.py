@@ -20,7 +20,7 @@ from mavdem.files import PathName
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import mapped_bytes
 from mavdem.ingest.mavlink.clocks import Rows
-from mavdem.ingest.mavlink.definitions import crc_extra_table
+from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames
 from mavdem.ingest.mavlink.vehicles import assemble

@@ -13,7 +13,6 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from pymavlink.dialects.v20 import all as dialect
 from pyulog import ULog, ULogIncompatibleFlagException
 
 from mavdem.errors import Unreadable
@@ -22,6 +21,7 @@ from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_content
 from mavdem.ingest.mavlink.clocks import outlier_stamps
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
@@ -189,7 +189,7 @@ def _parameter_values(settings: list[ParameterSetting]) -> Columns:
         "boot": np.zeros(len(settings), np.int64),
         "param_id": np.array(names, np.object_),
         "param_value": np.array(values, np.float32),
-        "param_type": np.full(len(settings), dialect.MAV_PARAM_TYPE_REAL32),
+        "param_type": np.full(len(settings), mavlink_constant("MAV_PARAM_TYPE_REAL32")),
     }
 
 

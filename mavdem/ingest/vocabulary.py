@@ -11,45 +11,39 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
 from mavdem.files import load_adjacent_toml
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Fields
-
-
-def mavlink_constant(name: str) -> int:
-    """Returns MAVLink's number of an entry of an enumeration, by its whole name: "MAV_TYPE_QUADROTOR"."""
-    return int(getattr(dialect, name))
-
 
 # Flags of HEARTBEAT.base_mode.
 
-ARMED: int = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+ARMED = mavlink_constant("MAV_MODE_FLAG_SAFETY_ARMED")
 """The motors are armed."""
-CUSTOM_MODE: int = dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED
+CUSTOM_MODE = mavlink_constant("MAV_MODE_FLAG_CUSTOM_MODE_ENABLED")
 """The field custom_mode has the flight mode."""
 
 # Values of EXTENDED_SYS_STATE.landed_state.
 
-ON_GROUND: int = dialect.MAV_LANDED_STATE_ON_GROUND
+ON_GROUND = mavlink_constant("MAV_LANDED_STATE_ON_GROUND")
 """The vehicle stands on the ground."""
-IN_AIR: int = dialect.MAV_LANDED_STATE_IN_AIR
+IN_AIR = mavlink_constant("MAV_LANDED_STATE_IN_AIR")
 """The vehicle flies."""
-TAKING_OFF: int = dialect.MAV_LANDED_STATE_TAKEOFF
+TAKING_OFF = mavlink_constant("MAV_LANDED_STATE_TAKEOFF")
 """The vehicle is taking off."""
-LANDING: int = dialect.MAV_LANDED_STATE_LANDING
+LANDING = mavlink_constant("MAV_LANDED_STATE_LANDING")
 """The vehicle is landing."""
 OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
 """The states in the air: ArduPilot and PX4 report taking off and landing only while they are off the ground."""
 
 # Values of HEARTBEAT.system_status.
 
-STANDBY: int = dialect.MAV_STATE_STANDBY
+STANDBY = mavlink_constant("MAV_STATE_STANDBY")
 """The vehicle is ready on the ground."""
-ACTIVE: int = dialect.MAV_STATE_ACTIVE
+ACTIVE = mavlink_constant("MAV_STATE_ACTIVE")
 """The vehicle is in flight."""
-CRITICAL: int = dialect.MAV_STATE_CRITICAL
+CRITICAL = mavlink_constant("MAV_STATE_CRITICAL")
 """The vehicle is in a failsafe."""
 
 NO_SEVERITY = np.iinfo(np.uint8).max
@@ -57,14 +51,14 @@ NO_SEVERITY = np.iinfo(np.uint8).max
 
 # Values of HEARTBEAT.autopilot.
 
-GENERIC: int = dialect.MAV_AUTOPILOT_GENERIC
+GENERIC = mavlink_constant("MAV_AUTOPILOT_GENERIC")
 """The autopilot is not known."""
-ARDUPILOT: int = dialect.MAV_AUTOPILOT_ARDUPILOTMEGA
+ARDUPILOT = mavlink_constant("MAV_AUTOPILOT_ARDUPILOTMEGA")
 """ArduPilot."""
-PX4: int = dialect.MAV_AUTOPILOT_PX4
+PX4 = mavlink_constant("MAV_AUTOPILOT_PX4")
 """PX4."""
 
-AUTOPILOT_COMPONENT: int = dialect.MAV_COMP_ID_AUTOPILOT1
+AUTOPILOT_COMPONENT = mavlink_constant("MAV_COMP_ID_AUTOPILOT1")
 """Component id of a vehicle's autopilot."""
 
 LANDING_MODES = {

@@ -6,8 +6,8 @@ from typing import NamedTuple
 from mavdem.errors import failure_fact
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
+from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.live import clock
-from mavdem.live.frames import Frame, FrameReader
 from mavdem.live.link import MAX_PIECES, Link, LinkLost
 from mavdem.live.raw_recording import RawRecording
 

@@ -25,9 +25,9 @@ import numpy as np
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact, Level
 from mavdem.facts.session import LinkError, LinkFact
+from mavdem.ingest.mavlink.frame_reader import SEQUENCE_OFFSET_V1, SEQUENCE_OFFSET_V2
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, MARKER_V1
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
-from mavdem.live.frames import SEQUENCE_OFFSET_V1, SEQUENCE_OFFSET_V2
 from mavdem.live.serial_port import NoSerialPort, SerialPort, open_serial_port
 from mavdem.machine import LOOPBACK
 

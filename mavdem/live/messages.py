@@ -13,12 +13,13 @@ from mavdem.containers import Names, Numbers
 from mavdem.dataset.axes import MAX_ANGLE, MAX_BODY_RATE
 from mavdem.dataset.motor_outputs import UINT16_UNKNOWN
 from mavdem.dataset.setpoints import IGNORED_SETPOINT_BITS
-from mavdem.ingest.mavlink.definitions import definitions_by_id, latest_parameters
+from mavdem.ingest.mavlink.dialect import definitions_by_id
+from mavdem.ingest.mavlink.frame_reader import Frame
+from mavdem.ingest.mavlink.payloads import latest_parameters
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import euler_angles
-from mavdem.live.frames import Frame
 
 MESSAGE_FIELDS: dict[str, Names] = {
     name: tuple(fields)

@@ -5,7 +5,7 @@ from math import inf
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import FrameSender
+from mavdem.ingest.mavlink.payloads import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.live import clock
 from mavdem.live.intake import LinkIntake

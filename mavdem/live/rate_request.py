@@ -14,11 +14,15 @@ from itertools import count
 from math import inf, nan
 from typing import Any
 
-from pymavlink.dialects.v20 import all as dialect
-
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_id
+from mavdem.ingest.mavlink.dialect import (
+    definitions_by_id,
+    definitions_by_name,
+    mavlink_constant,
+    mavlink_message_id,
+)
+from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
 from mavdem.ingest.vocabulary import ACTIVE
 from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
 from mavdem.live.messages import Message
@@ -30,16 +34,16 @@ GROUND_STATION = FrameSender(255, 190)
 GREETER = FrameSender(254, 190)
 """Ids that HEARTBEATs come from. When those of system 255 end, autopilots may fly home for a lost link."""
 
-GET_INTERVAL = dialect.MAV_CMD_GET_MESSAGE_INTERVAL
+GET_INTERVAL = mavlink_constant("MAV_CMD_GET_MESSAGE_INTERVAL")
 """The command that asks for the interval of a message."""
 
-SET_INTERVAL = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
+SET_INTERVAL = mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL")
 """The command that sets the interval of a message."""
 
-COMMAND_PARAMETERS = 7
-"""Parameters of a command in COMMAND_LONG; those that a command does not use are 0."""
+MAVLINK_VERSION = 3
+"""HEARTBEAT.mavlink_version, which every sender fills in (minimal.xml)."""
 
-BROADCAST = dialect.MAV_COMP_ID_ALL
+BROADCAST = mavlink_constant("MAV_COMP_ID_ALL")
 """Target id of messages to everyone, and of messages that have no target."""
 
 STOPPED = -1
@@ -52,12 +56,12 @@ MICROSECONDS = 1e6
 """Microseconds in a second: the unit of intervals."""
 
 MOTION_MESSAGES = (
-    dialect.MAVLINK_MSG_ID_ATTITUDE,
-    dialect.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,
+    mavlink_message_id("ATTITUDE"),
+    mavlink_message_id("SERVO_OUTPUT_RAW"),
 )
 """Ids of the messages that a model is learned from, which are requested at the full rate."""
 
-SETPOINT_MESSAGE = dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET
+SETPOINT_MESSAGE = mavlink_message_id("ATTITUDE_TARGET")
 """Id of the message of setpoints, by which control loops are identified.
 
 It is requested at half the rate, or at ``MIN_SETPOINT_RATE`` where that is more: with less, loops are known worse; with
@@ -68,9 +72,9 @@ MIN_SETPOINT_RATE = 50.0
 """Rate of setpoints that is requested at least, unless that of motion is lower, Hz."""
 
 FLIGHT_STATE_MESSAGES = (
-    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE,
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-    dialect.MAVLINK_MSG_ID_VFR_HUD,
+    mavlink_message_id("EXTENDED_SYS_STATE"),
+    mavlink_message_id("LOCAL_POSITION_NED"),
+    mavlink_message_id("VFR_HUD"),
 )
 """Ids of the messages that distinguish flight from landing."""
 
@@ -310,10 +314,15 @@ class RateRequest:
             return []
         self._next_parameter_time = now + PARAMETER_PERIOD
         # Index −1: the parameter is requested by its name.
-        request = dialect.MAVLink_param_request_read_message(
-            self._vehicle.system, self._vehicle.component, pending.popleft(), -1
+        request = _frame(
+            "PARAM_REQUEST_READ",
+            GROUND_STATION,
+            target_system=self._vehicle.system,
+            target_component=self._vehicle.component,
+            param_id=pending.popleft(),
+            param_index=-1,
         )
-        return [_packed(request, GROUND_STATION)]
+        return [request]
 
     def _settings_due(self, interval: _MessageInterval, now: float, rate: float) -> list[bytes]:
         """Decides whether a message comes too slowly, and returns the command that sets its interval.
@@ -427,7 +436,7 @@ class RateRequest:
         command, result, target_system, target_component = message.values
         is_to_our_system = target_system in (BROADCAST, GROUND_STATION.system)
         is_to_our_component = target_component in (BROADCAST, GROUND_STATION.component)
-        is_final = result != dialect.MAV_RESULT_IN_PROGRESS
+        is_final = result != mavlink_constant("MAV_RESULT_IN_PROGRESS")
         if command == SET_INTERVAL and is_to_our_system and is_to_our_component and is_final:
             self._take_confirmation(result)
 
@@ -462,7 +471,7 @@ class RateRequest:
         Args:
             result: a MAV_RESULT.
         """
-        is_accepted = result == dialect.MAV_RESULT_ACCEPTED
+        is_accepted = result == mavlink_constant("MAV_RESULT_ACCEPTED")
         if self._is_restoring:
             if self.unconfirmed:
                 self.unconfirmed.popleft().is_restored = is_accepted
@@ -520,37 +529,43 @@ class RateRequest:
         Returns:
             The bytes of the frame.
         """
-        parameters = [float(message_id), microseconds]
-        parameters += [0.0] * (COMMAND_PARAMETERS - len(parameters))
-        confirmation = 0
-        message = dialect.MAVLink_command_long_message(
-            self._vehicle.system, self._vehicle.component, command, confirmation, *parameters
+        return _frame(
+            "COMMAND_LONG",
+            GROUND_STATION,
+            target_system=self._vehicle.system,
+            target_component=self._vehicle.component,
+            command=command,
+            param1=message_id,
+            param2=microseconds,
         )
-        return _packed(message, GROUND_STATION)
 
 
 def greeting() -> bytes:
     """Returns a HEARTBEAT, for vehicles that send only after they have received one."""
-    heartbeat = dialect.MAVLink(None).heartbeat_encode(
-        dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, ACTIVE
+    return _frame(
+        "HEARTBEAT",
+        GREETER,
+        type=mavlink_constant("MAV_TYPE_GCS"),
+        autopilot=mavlink_constant("MAV_AUTOPILOT_INVALID"),
+        system_status=ACTIVE,
+        mavlink_version=MAVLINK_VERSION,
     )
-    return _packed(heartbeat, GREETER)
 
 
 _frame_numbers = count()
 
 
-def _packed(message: Any, sender: FrameSender) -> bytes:
-    """Packs a message into a MAVLink frame.
+def _frame(name: str, sender: FrameSender, **fields: Any) -> bytes:
+    """Makes a frame of one message.
 
     Args:
-        message: a message of pymavlink.
+        name: name of the message.
         sender: ids that the frame comes from.
+        **fields: values of its fields; all others are zero.
 
     Returns:
         The bytes of the frame, which has the next sequence number.
     """
-    encoder = dialect.MAVLink(None, sender.system, sender.component)
+    payload = filled_payloads(name, **fields).tobytes()
     # The sequence number of a frame is one byte.
-    encoder.seq = next(_frame_numbers) % 256
-    return bytes(message.pack(encoder))
+    return encode_frame(payload, definitions_by_name()[name], sender, next(_frame_numbers) % 256)

@@ -6,9 +6,9 @@ from pathlib import Path
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
+from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mcap.records import register_frame_channel, start_writer, write_message
 from mavdem.ingest.tlog import write_stamped
-from mavdem.live.frames import Frame
 
 BATCH_SECONDS = 0.5
 """Time for which frames wait in memory for the operating system, s: a choice; a crash loses so much."""

@@ -16,12 +16,12 @@ from mavdem.facts.events import Reported
 from mavdem.facts.motors import InFlight
 from mavdem.facts.session import Session
 from mavdem.facts.watch import Watch
+from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.telemetry import Parameters
 from mavdem.live.boot_clock import BootClock, TimedMessage
 from mavdem.live.flight_phase import PHASE_MESSAGES, FlightPhase
-from mavdem.live.frames import Frame, FrameReader
 from mavdem.live.messages import (
     STATUS_MESSAGES,
     Message,

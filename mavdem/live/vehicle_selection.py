@@ -11,7 +11,8 @@ from math import inf
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.facts import Fact
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.definitions import definitions_by_id, enum_name
+from mavdem.ingest.mavlink.dialect import definitions_by_id, enum_name
+from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.mavlink.sender_links import SenderLinks
 from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
@@ -19,7 +20,6 @@ from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.frames import Frame
 from mavdem.live.messages import Message, parameters_by_name
 from mavdem.live.recent_messages import MAX_ROWS
 

@@ -21,9 +21,9 @@ from mavdem.facts.online import DragSource
 from mavdem.facts.wind import NoWind
 from mavdem.files import AnyPath
 from mavdem.ingest import read_log
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry, interpolated
-from mavdem.ingest.vocabulary import mavlink_constant
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue

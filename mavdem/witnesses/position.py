@@ -11,8 +11,8 @@ from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_position_fix
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import mavlink_constant
 from mavdem.witnesses.flight_verdict import powered_intervals
 
 POSITION_FLAGS = {

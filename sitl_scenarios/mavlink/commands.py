@@ -3,13 +3,15 @@
 Sources: the services of https://mavlink.io/en/services/: command, parameter, mission, timesync; logs by common.xml.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
+from typing import Any, NamedTuple
 
-from mavdem.ingest.mavlink.definitions import definitions_by_id, pymavlink_messages
-from mavdem.ingest.vocabulary import mavlink_constant
+from mavdem.ingest.mavlink.dialect import definitions_by_id, mavlink_constant
+from mavdem.ingest.mavlink.frame_reader import FrameReader
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
+from mavdem.ingest.mavlink.payloads import FrameSender, field_values
 from sitl_scenarios.flight_simulation import Simulation
 from sitl_scenarios.mavlink.transmitter import Transmitter
 
@@ -39,25 +41,41 @@ HANDLED_MESSAGES = frozenset(
 """Messages that the vehicle handles."""
 
 
-def addressed_messages(datagram: bytes, system: int, component: int) -> list[Any]:
+class ReceivedMessage(NamedTuple):
+    """A message that the vehicle received."""
+
+    name: str
+    """Name of the message."""
+    sender: FrameSender
+    """Who sent it."""
+    fields: Mapping[str, Any]
+    """Values of its fields by name."""
+
+
+def addressed_messages(datagram: bytes, system: int, component: int) -> list[ReceivedMessage]:
     """Returns the messages in a datagram that the vehicle handles and that are addressed to it or to all.
 
     Args:
         datagram: Bytes of one datagram.
         system: System id of the vehicle.
         component: Component id of its autopilot.
-
-    Returns:
-        Messages of pymavlink.
     """
-    return [
-        message
-        for message in pymavlink_messages(datagram)
-        if message.get_type() in HANDLED_MESSAGES
+    messages = []
+    for frame in FrameReader().feed(datagram):
+        definition = definitions_by_id().get(frame.message_id)
+        if frame.checksum != CHECKSUM_MATCHES or definition is None:
+            continue
+        if definition.name not in HANDLED_MESSAGES:
+            continue
+        fields = field_values(frame.payload, definition)
         # TIMESYNC of older senders names no target: it is meant for all.
-        and getattr(message, "target_system", BROADCAST_ID) in (system, BROADCAST_ID)
-        and getattr(message, "target_component", BROADCAST_ID) in (component, BROADCAST_ID)
-    ]
+        is_addressed = fields.get("target_system", BROADCAST_ID) in (system, BROADCAST_ID) and (
+            fields.get("target_component", BROADCAST_ID) in (component, BROADCAST_ID)
+        )
+        if is_addressed:
+            sender = FrameSender(frame.system, frame.component)
+            messages.append(ReceivedMessage(definition.name, sender, fields))
+    return messages
 
 
 FORCE_DISARM = 21196
@@ -95,7 +113,7 @@ class CommandHandler:
     accepted: int = 0
     """Number of commands accepted so far."""
 
-    def handle(self, received: Any) -> None:
+    def handle(self, received: ReceivedMessage) -> None:
         """Executes a message from a ground station; the reply goes out with the transmitter's next block.
 
         A command is acknowledged with its result. Requests for parameters are answered by their values, also where one
@@ -103,25 +121,26 @@ class CommandHandler:
         mission and takes none, and it has no logs.
 
         Args:
-            received: Message of pymavlink that is addressed to the vehicle; others than ``HANDLED_MESSAGES`` are
+            received: Message that is addressed to the vehicle; others than ``HANDLED_MESSAGES`` are
                 ignored.
         """
-        match received.get_type():
+        fields = received.fields
+        match received.name:
             case "COMMAND_LONG":
-                result = self._execute(received.command, received.param1, received.param2)
+                result = self._execute(fields["command"], fields["param1"], fields["param2"])
                 if result == ACCEPTED:
                     self.accepted += 1
                 self.transmitter.send_once(
                     "COMMAND_ACK",
-                    command=received.command,
+                    command=fields["command"],
                     result=result,
-                    target_system=received.get_srcSystem(),
-                    target_component=received.get_srcComponent(),
+                    target_system=received.sender.system,
+                    target_component=received.sender.component,
                 )
             case "PARAM_REQUEST_LIST":
                 self.transmitter.send_parameters()
             case "PARAM_REQUEST_READ":
-                self.transmitter.send_parameters(received.param_id)
+                self.transmitter.send_parameters(fields["param_id"])
             case "PARAM_SET":
                 self._set_parameter(received)
             case "REQUEST_DATA_STREAM":
@@ -137,56 +156,56 @@ class CommandHandler:
             case "LOG_REQUEST_LIST":
                 # One entry with a number of 0 logs ends the list.
                 self.transmitter.send_once("LOG_ENTRY")
-            case "TIMESYNC" if received.tc1 == 0:
+            case "TIMESYNC" if fields["tc1"] == 0:
                 # A request has tc1 = 0 and the sender's time in ts1, which the reply returns.
                 now = round(self.transmitter.clock * NANOSECONDS_PER_SECOND)
-                self.transmitter.send_once("TIMESYNC", tc1=now, ts1=received.ts1)
+                self.transmitter.send_once("TIMESYNC", tc1=now, ts1=fields["ts1"])
 
-    def _answer_on_mission(self, name: str, request: Any, **values: int) -> None:
+    def _answer_on_mission(self, name: str, request: ReceivedMessage, **values: int) -> None:
         """Answers a request of the mission service.
 
         Args:
             name: Name of the message that answers.
-            request: Message of pymavlink; its sender and its type of mission are those of the answer.
+            request: Message of the service; its sender and its type of mission are those of the answer.
             values: Further fields of the answer.
         """
         self.transmitter.send_once(
             name,
-            target_system=request.get_srcSystem(),
-            target_component=request.get_srcComponent(),
-            mission_type=request.mission_type,
+            target_system=request.sender.system,
+            target_component=request.sender.component,
+            mission_type=request.fields["mission_type"],
             **values,
         )
 
-    def _set_parameter(self, request: Any) -> None:
+    def _set_parameter(self, request: ReceivedMessage) -> None:
         """Sets a parameter, and answers with the value that it has then; an unknown name is not answered.
 
         Parameters of the controller act at once. Others keep their values, which the answer tells.
 
         Args:
-            request: PARAM_SET of pymavlink.
+            request: A PARAM_SET.
         """
         names = [parameter.name for parameter in self.transmitter.parameters]
-        if request.param_id not in names:
+        if request.fields["param_id"] not in names:
             return
-        parameter = self.transmitter.parameters[names.index(request.param_id)]
-        value = parameter.decoded(request.param_value, self.transmitter.autopilot.bitwise)
+        parameter = self.transmitter.parameters[names.index(request.fields["param_id"])]
+        value = parameter.decoded(request.fields["param_value"], self.transmitter.autopilot.bitwise)
         if self.simulation.set_parameter(parameter.name, value):
             self.transmitter.change_parameter(parameter.name, value)
         self.transmitter.send_parameters(parameter.name)
 
-    def _set_stream_rate(self, request: Any) -> None:
+    def _set_stream_rate(self, request: ReceivedMessage) -> None:
         """Sets the rate of a group of messages, as the request REQUEST_DATA_STREAM asks.
 
         An unknown group is ignored, as is every group of an autopilot that does not obey the request.
 
         Args:
-            request: REQUEST_DATA_STREAM of pymavlink.
+            request: A REQUEST_DATA_STREAM.
         """
         groups = self.transmitter.autopilot.groups
-        group = int(request.req_stream_id)
+        group = int(request.fields["req_stream_id"])
         # The rate is in Hz; a request with start_stop 0 stops the messages.
-        rate = int(request.req_message_rate) if request.start_stop else 0
+        rate = int(request.fields["req_message_rate"]) if request.fields["start_stop"] else 0
         interval = 1 / rate if rate else inf
         requested_groups = list(groups) if group == ALL_STREAMS else [group]
         for requested_group in requested_groups:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.vocabulary import mavlink_constant
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column, heading
 from sitl_scenarios.mishaps.instruments import CELLS, SECOND_BATTERY_SHARE, InstrumentedMotion

@@ -11,16 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import definitions_by_name
-from mavdem.ingest.vocabulary import (
-    ACTIVE,
-    ARMED,
-    CRITICAL,
-    ON_GROUND,
-    STANDBY,
-    mavlink_constant,
-    quaternion,
-)
+from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
+from mavdem.ingest.mavlink.payloads import filled_payloads
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, CRITICAL, ON_GROUND, STANDBY, quaternion
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.mavlink.instrument_messages import (
@@ -74,23 +67,6 @@ STICK_CHANNELS = ((1, 0), (2, 1), (4, 2))
 """RC channel and axis of ``Motion.sticks``: 1 roll, 2 pitch, 4 yaw; channel 3 is the throttle."""
 
 
-def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
-    """Returns payloads of one message, with the given values in its fields and zero in all others.
-
-    Args:
-        name: Name of the message.
-        count: Number of payloads.
-        fields: Values of fields: one for all payloads, or one for each, (count, …).
-
-    Returns:
-        (count,) payloads of the message's wire type.
-    """
-    table = np.zeros(count, dtype=definitions_by_name()[name].wire)
-    for field, values in fields.items():
-        table[field] = values
-    return table
-
-
 def message_payloads(
     name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot
 ) -> Payloads:
@@ -109,7 +85,7 @@ def message_payloads(
     if isinstance(motion, InstrumentedMotion):
         instrument = instrument_fields(name, motion, boot, autopilot)
         if instrument is not None:
-            return payload(name, len(boot), **instrument)
+            return filled_payloads(name, len(boot), **instrument)
         modes = flight_modes(motion, autopilot)
     else:
         modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
@@ -181,7 +157,7 @@ def message_payloads(
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
             controls = np.pad(commands, ((0, 0), (0, CHANNELS - rotors)))
             fields = {"time_usec": boot, "controls": controls, "mode": base}
-    return payload(name, len(boot), **fields)
+    return filled_payloads(name, len(boot), **fields)
 
 
 def _stick_channels(motion: Motion) -> dict[str, Any]:

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.random import default_rng
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.definitions import FrameSender, definitions_by_name, encode_frame
+from mavdem.ingest.mavlink.dialect import definitions_by_name
 from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import frames_at
+from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, Autopilot
-from sitl_scenarios.mavlink.messages import message_payloads, parameters, payload
+from sitl_scenarios.mavlink.messages import message_payloads, parameters
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion
 from sitl_scenarios.mishaps.specs import Restart, SecondLink, SecondVehicle
 from sitl_scenarios.mishaps.texts import WATCHDOG_TEXT
@@ -218,7 +219,7 @@ class Transmitter:
 
     def send_once(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
-        self._replies.append(OutgoingMessage(0, name, payload(name, **values).tobytes()))
+        self._replies.append(OutgoingMessage(0, name, filled_payloads(name, **values).tobytes()))
 
     def send_parameters(self, name: str = "") -> None:
         """Sends parameters with the next block, one PARAM_VALUE message for each.
@@ -361,7 +362,7 @@ class Transmitter:
         if isinstance(motion, InstrumentedMotion):
             for row in np.flatnonzero(motion.text != "").tolist():
                 text = str(motion.text[row]).encode()
-                said = payload("STATUSTEXT", severity=motion.severity[row], text=text)
+                said = filled_payloads("STATUSTEXT", severity=motion.severity[row], text=text)
                 yield OutgoingMessage(row, "STATUSTEXT", said.tobytes())
         for name in self._rates:
             rows = self.schedule.due(name, clock)

@@ -11,7 +11,8 @@ from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts.events import Reported
-from mavdem.ingest.vocabulary import NO_SEVERITY, mavlink_constant
+from mavdem.ingest.mavlink.dialect import mavlink_constant
+from mavdem.ingest.vocabulary import NO_SEVERITY
 
 HOVER = Hover()
 FLOWN = HOVER.telemetry(10.0, 10.0)

@@ -9,7 +9,7 @@ from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from mavdem.ingest import read_log
-from mavdem.ingest.mavlink.definitions import crc_extra_table
+from mavdem.ingest.mavlink.dialect import crc_extra_table
 from mavdem.ingest.mavlink.framing import find_frames
 
 NOW = 1_700_000_000_000_000

@@ -14,13 +14,16 @@ from mavlink_streams import (
     read,
     tlog,
 )
+from numpy.testing import assert_equal
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from pytest import approx, mark
 from recorded_flights import SAMPLE_LOGS
 
-from mavdem.ingest.mavlink.definitions import decoded_field, definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
+from mavdem.ingest.mavlink.frame_reader import parse_frame
 from mavdem.ingest.mavlink.framing import CHECKSUM_FAILED, CHECKSUM_MATCHES
+from mavdem.ingest.mavlink.payloads import decoded_field, field_values
 from mavdem.ingest.tlog import STAMP_BYTES
 
 BYTES = st.integers(0, 255)
@@ -70,6 +73,12 @@ def is_read_as(content, found, expected):
     assert (found.system, found.component, found.sequence) == sender
     assert found.message_id == expected.get_msgId()
     definition = definitions_by_id()[expected.get_msgId()]
+    one = parse_frame(content[int(found.start[0]) : int(found.end[0])].tobytes())
+    assert one.checksum == CHECKSUM_MATCHES
+    assert_equal(
+        field_values(one.payload, definition),
+        {name: getattr(expected, name) for name in expected.fieldnames},
+    )
     for name in definition.fields:
         (value,) = decoded_field(content, found.start, definition, name)
         theirs = getattr(expected, f"_{name}_raw", getattr(expected, name))

@@ -8,7 +8,7 @@ from pytest import approx, mark, raises
 
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Source
-from mavdem.live.frames import FrameReader
+from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live.vehicle_selection import Component
 
 SWAY = radians(1.5)

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from pytest import mark, raises
 
 from mavdem.facts.session import VehicleFact
-from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.live import LiveStream
 from mavdem.live.messages import MESSAGE_FIELDS
 from mavdem.live.samples import MAX_SAMPLES, SampleStream

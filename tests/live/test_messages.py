@@ -7,7 +7,8 @@ from mavlink_streams import frame, frames_in, heartbeat, message
 from numpy.testing import assert_equal
 from pytest import mark, skip
 
-from mavdem.ingest.mavlink.definitions import decoded_field, definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
+from mavdem.ingest.mavlink.frame_reader import MAX_UNDECIDED_BYTES, Frame, FrameReader
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_FAILED,
     CHECKSUM_MATCHES,
@@ -16,8 +17,8 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_V2,
     MESSAGE_UNKNOWN,
 )
+from mavdem.ingest.mavlink.payloads import decoded_field
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
-from mavdem.live.frames import MAX_UNDECIDED_BYTES, Frame, FrameReader
 from mavdem.live.messages import MESSAGE_FIELDS, decode_message
 
 

@@ -9,7 +9,7 @@ from pytest import mark
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
-from mavdem.ingest.mavlink.definitions import FrameSender, pymavlink_messages
+from mavdem.ingest.mavlink.payloads import FrameSender
 from mavdem.ingest.motors import control_parameters, motor_parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.clock_speed import ClockSpeed
@@ -246,7 +246,7 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
     for number in range(150):
         frames = request.frames_due(0.25 * number, None, known)
         assert len(frames) <= 1 and not request.frames_due(0.25 * number + 0.1, None, known)
-        for one in pymavlink_messages(b"".join(frames)):
+        for one in dialect.MAVLink(None).parse_buffer(b"".join(frames)) or []:
             assert (one.target_system, one.target_component) == VEHICLE
             name = one.param_id.encode()
             tries[name] += 1

@@ -9,7 +9,7 @@ from refusals import unreadable
 from mavdem.facts.session import LinkFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.live.frames import FrameReader
+from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live.raw_recording import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]

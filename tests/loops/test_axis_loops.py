@@ -31,7 +31,7 @@ from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
-from mavdem.ingest.mavlink.definitions import decoded_parameters
+from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.vocabulary import Injection
 from mavdem.loops.advice import (
     gain_reduction_advice,

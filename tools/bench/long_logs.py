@@ -20,7 +20,7 @@ import numpy as np
 
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
-from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,

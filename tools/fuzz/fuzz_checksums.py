@@ -1,7 +1,7 @@
 """Correct checksums for the frames of a damaged telemetry log, without which hardly any damage would be read."""
 
 from mavdem.ingest.mavlink.checksums import frame_checksum
-from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
     HEADER_BYTES_V1,

@@ -20,7 +20,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.loops import Loops
 from mavdem.flight import Flight, Flights, boot_number
-from mavdem.ingest.mavlink.definitions import decoded_parameters
+from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop, margin_rating

@@ -30,8 +30,9 @@ from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio, mavlink_constant
+from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
 INNOVATIONS = tuple(EstimatorRatio)

@@ -44,6 +44,7 @@ from mavdem.ingest.dataflash.translation import (
     with_new_names,
 )
 from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.other_recordings import (
     DATAFLASH_RULES,
     BootTimesInUtc,
@@ -66,7 +67,6 @@ from mavdem.ingest.vocabulary import (
     UNNAMED,
     board_name_in_texts,
     board_number_in_texts,
-    mavlink_constant,
 )
 
 CLOCK_FIELDS = {"TimeUS": 1e6, "TimeMS": 1e3}

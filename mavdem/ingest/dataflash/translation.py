@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
 from mavdem.facts import Facts
@@ -63,6 +62,7 @@ from mavdem.ingest.dataflash.tables import (
     rows_of_instance,
     with_stamps,
 )
+from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
 from mavdem.ingest.motors import PORT_OUTPUTS
 from mavdem.ingest.telemetry import (
     Columns,
@@ -318,7 +318,7 @@ def _global_position(messages: Mapping[str, NamedMessage]) -> NamedMessage:
 FILTER_GPS_GLITCH_FLAG = 1 << 14
 """Bit of the filter's own status for a glitch of GPS (``nav_filter_status.gps_glitching`` in ``AP_Nav_Common.h``)."""
 
-SHARED_STATUS_FLAGS: int = dialect.EKF_UNINITIALIZED - 1
+SHARED_STATUS_FLAGS = mavlink_constant("EKF_UNINITIALIZED") - 1
 """Bits of the filter's own status that are also those of EKF_STATUS_REPORT: all below EKF_UNINITIALIZED."""
 
 
@@ -340,7 +340,7 @@ def _estimator_status(status: NamedMessage) -> NamedMessage:
     filter_flags = status.columns["flags"].astype(np.int64)
     is_glitching = filter_flags & FILTER_GPS_GLITCH_FLAG > 0
     flags = filter_flags & SHARED_STATUS_FLAGS
-    flags |= np.where(is_glitching, dialect.EKF_GPS_GLITCHING, 0)
+    flags |= np.where(is_glitching, mavlink_constant("EKF_GPS_GLITCHING"), 0)
     return NamedMessage(status.source_name, {**status.columns, "flags": flags})
 
 
@@ -487,7 +487,7 @@ def _servo_output_port(
 VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
 """Fields of VIBE with the standard deviations of an IMU's acceleration, m/s²."""
 
-MAX_IMUS = sum("clipping" in name for name in dialect.MAVLink_vibration_message.fieldnames)
+MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"].fields)
 """Number of IMUs: VIBRATION has a counter of clips for each."""
 
 

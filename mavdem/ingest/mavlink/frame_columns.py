@@ -9,12 +9,8 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.byte_rows import Bytes, mapping_of
 from mavdem.ingest.mavlink.clocks import BootTimes
-from mavdem.ingest.mavlink.definitions import (
-    MessageDefinition,
-    SentPayloads,
-    decoded_field,
-    sent_payloads,
-)
+from mavdem.ingest.mavlink.dialect import MessageDefinition
+from mavdem.ingest.mavlink.payloads import SentPayloads, decoded_field, sent_payloads
 from mavdem.ingest.telemetry import Fields
 
 MAX_BYTES_OF_MAPPED_COLUMNS = 1 << 25

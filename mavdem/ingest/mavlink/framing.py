@@ -22,37 +22,29 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Flags
 from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
 from mavdem.ingest.mavlink.checksums import BlockChecksums, registers_after
+from mavdem.ingest.mavlink.dialect import CrcExtras
 
-CrcExtras = NDArray[np.int32]
-"""CRC_EXTRA by message id, -1 for ids without a message in the dialect.
-
-CRC_EXTRA is a byte that follows from the definition of the message. It is part of the checksum, so that frames of a
-sender with another definition do not match.
-"""
-
-MARKER_V1: int = dialect.PROTOCOL_MARKER_V1
-"""First byte of a frame of MAVLink 1, FE."""
-MARKER_V2: int = dialect.PROTOCOL_MARKER_V2
-"""First byte of a frame of MAVLink 2, FD."""
+MARKER_V1 = 0xFE
+"""First byte of a frame of MAVLink 1."""
+MARKER_V2 = 0xFD
+"""First byte of a frame of MAVLink 2."""
 MARKERS = (bytes([MARKER_V1]), bytes([MARKER_V2]))
 """First bytes of frames, for ``bytes.startswith``."""
 
-SIGNED_FLAG: int = dialect.MAVLINK_IFLAG_SIGNED
-"""Incompatibility flag of a frame with a signature, 1, the only one that is defined."""
+SIGNED_FLAG = 1
+"""Incompatibility flag of a frame with a signature, the only one that is defined."""
 
-HEADER_BYTES_V1: int = dialect.HEADER_LEN_V1
-"""Number of bytes before the payload in MAVLink 1, 6."""
-HEADER_BYTES_V2: int = dialect.HEADER_LEN_V2
-"""Number of bytes before the payload in MAVLink 2, 10."""
+HEADER_BYTES_V1 = 6
+"""Number of bytes before the payload in MAVLink 1."""
+HEADER_BYTES_V2 = 10
+"""Number of bytes before the payload in MAVLink 2."""
 CHECKSUM_BYTES = np.uint16().itemsize
 """Number of bytes of the checksum, which follows the payload."""
-SIGNATURE_BYTES: int = dialect.MAVLINK_SIGNATURE_BLOCK_LEN
+SIGNATURE_BYTES = 13
 """Number of bytes of the signature, which follows the checksum."""
 MAX_FRAME_BYTES = HEADER_BYTES_V2 + np.iinfo(np.uint8).max + CHECKSUM_BYTES + SIGNATURE_BYTES
 """Number of bytes of the longest frame: one of MAVLink 2 with a payload of 255 bytes and a signature."""

@@ -18,10 +18,8 @@ from collections.abc import Iterable
 from math import nan, radians
 from typing import Any
 
-from pymavlink.dialects.v20 import all as dialect
-
 from mavdem.ingest.mavlink.clocks import MAX_LATE_SECONDS
-from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id, mavlink_message_id
 from mavdem.ingest.mavlink.framing import HEADER_BYTES_V1, HEADER_BYTES_V2, LENGTH_BYTE, MARKER_V2
 from mavdem.ingest.mavlink.sequence_counters import (
     MIN_COUNTER_SWITCHES,
@@ -60,10 +58,10 @@ POSITION_LAYOUT = struct.Struct("<I2i")
 """Beginning of GLOBAL_POSITION_INT: ``time_boot_ms``, ``lat``, ``lon``."""
 
 READING_LAYOUTS = {
-    dialect.MAVLINK_MSG_ID_ATTITUDE: ATTITUDE_LAYOUT,
-    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: CLOCK_LAYOUT,
-    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: CLOCK_LAYOUT,
-    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: POSITION_LAYOUT,
+    mavlink_message_id("ATTITUDE"): ATTITUDE_LAYOUT,
+    mavlink_message_id("ATTITUDE_QUATERNION"): CLOCK_LAYOUT,
+    mavlink_message_id("LOCAL_POSITION_NED"): CLOCK_LAYOUT,
+    mavlink_message_id("GLOBAL_POSITION_INT"): POSITION_LAYOUT,
 }
 """Beginning of the payloads of those messages that autopilots stamp themselves, by message id."""
 

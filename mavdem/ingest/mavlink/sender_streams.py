@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from mavdem.arrays import Flags
 from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
-from mavdem.ingest.mavlink.definitions import decoded_field, definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
+from mavdem.ingest.mavlink.payloads import decoded_field
 from mavdem.ingest.mavlink.sender_links import (
     ATTITUDE_LAYOUT,
     CLOCK_UNITS_PER_SECOND,

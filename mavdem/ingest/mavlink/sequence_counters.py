@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from math import asin, atan2, pi, radians
 from typing import NamedTuple
 
-from pymavlink.dialects.v20 import all as dialect
+from mavdem.ingest.mavlink.dialect import mavlink_message_id
 
 SEQUENCE_NUMBERS = 256
 """Number of a sender's sequence numbers: they run from 0 to 255 and start again."""
@@ -70,8 +70,8 @@ QUATERNION_LAYOUT = struct.Struct("<I7f")
 """Beginning of ATTITUDE_QUATERNION: ``time_boot_ms``, w, x, y and z, and three body rates, rad/s."""
 
 ATTITUDE_LAYOUTS = {
-    dialect.MAVLINK_MSG_ID_ATTITUDE: EULER_LAYOUT,
-    dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: QUATERNION_LAYOUT,
+    mavlink_message_id("ATTITUDE"): EULER_LAYOUT,
+    mavlink_message_id("ATTITUDE_QUATERNION"): QUATERNION_LAYOUT,
 }
 """Layout of the payloads with an attitude, by message id."""
 

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
@@ -22,21 +21,17 @@ from mavdem.ingest.mavlink.clocks import (
     reference_type_of,
     stamped_messages,
 )
-from mavdem.ingest.mavlink.definitions import (
+from mavdem.ingest.mavlink.dialect import (
     MessageDefinition,
-    decoded_field,
     definitions_by_id,
     definitions_by_name,
     enum_name,
-    latest_parameters,
+    mavlink_constant,
 )
 from mavdem.ingest.mavlink.frame_columns import DecodedColumns, FrameColumns
 from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream, receive_interval
-from mavdem.ingest.mavlink.framing import (
-    CHECKSUM_MATCHES,
-    MESSAGE_UNKNOWN,
-    Frames,
-)
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MESSAGE_UNKNOWN, Frames
+from mavdem.ingest.mavlink.payloads import decoded_field, latest_parameters
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.other_recordings import (
@@ -58,12 +53,7 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     rows_by_value,
 )
-from mavdem.ingest.vocabulary import (
-    NAMES,
-    RADIO,
-    RADIO_MESSAGES,
-    UNNAMED,
-)
+from mavdem.ingest.vocabulary import NAMES, RADIO, RADIO_MESSAGES, UNNAMED
 
 NON_VEHICLE_TYPES = frozenset({*NAMES["not_vehicles"], RADIO})
 """MAV_TYPEs of components and ground equipment."""
@@ -74,7 +64,7 @@ VEHICLE_MESSAGES = frozenset({"ATTITUDE", "ATTITUDE_QUATERNION", *MOTOR_MESSAGES
 BOOT_CLOCK_UNITS = {"time_boot_ms": 1e3, "time_boot_us": 1e6, "time_usec": 1e6}
 """Fields with the boot clock, the more reliable first, and their units per second."""
 
-PARAMETER_STORE_COMPONENT: int = dialect.MAV_COMP_ID_MISSIONPLANNER
+PARAMETER_STORE_COMPONENT = mavlink_constant("MAV_COMP_ID_MISSIONPLANNER")
 """Component id under which MAVProxy logs the parameters of a system."""
 
 OffsetsByMessage = Mapping[int, NDArray[np.integer]]
@@ -383,7 +373,7 @@ def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
         The MAV_TYPE of most HEARTBEATs, and the MAV_AUTOPILOT of most of these, without their prefixes.
     """
     votes = np.bincount(heartbeats["type"]).astype(np.float64)
-    votes[dialect.MAV_TYPE_GENERIC] *= GENERIC_WEIGHT
+    votes[mavlink_constant("MAV_TYPE_GENERIC")] *= GENERIC_WEIGHT
     kind = int(votes.argmax())
     autopilots = heartbeats["autopilot"][heartbeats["type"] == kind]
     autopilot = int(np.bincount(autopilots).argmax())

@@ -9,16 +9,14 @@ characters. Numbers are those of JSON5; plain JSON has null for NaN. Source: the
 
 import json
 import re
-from collections.abc import Mapping
-from functools import cache, lru_cache
+from functools import lru_cache
 from math import nan
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.mavlink.definitions import MessageDefinition
+from mavdem.ingest.mavlink.dialect import MessageDefinition, enum_entries, mavlink_constant
 
 MAX_SEQUENCE = 255
 """Largest sequence number of MAVLink."""
@@ -68,7 +66,7 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
         # PX4 sends an integer as the bits of a float, and those of a small negative integer are a NaN. JSON has one NaN
         # only, so the value is lost. As a float the parameter stays NaN, and is not read as a wrong integer.
-        message["param_type"] = dialect.MAV_PARAM_TYPE_REAL32
+        message["param_type"] = mavlink_constant("MAV_PARAM_TYPE_REAL32")
     return JsonMessage(message.tobytes(), sequence)
 
 
@@ -114,12 +112,6 @@ def _parsed_json(body: bytes) -> Any:
         # Rust prints an infinity as inf, instead of JSON5's Infinity.
         repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
         return None if repaired == body else _parsed_json(repaired)
-
-
-@cache
-def _enum_values() -> Mapping[str, int]:
-    """Returns the number of every entry of MAVLink's enumerations by its name."""
-    return {entry.name: value for enum in dialect.enums.values() for value, entry in enum.items()}
 
 
 def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any:
@@ -193,8 +185,8 @@ def _value_of_text(text: str) -> float:
         bits = 0
         for part in text.split("|"):
             name = part.strip()
-            if name in _enum_values():
-                bits |= _enum_values()[name]
+            if name in enum_entries():
+                bits |= enum_entries()[name]
             elif name:
                 bits |= int(name, 0)
         return bits

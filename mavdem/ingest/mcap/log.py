@@ -22,18 +22,10 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.mavlink.definitions import (
-    FrameSender,
-    crc_extra_table,
-    definitions_by_name,
-    encode_frame,
-)
+from mavdem.ingest.mavlink.dialect import crc_extra_table, definitions_by_name
 from mavdem.ingest.mavlink.frame_stream import FrameStream, RecordingPart, joined_parts
-from mavdem.ingest.mavlink.framing import (
-    CHECKSUM_MATCHES,
-    MARKERS,
-    find_frames,
-)
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MARKERS, find_frames
+from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.mcap.json_messages import read_json_message
 from mavdem.ingest.mcap.records import NANOSECONDS_PER_MICROSECOND, McapRecording

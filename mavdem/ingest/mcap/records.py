@@ -27,13 +27,16 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.containers import JsonValues
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_COMPRESSION_RATIO, MIN_UNPACKED_LIMIT
+from mavdem.ingest.mavlink.dialect import MessageDefinition, definitions_by_id
+from mavdem.ingest.mavlink.frame_reader import Frame, parse_frame
 from mavdem.ingest.mavlink.frame_stream import FrameStream
+from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
+from mavdem.ingest.mavlink.payloads import field_values
 from mavdem.ingest.telemetry import repair_facts
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
@@ -308,48 +311,43 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     writer = start_writer(file)
     frame_channel = register_frame_channel(writer)
     json_channels: dict[str, int] = {}
-    parser = dialect.MAVLink(None)
     last_stamp = 0
     count = 0
-    for stamp, frame in stream.stamped_frames():
+    for stamp, content in stream.stamped_frames():
         last_stamp = stamp if stamp <= MAX_STAMP else last_stamp
         log_time = last_stamp * NANOSECONDS_PER_MICROSECOND
-        write_message(writer, frame_channel, log_time, frame)
+        write_message(writer, frame_channel, log_time, content)
         count += 1
         # A message of another dialect, or a damaged one, is written as a frame only.
-        with suppress(dialect.MAVError):
-            message = parser.decode(bytearray(frame))
-            topic = f"mavlink/{message.get_srcSystem()}/{message.get_srcComponent()}/{message.get_type()}"
-            if topic not in json_channels:
-                json_channels[topic] = _register_json_channel(
-                    writer, topic, _message_schema(type(message))
-                )
-            body = json.dumps(_json_body(message)).encode()
-            write_message(writer, json_channels[topic], log_time, body)
+        frame = parse_frame(content)
+        if frame.checksum != CHECKSUM_MATCHES:
+            continue
+        definition = definitions_by_id()[frame.message_id]
+        topic = f"mavlink/{frame.system}/{frame.component}/{definition.name}"
+        if topic not in json_channels:
+            schema = _message_schema(definition)
+            json_channels[topic] = _register_json_channel(writer, topic, schema)
+        body = json.dumps(_json_body(frame, definition)).encode()
+        write_message(writer, json_channels[topic], log_time, body)
     writer.finish()  # type: ignore[no-untyped-call]
     return count
 
 
-def _json_body(message: Any) -> JsonValues:
-    """Returns one of pymavlink's messages as a JSON object in BlueOS's layout.
+def _json_body(frame: Frame, definition: MessageDefinition) -> JsonValues:
+    """Returns a message as a JSON object in BlueOS's layout.
 
     The part "header" has the ids of sender and message and the sequence number, the part "message" the name of the
     message and its fields.
 
     Args:
-        message: The decoded message.
+        frame: The frame of the message.
+        definition: Its definition.
     """
-    header_values = (
-        message.get_srcSystem(),
-        message.get_srcComponent(),
-        message.get_seq(),
-        message.id,
-    )
-    fields = {_json_name(name): json_value(getattr(message, name)) for name in message.fieldnames}
-    return {
-        "header": dict(zip(HEADER_FIELDS, header_values, strict=True)),
-        "message": {"type": message.get_type(), **fields},
-    }
+    header_values = (frame.system, frame.component, frame.sequence, frame.message_id)
+    fields: JsonValues = {"type": definition.name}
+    for name, value in field_values(frame.payload, definition).items():
+        fields[_json_name(name)] = json_value(value)
+    return {"header": dict(zip(HEADER_FIELDS, header_values, strict=True)), "message": fields}
 
 
 def start_writer(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Writer:
@@ -396,21 +394,16 @@ def json_value(value: Any) -> Any:
     return value
 
 
-def _message_schema(message: Any) -> JsonValues:
-    """Returns the JSON schema of one of pymavlink's classes of messages, in BlueOS's layout.
-
-    An array length of 0 stands for a field that is no array; texts are arrays of the type ``char``.
-
-    Args:
-        message: pymavlink's class of the message.
-    """
+def _message_schema(definition: MessageDefinition) -> JsonValues:
+    """Returns the JSON schema of a message in BlueOS's layout."""
     header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}
-    for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        c_type = message.fieldtypes[message.fieldnames.index(name)]
-        if c_type == "char":
+    assert definition.wire.names is not None
+    for name in definition.wire.names:
+        wire_type = definition.wire[name]
+        if wire_type.kind == "S":
             field_schema: JsonValues = {"type": "string"}
-        elif length:
+        elif wire_type.shape:
             field_schema = {"type": "array", "items": {"type": "number"}}
         else:
             field_schema = {"type": "number"}

@@ -12,7 +12,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Facts
 from mavdem.facts.sources import Flaw, Repair, Source
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
-from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.mcap.records import NANOSECONDS, McapRecording
 from mavdem.ingest.px4_topics import TOPIC_FIELDS
 from mavdem.ingest.px4_translation import messages_of_topics

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.arrays import Array
 from mavdem.files import load_adjacent_toml
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import PORT_OUTPUTS
 from mavdem.ingest.telemetry import SourceFields, translated_fields
 from mavdem.ingest.vocabulary import ARDUPILOT, GENERIC, NAMES, PX4, heartbeat_fields
@@ -49,7 +49,7 @@ WRAP_PERIODS = {"rc/out": 2**32 / 1e6}
 MAVROS moves the stamps of SERVO_OUTPUT_RAW, 32 bits of microseconds, as they are (plugins/rc_io.cpp).
 """
 
-GENERIC_VEHICLE: int = dialect.MAV_TYPE_GENERIC
+GENERIC_VEHICLE = mavlink_constant("MAV_TYPE_GENERIC")
 """MAV_TYPE of a vehicle whose type is not known: MAVROS does not publish it."""
 
 DEMAND_CHANNELS = 8

@@ -1,23 +1,18 @@
-"""MAVLink message definitions of pymavlink's ``all`` dialect: payloads as columns, and frames made of payloads.
+"""Payloads of MAVLink messages: as columns, one at a time, and in frames that are sent.
 
-That dialect joins ``ardupilotmega`` with ``common``, ``development`` and the others whose ids do not collide, so that
-it has PX4's newer messages too. Field order on the wire, truncation and extensions:
-https://mavlink.io/en/guide/serialization.html.
+Field order on the wire, truncation and extensions: https://mavlink.io/en/guide/serialization.html.
 """
 
 import struct
-from collections.abc import Mapping
-from functools import cache
 from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.containers import Names
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
+from mavdem.ingest.mavlink.dialect import MessageDefinition, definitions_by_name, mavlink_constant
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
     HEADER_BYTES_V1,
@@ -25,10 +20,8 @@ from mavdem.ingest.mavlink.framing import (
     LENGTH_BYTE,
     MARKER_V1,
     MARKER_V2,
-    CrcExtras,
 )
 from mavdem.ingest.telemetry import Columns, Parameters
-from mavdem.ingest.vocabulary import mavlink_constant
 
 INTEGER_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
 """NumPy types of integer parameters; in capitals, the ends of their names in MAV_PARAM_TYPE."""
@@ -39,46 +32,6 @@ MARKER_V2_BYTE = bytes((MARKER_V2,))
 HEADER_AFTER_MARKER = struct.Struct("<BBBBBBHB")
 """The rest of its header: length of the payload, both flags, sequence, system, component, and the message's number of
 three bytes."""
-
-
-class MessageDefinition(NamedTuple):
-    """The definition of one MAVLink message."""
-
-    message_id: int
-    """Its number."""
-    name: str
-    """Its name: "ATTITUDE"."""
-    fields: Names
-    """Names of its fields in the order of the definition, extensions last."""
-    wire: np.dtype[Any]
-    """The payload as a structured type, in the order of the wire, extensions included."""
-    crc_extra: int
-    """CRC_EXTRA, a byte of every checksum of this message, which follows from the definition."""
-
-
-@cache
-def definitions_by_id() -> Mapping[int, MessageDefinition]:
-    """Returns every message of the dialect by id."""
-    return {message_id: _definition(message) for message_id, message in dialect.mavlink_map.items()}
-
-
-@cache
-def definitions_by_name() -> Mapping[str, MessageDefinition]:
-    """Returns every message of the dialect by name."""
-    return {definition.name: definition for definition in definitions_by_id().values()}
-
-
-@cache
-def crc_extra_table() -> CrcExtras:
-    """Returns CRC_EXTRA by message id, -1 for none.
-
-    CRC_EXTRA is a number that sender and receiver derive from their definition of a message; it enters the checksum, so
-    that a frame by another definition fails. The last row stands for all ids that are too large: it has none.
-    """
-    table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
-    for message_id, definition in definitions_by_id().items():
-        table[message_id] = definition.crc_extra
-    return table
 
 
 class SentPayloads(NamedTuple):
@@ -159,27 +112,43 @@ def decoded_field(
     return values.view(np.dtype([(name, field_type)]))[name][:, 0]
 
 
-def pymavlink_messages(data: bytes) -> list[Any]:
-    """Parses bytes with pymavlink; damaged frames become messages of the type BAD_DATA."""
-    parser = dialect.MAVLink(None)
-    parser.robust_parsing = True
-    return parser.parse_buffer(data) or []
-
-
-def enum_name(enum: str, value: int) -> str:
-    """Returns the name of an enumeration's entry without the enumeration's own name.
+def field_values(payload: bytes, definition: MessageDefinition) -> dict[str, Any]:
+    """Decodes all fields of one payload.
 
     Args:
-        enum: Name of the enumeration: "MAV_TYPE".
-        value: Number of the entry: 2.
+        payload: The payload as sent. Zeros at its end may be missing; bytes beyond the definition are left out.
+        definition: The definition of the message.
 
     Returns:
-        The name, "QUADROTOR"; the number where there is no such entry.
+        Numbers, lists of numbers and texts by name, in the order of the definition. A text ends at its first zero.
     """
-    entry = dialect.enums[enum].get(value)
-    if entry is None or entry.name.endswith("_ENUM_END"):
-        return str(value)
-    return str(entry.name).removeprefix(f"{enum}_")
+    size = definition.wire.itemsize
+    record = np.frombuffer(payload[:size].ljust(size, b"\0"), definition.wire)[0]
+    values: dict[str, Any] = {}
+    for name in definition.fields:
+        value = record[name].tolist()
+        if isinstance(value, bytes):
+            text, _, _ = value.partition(b"\0")
+            value = text.decode("ascii", errors="replace")
+        values[name] = value
+    return values
+
+
+def filled_payloads(name: str, count: int = 1, /, **fields: Any) -> NDArray[np.void]:
+    """Returns payloads of one message, with the given values in its fields and zero in all others.
+
+    Args:
+        name: Name of the message.
+        count: Number of payloads.
+        fields: Values of fields: one for all payloads, or one for each, (count, …).
+
+    Returns:
+        (count,) payloads of the message's wire type.
+    """
+    table = np.zeros(count, dtype=definitions_by_name()[name].wire)
+    for field, values in fields.items():
+        table[field] = values
+    return table
 
 
 def latest_parameters(sent: Columns, autopilot: str) -> Parameters:
@@ -218,39 +187,6 @@ def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]
         text, _, _ = name.partition(b"\0")
         names.append(text.decode("ascii", errors="replace"))
     return list(zip(names, values.tolist(), strict=True))
-
-
-def _definition(message: Any) -> MessageDefinition:
-    """Makes the definition of a message from pymavlink's class for it.
-
-    MAVLink sorts fields by size on the wire: ``ordered_fieldnames`` has that order, ``fieldnames`` that of the
-    definition. The C types, such as "uint8_t", are turned into types of NumPy, so that a payload is decoded as one
-    structured item: "uint8" for a number, "(4,)float32" for an array of four, "S50" for a text of 50 bytes.
-
-    Args:
-        message: pymavlink's class of the message.
-
-    Returns:
-        The definition, with the layout of the payload as a structured NumPy type.
-    """
-    type_of_field = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
-    wire_fields = []
-    # An array length of 0 stands for a field that is no array.
-    for name, length in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
-        c_type = type_of_field[name]
-        numpy_type = c_type.removesuffix("_t").replace("float", "float32")
-        if numpy_type == "char":
-            numpy_type = f"S{length or 1}"
-        elif length:
-            numpy_type = f"({length},){numpy_type}"
-        wire_fields.append((name, numpy_type))
-    return MessageDefinition(
-        message_id=message.id,
-        name=message.msgname,
-        fields=tuple(message.fieldnames),
-        wire=np.dtype(wire_fields).newbyteorder("<"),
-        crc_extra=message.crc_extra,
-    )
 
 
 class FrameSender(NamedTuple):

@@ -1,4 +1,4 @@
-"""MAVLink frames in the bytes of a link, found one after the other as the bytes arrive.
+"""MAVLink frames one at a time: found in the bytes of a link as these arrive, and parsed.
 
 A frame counts as it does in a file: with a matching checksum, or, of another dialect or damaged, where such frames
 exactly fill the bytes between two frames with matching checksums.
@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.checksums import frame_checksum
-from mavdem.ingest.mavlink.definitions import definitions_by_id
+from mavdem.ingest.mavlink.dialect import definitions_by_id
 
 MAX_UNDECIDED_BYTES = 32 * framing.MAX_FRAME_BYTES
 """Bytes without a matching checksum that wait for one; a choice that bounds the memory for hostile input."""
@@ -84,7 +84,7 @@ class FrameReader:
             # The frame that may begin here has not come completely.
             if length > len(data) - offset:
                 break
-            frame = _parse_frame(data[offset : offset + length]) if length else None
+            frame = parse_frame(data[offset : offset + length]) if length else None
             if frame is None or frame.checksum != framing.CHECKSUM_MATCHES:
                 offset += 1
                 continue
@@ -139,12 +139,12 @@ def _frames_that_fill(data: bytes) -> list[Frame]:
         length = _announced_length(data, start)
         if not 0 < length <= len(data) - start:
             return []
-        frames.append(_parse_frame(data[start : start + length]))
+        frames.append(parse_frame(data[start : start + length]))
         start += length
     return frames
 
 
-def _parse_frame(content: bytes) -> Frame:
+def parse_frame(content: bytes) -> Frame:
     """Parses the bytes of one frame, of MAVLink 1 or 2, and checks its checksum.
 
     After the marker and the length of the payload MAVLink 2 has two bytes of flags. Then both versions have sequence
