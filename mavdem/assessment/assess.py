@@ -177,7 +177,7 @@ def _evidence_without_loops(
     saturated = saturation_losses(signals, events, ending)
     saturated = with_motor_witnesses(signals, saturated, reports)
     events += saturated
-    ending = with_saturated_motor(ending, saturated)
+    ending = with_saturated_motor(ending, saturated, events)
     if ending is not None:
         events.append(ending)
     evidence = Evidence(

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.assessment.attitude_error import AttitudeError, attitude_error
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
@@ -28,7 +28,7 @@ from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     MANUAL_THROTTLE_MODES,
     MAX_SETPOINT_DELAY,
-    min_airborne_collective,
+    MIN_COLLECTIVE_ABOVE_IDLE,
     mode_intervals,
     series_of_boot,
 )
@@ -470,7 +470,7 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
             return sinking
 
     # One motor: at its limit, or the opposite one at idle to make up for it.
-    idle = min_airborne_collective(signals.telemetry.parameters)
+    idle = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
     weak = _weak_motor(motors, change, fall_direction)
     if weak is None:
         # A vehicle that fights for long drives all motors to and fro: what its controller did first shows the motor.
@@ -482,14 +482,33 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
     # Without a side to which the vehicle fell, an earlier limit of this motor alone must confirm it.
     if fall_direction is None and list(trouble.names_at_limit) != [name]:
         return None
-    at_limit_now, _ = samples_at_limits(commands_now[:, weak.motor], motors.scale)
-    failed_rows = np.flatnonzero(at_limit_now | (commands_now[:, weak.opposite] < idle))
+    at_limit_now, _ = samples_at_limits(commands_now, motors.scale)
+    failed_rows = np.flatnonzero(
+        at_limit_now[:, weak.motor] | (commands_now[:, weak.opposite] < idle)
+    )
     # A vehicle that swings was commanded the other way shortly before.
     opposite_at_limit, _ = samples_at_limits(commands_before[:, weak.opposite], motors.scale)
     has_swung = (opposite_at_limit | (commands_before[:, weak.motor] < idle)).any()
     if has_swung or not len(failed_rows):
         return None
-    return Fact(FailedFirst.LIMIT_FIRST, time=time[failed_rows[0]], subject=name)
+    failure_time = time[failed_rows[0]]
+    if _is_first_at_limit(at_limit_now, weak.motor):
+        return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
+    highest_command = commands_now[:, weak.motor].max()
+    return Fact(
+        FailedFirst.THRUST_MISSING_FIRST, time=failure_time, subject=name, share=highest_command
+    )
+
+
+def _is_first_at_limit(at_limit: Flags, motor: int) -> bool:
+    """Returns whether one motor reached its upper limit, and no other one before it.
+
+    Args:
+        at_limit: (N, k) whether each of k motors is at its upper limit in each of N samples, in the order of time.
+        motor: index of the motor.
+    """
+    limited_rows = np.flatnonzero(at_limit.any(axis=1))
+    return len(limited_rows) > 0 and bool(at_limit[limited_rows[0], motor])
 
 
 def _sinking_at_full_throttle(

@@ -101,14 +101,18 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     return losses
 
 
-def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | None:
+def with_saturated_motor(
+    ending: Fact | None, losses: Sequence[Fact], events: Sequence[Fact] = ()
+) -> Fact | None:
     """Returns the event of a lost flight, with a motor that lost thrust as the cause if nothing else is known.
 
-    The motor is named only if all losses before it, and the autopilot's own report, are of this one motor.
+    The motor is named only if all losses before it, and the autopilot's own report, are of this one motor. That it was
+    at its limit first is stated only if no other motor was there just before.
 
     Args:
         ending: how the flight was lost, which may have a cause already; None if it was not.
         losses: motors that lost thrust (:func:`saturation_losses`), in any boot and in the order of time.
+        events: events of the log, with those of motors at their limit.
     """
     if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
         return ending
@@ -117,8 +121,31 @@ def with_saturated_motor(ending: Fact | None, losses: Sequence[Fact]) -> Fact | 
     if not losses or len(subjects) > 1:
         # Nothing, or another motor than the autopilot reports.
         return ending
-    cause = Fact(FailedFirst.LIMIT_FIRST, time=losses[-1].time, subject=losses[-1].subject)
+    loss = losses[-1]
+    code = FailedFirst.LIMIT_FIRST
+    if _was_other_motor_limited(loss, events):
+        code = FailedFirst.THRUST_MISSING_FIRST
+    cause = Fact(code, time=loss.time, subject=loss.subject)
     return ending.replace(subject=cause.subject, cause=cause)
+
+
+def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
+    """Returns whether another motor was at its limit in the ``RECOVERY_SECONDS`` before a motor lost thrust.
+
+    Args:
+        loss: the loss, with the motor as subject.
+        events: events of the log, with those of motors at their limit.
+    """
+    assert loss.time is not None
+    for event in events:
+        if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.subject == loss.subject:
+            continue
+        if event.figures["boot"] != loss.figures["boot"] or event.time is None:
+            continue
+        end = inf if event.until is None else event.until
+        if event.time < loss.time and end >= loss.time - RECOVERY_SECONDS:
+            return True
+    return False
 
 
 def _saturation_loss(

@@ -147,6 +147,9 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
     for name, value in telemetry.parameters.items():
         if CONTROL_PARAMETERS.match(name):
             control_parameters[name] = value
+    scale = asdict(motors.scale)
+    # The documents that hold a provenance have no such key, and the parameters say it.
+    del scale["lower_stop"]
     return {
         "motors": {
             "channels": list(geometry.channels),
@@ -156,7 +159,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
             "positions_assumed": geometry.positions_assumed,
             "spins": list(geometry.spins),
         },
-        "scale": asdict(motors.scale),
+        "scale": scale,
         "setpoints": {
             setpoint.name: telemetry.name_in_source(setpoint.message)
             for setpoint in _setpoints_of_outputs(signals)

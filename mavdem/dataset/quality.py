@@ -30,7 +30,7 @@ A value that moves by less than a step per message goes on by a single step.
 """
 
 STOP_MARGIN = 0.01
-"""Distance from its upper stop, as a fraction of the range, within which a motor is at the stop; a choice."""
+"""Distance from its upper or lower stop, as a fraction of the range, within which a motor is there; a choice."""
 
 ROUNDING_VARIANCE_DIVISOR = 12
 """The variance of rounding to steps of size q is q² / 12, that of a uniform distribution."""
@@ -202,16 +202,16 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flag
 
     Args:
         fractions: Motor outputs as fractions of the range, of any shape.
-        scale: Their scale, with the upper stop.
+        scale: Their scale, with both stops.
 
     Returns:
-        Two flags with the shape of ``fractions``: at the upper stop, which no motor is known to reach where nothing
-        says the range of the outputs, and at idle.
+        Two flags with the shape of ``fractions``: at the upper stop, and at the lower one. No motor is known to reach
+        either where nothing says the range of the outputs.
     """
     is_range_known = scale.name != UNKNOWN_SCALE
     is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)
-    is_at_idle = fractions <= phases.MAX_IDLE_COLLECTIVE
-    return is_at_upper, is_at_idle
+    is_at_lower = is_range_known & (fractions <= scale.lower_stop + STOP_MARGIN)
+    return is_at_upper, is_at_lower
 
 
 def _lowest(figures: list[float | None]) -> float | None:

@@ -40,6 +40,7 @@ class FailedFirst(Code):
     """What failed before control was lost."""
 
     LIMIT_FIRST = "limit_first"
+    THRUST_MISSING_FIRST = "thrust_missing_first"
     OUTPUT_FROZE_FIRST = "output_froze_first"
     MOTOR_OFF_FIRST = "motor_off_first"
     MOTOR_STOOD_STILL_FIRST = "motor_stood_still_first"

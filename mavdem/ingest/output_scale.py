@@ -34,6 +34,8 @@ class OutputScale:
     """Smallest difference between two values that occurred; 0 where all are equal."""
     stop: float = 1.0
     """Share of the range beyond which the autopilot sends no motor, 0 to 1; 1 where that is not known."""
+    lower_stop: float = 0.0
+    """Share of the range below which the autopilot sends no motor in flight, 0 to 1: its idle in the air."""
 
     def fraction(self, outputs: Array) -> Array:
         """Converts outputs to shares of the range.
@@ -124,7 +126,10 @@ def output_scale(
         return OutputScale(name, "", px4_low, px4_high, step)
     if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
         low, high = _pulse_range(positive, parameters, drivers)
-        return OutputScale("PWM", "µs", low, high, step, _ardupilot_stop(parameters))
+        upper_stop = _ardupilot_stop(parameters)
+        # The range of PX4's driver begins at the output that it sends an idling motor.
+        lower_stop = 0.0 if drivers else _ardupilot_lower_stop(parameters)
+        return OutputScale("PWM", "µs", low, high, step, upper_stop, lower_stop)
     if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
         # DSHOT_MIN is the idle throttle as a share of the range, 0 to 1, so that the lower end is at idle.
         low = float(round(parameters["DSHOT_MIN"] * MAX_DSHOT))
@@ -259,3 +264,22 @@ def _ardupilot_stop(parameters: Parameters) -> float:
     elif parameters.get("MOT_TCRV_ENABLE"):
         stop = parameters.get("MOT_TCRV_MAXPCT", 100.0) / 100
     return stop if MIN_STOP <= stop <= 1 else 1.0
+
+
+DEFAULT_LOWER_STOP = 0.15
+"""Share of the range at which ArduPilot's motors idle in flight where no parameter has it: MOT_SPIN_MIN's default."""
+
+
+def _ardupilot_lower_stop(parameters: Parameters) -> float:
+    """Returns the share of the range at which ArduPilot's motors idle in flight.
+
+    The parameter is MOT_SPIN_MIN from ArduCopter 3.4 on, and THR_MIN, per mille of the range, before.
+
+    Args:
+        parameters: The autopilot's parameters by name.
+    """
+    if "MOT_SPIN_MIN" in parameters:
+        return parameters["MOT_SPIN_MIN"]
+    if "THR_MIN" in parameters:
+        return parameters["THR_MIN"] / 1000
+    return DEFAULT_LOWER_STOP

@@ -45,7 +45,7 @@ class HoverFigures:
     at_upper_limit: Numbers
     """(k,) share of the time within 1 % of the range of the upper stop or, where none shows, of full throttle."""
     at_lower_limit: Numbers
-    """(k,) share of the time at 15 % of the range or less: ArduPilot's idle in flight, by default."""
+    """(k,) share of the time within 1 % of the range of the lower stop, the motor's idle in flight, or below it."""
     roll: float | None
     """Mean roll, degrees: steady lean against wind or an offset centre of mass; None where it is not known."""
     pitch: float | None

@@ -270,10 +270,16 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     Args:
         hover: how hard each motor works in settled flight.
     """
-    trim_header = f"trim ({hover.unit})" if hover.unit else "trim"
+    # Commands of a bus, such as DShot, have no unit: their share of the range says more than their number.
+    if hover.unit:
+        trim_column = {f"trim ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
+    else:
+        trim_column = {
+            "trim (% of range)": [f"{100 * share:.1f}" for share in hover.trim_of_range]
+        }
     # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
     columns = {
-        trim_header: [f"{output:.4g}" for output in hover.trim],
+        **trim_column,
         "trim deviation (% of mean)": [
             f"{round(deviation, 1) + 0.0:+.1f}" for deviation in hover.imbalance
         ],

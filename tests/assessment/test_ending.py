@@ -9,7 +9,7 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with
 from pytest import approx, mark
 
 from mavdem.assessment.ending import ending_of
-from mavdem.assessment.first_failure import _weak_motor, first_failure
+from mavdem.assessment.first_failure import _is_first_at_limit, _weak_motor, first_failure
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -106,6 +106,25 @@ def test_names_the_motor_to_whose_side_it_fell_though_it_was_driven_hardest(moto
     assert ending.figures["height"] == approx(10.0, abs=0.5)
     assert ending.figures["cause"].code is FailedFirst.LIMIT_FIRST
     assert ending.subject == ending.figures["cause"].subject == NAMES[motor]
+
+
+@mark.parametrize(
+    "output, code, words",
+    [
+        (2000.0, FailedFirst.LIMIT_FIRST, "was at its upper limit first"),
+        (1890.0, FailedFirst.THRUST_MISSING_FIRST, "did not hold the vehicle, although it was commanded to 89 %"),
+    ],
+)  # fmt: skip
+def test_a_motor_below_its_limit_was_not_there_first(output, code, words):
+    _, ending = judged(driven(lost(1, 50.0), 1, output))
+    assert (ending.figures["cause"].code, ending.subject) == (code, NAMES[1])
+    assert f": {NAMES[1]} {words}." in str(ending)
+
+
+def test_the_first_motor_at_its_limit_is_first():
+    at_limit = np.array([[False, False], [False, True], [True, True]])
+    assert [_is_first_at_limit(at_limit, motor) for motor in (0, 1)] == [False, True]
+    assert not _is_first_at_limit(at_limit[:1], 0)
 
 
 def test_names_none_where_the_controller_threw_it_over_or_swung_it():

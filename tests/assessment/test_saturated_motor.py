@@ -135,6 +135,15 @@ def test_a_loss_without_a_cause_names_the_motor_that_saturated(reported, named):
         assert ending == lost
 
 
+def test_a_motor_was_not_at_its_limit_first_after_another_one():
+    losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
+    lost = Fact(Ending.CONTROL_LOST, time=45.0, subject="", cause=None, word=None, boot=0)
+    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=SATURATES - 1.0, subject=NAMES[0], boot=0)
+    ending = with_saturated_motor(lost, losses_of_motor, [limit])
+    assert ending.figures["cause"].code is FailedFirst.THRUST_MISSING_FIRST
+    assert str(ending.figures["cause"]) == f"{NAMES[1].capitalize()} did not hold the vehicle."
+
+
 def test_a_known_cause_and_an_impact_stay():
     losses_of_motor = losses(leaning(drifting(flight(), 1, 2.0, 2100.0), QUAD[1], 15.0))
     frozen = Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=NAMES[0])

@@ -117,6 +117,26 @@ def test_ardupilots_motors_stop_where_its_version_lets_them(parameters, highest)
     assert scale.low + scale.stop * (scale.high - scale.low) == approx(highest, abs=0.5)
 
 
+@mark.parametrize(
+    "outputs, parameters, drivers, lowest",
+    [
+        ([1061.0, 1800.0], {"MOT_SPIN_MIN": 0.1}, (), 1100.0),
+        ([1061.0, 1800.0], {"THR_MIN": 130.0}, (), 1130.0),
+        ([1061.0, 1800.0], {}, (), 1150.0),
+        ([109.0, 836.0], {"DSHOT_MIN": 0.055}, [OutputDriver("PWM_MAIN", 1)], 110.0),
+        ([1061.0, 1800.0], {"PWM_MAIN_MIN": 1100.0, "PWM_MAIN_MAX": 1900.0},
+         [OutputDriver("PWM_MAIN", 1)], 1100.0),
+    ],
+)  # fmt: skip
+def test_a_motor_is_at_its_lower_limit_where_its_autopilot_idles_it_in_flight(
+    outputs, parameters, drivers, lowest
+):
+    scale = output_scale(np.array([outputs]), parameters, drivers)
+    step = 0.02 * (scale.high - scale.low)
+    _, at_lower = samples_at_limits(scale.fraction(lowest + np.array([-step, 0.0, step])), scale)
+    assert at_lower.tolist() == [True, True, False]
+
+
 def test_without_pulses_a_motor_is_off():
     scale = output_scale(np.array([[0.0, 1000.0, 2000.0]]), {})
     assert_allclose(scale.fraction(np.array([0.0, 900.0, 1500.0])), [0.0, -0.1, 0.5])
@@ -139,5 +159,5 @@ def test_outputs_whose_range_nothing_says_have_no_limit():
     outputs = np.linspace(0.0, 20_000.0, 200)
     scale = output_scale(outputs, {})
     assert scale.name == UNKNOWN_SCALE
-    at_upper, _ = samples_at_limits(scale.fraction(outputs), scale)
-    assert not at_upper.any()
+    at_upper, at_lower = samples_at_limits(scale.fraction(outputs), scale)
+    assert not at_upper.any() and not at_lower.any()
