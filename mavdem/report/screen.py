@@ -274,9 +274,7 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     if hover.unit:
         trim_column = {f"trim ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
     else:
-        trim_column = {
-            "trim (% of range)": [f"{100 * share:.1f}" for share in hover.trim_of_range]
-        }
+        trim_column = {"trim (% of range)": [f"{100 * share:.1f}" for share in hover.trim_of_range]}
     # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
     columns = {
         **trim_column,
