@@ -40,7 +40,7 @@ def missing_modules(extra: str) -> tuple[str, ...]:
 
 
 def missing_extra_fact(extra: str, subject: str) -> Fact | None:
-    """Returns a fact that names the missing modules of an extra, or None where all are installed.
+    """Returns a fact that names the missing modules of an extra, or None if all are installed.
 
     Args:
         extra: Name of the extra, a key of ``EXTRAS``.

@@ -56,9 +56,9 @@ class Flight:
         dt: Sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
         input_names, output_names, input_units, output_units: One string for each column.
         provenance: Source of the flight and how it was made, as plain JSON values.
-        effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known; else None.
+        effect_directions: (r,) relative effect of each input on the axis; None if the mixer geometry is not known.
         setpoints: (T, q) setpoints of the controllers' outer loops for the axis: at each sample the latest value, NaN
-            where there is none yet. None where the source has no setpoints.
+            where there is none yet. None if the source has no setpoints.
         setpoint_names, setpoint_units: One string for each column of ``setpoints``.
         cautions: Facts that make a model less reliable; their sentences are in a log's ``provenance["cautions"]`` too.
 
@@ -352,7 +352,7 @@ def _checked_directions(values: ArrayLike | None, inputs: Array) -> Array | None
     """Copies a caller's effect directions to a read-only array.
 
     Args:
-        values: (r,) relative effect of each input on the axis; None where the mixer geometry is not known.
+        values: (r,) relative effect of each input on the axis; None if the mixer geometry is not known.
         inputs: (T, r) the inputs that they belong to.
 
     Returns:

@@ -57,7 +57,7 @@ class Forecaster(Protocol):
         """
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Predicts samples after the training data, beginning anew at every ``steps``-th of them.
+        """Predicts samples after the training data, beginning again at every ``steps``-th of them.
 
         Each prediction knows all samples before its beginning, and neither inputs nor outputs after it.
 
@@ -85,10 +85,10 @@ class Forecaster(Protocol):
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Forecasts samples after the training data, beginning anew at every ``steps``-th of them.
+        """Forecasts samples after the training data, beginning again at every ``steps``-th of them.
 
-        Each forecast begins with the state that the model's filter has after all samples before. With ``steps`` of H
-        or more it is :meth:`forecast`; with 1 it is the one-step prediction.
+        Each forecast begins with the state that the model's filter has after all samples before. With ``steps`` of H or
+        more it is :meth:`forecast`; with 1 it is the one-step prediction.
 
         Args:
             steps: Number of samples from the beginning of one forecast to that of the next.

@@ -37,7 +37,7 @@ class ResourceUse(NamedTuple):
 
 
 def resource_use(process_id: int) -> ResourceUse:
-    """Returns the processor time and memory that a process of this machine has taken; nothing where it has ended.
+    """Returns the processor time and memory that a process of this machine has taken; nothing if it has ended.
 
     Its memory is what the process has allocated, where the system counts that: Windows as "private", Linux as "data".
     Elsewhere it is the resident memory.

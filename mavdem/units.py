@@ -99,7 +99,7 @@ def _unit_in_hint(hint: Any) -> str:
         hint: A type hint.
 
     Returns:
-        The unit; empty where there is none.
+        The unit; empty if there is none.
     """
     for annotation in getattr(hint, "__metadata__", ()):
         return str(annotation.json_schema_extra["unit"])

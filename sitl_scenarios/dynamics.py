@@ -255,7 +255,7 @@ def _flat_dynamics(
         )
         moment_z = yaw_moment - damping_z * r + centre_right * force_x - centre_forward * force_y
         # Thrust and torque of the rotors in still air, and the thrust that each loses to the inflow. Sums are assigned
-        # anew, not added to in place, which would change the arrays that they begin with.
+        # again, not added to in place, which would change the arrays that they begin with.
         force_z = hull_force_z
         total_thrust = total_torque = 0.0
         thrust_moment_x = thrust_moment_y = 0.0

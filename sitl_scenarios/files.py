@@ -298,7 +298,7 @@ def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str
 
 
 def _value_range(schema: Mapping[str, Any]) -> str:
-    """Returns the possible values of a key in words, such as "from 0 to 60"; empty where all values are possible.
+    """Returns the possible values of a key in words, such as "from 0 to 60"; empty if all values are possible.
 
     Args:
         schema: JSON schema of the key.

@@ -139,7 +139,7 @@ class Simulation:
         return True
 
     def set_parameter(self, name: str, value: float) -> bool:
-        """Sets a parameter of the flight controller, also in flight; its integrators begin anew.
+        """Sets a parameter of the flight controller, also in flight; its integrators begin again.
 
         Args:
             name: Name of the parameter.

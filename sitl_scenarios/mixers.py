@@ -63,7 +63,7 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
     """Distributes demands over the motors like ArduPilot's ``AP_MotorsMatrix::output_armed_stabilizing``.
 
     The thrust of a motor is the collective thrust plus what roll, pitch and yaw add to it, and must stay from 0 to 1.
-    Where that is too little room, ArduPilot gives up, in this order:
+    If that is too little room, ArduPilot gives up, in this order:
 
     1. yaw, down to ``YAW_HEADROOM``, because the heading matters least;
     2. roll, pitch and yaw alike, by one factor, until the motor with the lowest thrust just stands still at the
@@ -151,8 +151,8 @@ def _desaturated(
     """Moves motor thrusts along one column of the mixer back into their range, like PX4's ``desaturateActuators``.
 
     Adding a multiple of a column changes one demand only, say roll, and leaves the others. Each motor outside the range
-    needs a certain multiple; the largest positive and the largest negative one are added up. Where that step pushes
-    other motors out of the range, a second one, of half the multiple then needed, balances both sides.
+    needs a certain multiple; the largest positive and the largest negative one are added up. If that step pushes other
+    motors out of the range, a second one, of half the multiple then needed, balances both sides.
 
     Args:
         thrusts: Thrust of each motor, (n,).

@@ -147,10 +147,9 @@ def _circle_frame(circle: RotorCircle, radius: float) -> RotorFrame:
 def mixed_commands(frame: RotorFrame, demands: Vector4) -> Vector4:
     """Distributes demands of roll, pitch, yaw and thrust over the motors, within their limits.
 
-    A motor's command is the thrust demand plus what roll, pitch and yaw add to it (the differential part). Where a
-    motor would leave its range, ``IDLE_COMMAND`` to 1, the thrust demand is raised or lowered first, so that the
-    vehicle stays upright. If the differential part alone is wider than the range, roll, pitch and yaw are scaled down
-    alike.
+    A motor's command is the thrust demand plus what roll, pitch and yaw add to it (the differential part). If a motor
+    would leave its range, ``IDLE_COMMAND`` to 1, the thrust demand is raised or lowered first, so that the vehicle
+    stays upright. If the differential part alone is wider than the range, roll, pitch and yaw are scaled down alike.
 
     Args:
         frame: Mixer of the vehicle.

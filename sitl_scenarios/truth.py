@@ -288,7 +288,7 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
     that of all states: it drifts as it tilts, and the drag above its centre of mass turns it back.
 
     Args:
-        scenario: What is flown.
+        scenario: Scenario of the flight.
         number: 0 roll, 1 pitch, 2 yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
 
@@ -334,7 +334,7 @@ def _acceleration_per_demand(
     larger and a slightly smaller demand, times the effects of the motors.
 
     Args:
-        scenario: What is flown.
+        scenario: Scenario of the flight.
         controller: Its controller.
         number: 0 roll, 1 pitch, 2 yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
@@ -389,7 +389,7 @@ def _rate_controller_response(
     code that flies, and no second description of the controller can differ from it.
 
     Args:
-        scenario: What is flown.
+        scenario: Scenario of the flight.
         number: 0 roll, 1 pitch, 2 yaw.
         phase: j times the frequencies, rad per cycle; (N,).
         is_setpoint: Whether the response is to the rate's setpoint, rather than to the measured rate.

@@ -95,7 +95,7 @@ class Condition(ImmutableResult):
 
     @property
     def battery(self) -> BatteryFigures | None:
-        """The emptiest battery; None where none was measured."""
+        """The emptiest battery; None if none was measured."""
         return self.batteries[0] if self.batteries else None
 
     @property
@@ -191,7 +191,7 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
         settled: segments of settled flight.
 
     Returns:
-        Half width for each motor (k,); None where the flight is too short for one.
+        Half width for each motor (k,); None if the flight is too short for one.
     """
     shares = _shares_in(motors, settled)
     means_of_motors = shares.mean(axis=1, keepdims=True)

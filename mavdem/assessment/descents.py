@@ -117,7 +117,7 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
 def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
     """Returns whether the throttle was closed, at the samples of the motors' mean output.
 
-    The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. Where the pilot's stick was
+    The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. If the pilot's stick was
     recorded it must be near its lower end too, at up to twice ``CLOSED_STICK``: a pilot who dives need not close it
     fully.
 

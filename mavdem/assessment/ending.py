@@ -111,8 +111,8 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
 
     ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and the
     usual rule decides (:func:`mavdem.witnesses.statements.weighed_event`): another one is needed. That is a loss by the
-    motion near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it show. Where no
-    sensor was recorded that could show any of these, the report keeps its level.
+    motion near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it show. If no sensor
+    was recorded that could show any of these, the report keeps its level.
 
     Args:
         signals: signals of the vehicle.

@@ -333,7 +333,7 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
         time: when the motors stopped, s since boot. What the voltage does afterwards is no cause.
 
     Returns:
-        False too where no voltage or no limit is known.
+        False too if no voltage or no limit is known.
     """
     parameters = signals.telemetry.parameters
     for battery in signals.batteries:

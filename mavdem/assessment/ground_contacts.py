@@ -117,8 +117,8 @@ def ground_contact(
     Returns:
         A fact with the kind of contact as its code (``TIPPED``, ``TOPPLED``, ``HIT`` or ``LANDED_HARD``), the figures
         ``height`` (m above the take-off, just before), ``speed`` (m/s downward, that all height sensors confirm),
-        ``angle`` (largest error of the attitude, rad) and its witnesses. Where the attitude was lost shortly before a
-        hit, it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
+        ``angle`` (largest error of the attitude, rad) and its witnesses. If the attitude was lost shortly before a hit,
+        it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
     """
     contact = _Contact(scene, error, flight, loss, reports)
     return contact.event()
@@ -142,11 +142,11 @@ class _Contact:
     def event(self) -> Fact | None:
         """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on.
 
-        1. The end of the search is when the vehicle rests; else the end of the record, if that is soon after the loss
-           or the flight; else some seconds after the loss of attitude.
+        1. The end of the search is when the vehicle rests; otherwise the end of the record, if that is soon after the
+           loss or the flight; otherwise some seconds after the loss of attitude.
         2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`_contact_time`).
-        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing. Where no accelerometer
-           could show a knock, an impact that the estimated speed shows is enough.
+        3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing. If no accelerometer could
+           show a knock, an impact that the estimated speed shows is enough.
         """
         rest = self._rest()
         record_end = float(self.error.time[-1])

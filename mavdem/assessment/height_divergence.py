@@ -52,7 +52,7 @@ FULL_THROTTLE_COMMAND = 0.9
 def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
     """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
-    Where the pilot sets the throttle, the autopilot does not act on its height, so that an error does no harm.
+    If the pilot sets the throttle, the autopilot does not act on its height, so that an error does no harm.
 
     Args:
         scene: what all sensors measured in the boot, with the intervals in which their heights contradict each other.
@@ -143,7 +143,7 @@ def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | Non
         interval: start and end, s since boot.
 
     Returns:
-        None where they do not, or one of them has no samples in the interval.
+        None if they do not, or one of them has no samples in the interval.
     """
     barometer = scene.height.barometer_climb
     estimate = scene.height.estimated_climb
@@ -215,7 +215,7 @@ def _force_error(
         interval: interval of the divergence, s since boot.
 
     Returns:
-        None where barometer or attitude are not known, or there are no samples.
+        None if barometer or attitude are not known, or there are no samples.
     """
     climb = scene.height.barometer_climb
     angles = []

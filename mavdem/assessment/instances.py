@@ -137,7 +137,7 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
     """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     has_instances = bool(telemetry.messages.get(INSTANCES_MESSAGE))
@@ -170,7 +170,7 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
         telemetry: telemetry of the vehicle.
 
     Returns:
-        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. Where the log distinguishes
+        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. If the log distinguishes
         instances, the last column is 1 while the instance flew, and else 0.
     """
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
@@ -190,7 +190,7 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
     """Returns whether an instance of the estimator rejected measurements in flight; bad only if it flew at all.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         samples: its innovation ratios, as :func:`_estimator_samples` returns them.
         used_share: share of the time in which it flew.
     """
@@ -211,7 +211,7 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
     A receiver that does not report the number of satellites is listed by its type of fix.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     for number, message in enumerate(RECEIVER_MESSAGES, 1):
@@ -237,7 +237,7 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
     other one is compared with that of the used one, or of the first.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     primary = telemetry.parameters.get(BAROMETER_PARAMETER)
@@ -277,7 +277,7 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
     percentile stands for the largest, without single damaged samples.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         altitude: (N,) m.
         reference: (M,) m.
     """
@@ -297,7 +297,7 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
     ArduPilot's ``COMPASS_USE_PARAMETERS`` say which ones are used; without them, that is not known.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     for number, field in compass_fields(evidence.signals).items():
@@ -322,7 +322,7 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
     accelerometer measured gravity at rest, if the log shows that.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     vibrations = _vibrations_by_imu(evidence)
     # By the number of the IMU. Later boots overwrite earlier ones: the last boot in which each was recorded counts.
@@ -367,12 +367,12 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
-    """Returns the vibration of each IMU in flight (N,), m/s², by its number from 1; none where it is not reported.
+    """Returns the vibration of each IMU in flight (N,), m/s², by its number from 1; none if it is not reported.
 
     The levels have the columns of the axes of the first IMU, then those of the second, and so on.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
@@ -389,11 +389,11 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
 def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
     """Yields the speed controllers with the speed of their motor, 1/min, in flight.
 
-    The state is that the motor stood still although it was commanded to turn, as the event says; else that the
-    controller counted errors; else whether it measures.
+    The state is that the motor stood still although it was commanded to turn, as the event says; otherwise that the
+    controller counted errors; otherwise whether it measures.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     standstills = {}
     for event in evidence.warnings_in_flight([MotionEvent.MOTOR_STOOD_STILL]):
@@ -446,7 +446,7 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     uses all of these outputs throughout, so that their share of use is 1.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     motors = evidence.signals.motors
     if motors is None:

@@ -117,7 +117,7 @@ def _judged_light(
     """Returns the fact of one light.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         light: the light. One of the ``LIGHTS_OF_FLIGHT`` is not judged where the vehicle did not fly.
         earlier_lights: facts by name of the lights that it needs.
         known_lights: facts by name of lights that are judged already.
@@ -134,7 +134,7 @@ def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
     """Returns the decision on the loops of each axis; none for a vehicle that did not fly or is no multirotor.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         motors: the fact of the light on motors: bad motors must be repaired before the vehicle is tuned.
     """
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
@@ -159,7 +159,7 @@ def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
     """Returns the facts on repairs before a vehicle is tuned: why it must not fly or, if it may, its bad motors.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         motors: the fact of the light on motors.
     """
     if evidence.reasons_not_to_fly or not motors.is_bad:
@@ -201,7 +201,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     checked.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         lights: the facts of the eight lights, by name.
     """
     if evidence.not_flown is not None:
@@ -287,7 +287,7 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
     that the autopilot reports count in flight only.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     reported = list(evidence.warnings_in_flight(URGENT_EVENTS))
     motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]

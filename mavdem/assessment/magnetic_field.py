@@ -16,7 +16,7 @@ def field_change(evidence: Evidence, field: TimeSeries) -> float | None:
     """Returns the relative change of the field's median strength from the ground to the first flight.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         field: the magnetic field (N, 3) at a compass.
 
     Returns:

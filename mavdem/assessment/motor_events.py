@@ -169,7 +169,7 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
     """Returns whether the vehicle has left the ground in its flight so far, at each of N times.
 
-    It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. Where no height was
+    It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. If no height was
     recorded, and in a flight that began before the record, it counts as off the ground throughout the flight.
 
     Args:

@@ -277,16 +277,16 @@ def reports_on_motor(
 def speed_statements(signals: Signals, loss: Fact) -> Facts:
     """Returns the statement of a motor's speed controller from its loss of thrust on, for or against the motor.
 
-    A motor that turned more slowly although it was not commanded less lost thrust itself. One that turned as before,
-    or faster, did not: then its propeller is to blame.
+    A motor that turned more slowly although it was not commanded less lost thrust itself. One that turned as before, or
+    faster, did not: then its propeller is to blame.
 
     Args:
         signals: signals of the vehicle.
         loss: the loss, with the motor as subject.
 
     Returns:
-        One statement if the speed was measured before and after; else none. None either where the speed fell as the
-        command did.
+        One statement if the speed was measured before and after; otherwise none. None either where the speed fell as
+        the command did.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:

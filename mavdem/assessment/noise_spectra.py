@@ -131,7 +131,7 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
     A notch filter costs phase at the crossover of the control loops, so the identified loops enter the advice.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         The noise, with samples in flight only. Without an attitude there are no spectra, and without a known controller

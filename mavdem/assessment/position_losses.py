@@ -36,7 +36,7 @@ REACTION_SECONDS = 3.0
 def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
     """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
-    Where nothing shows what the estimator had, the position counts as lost while no GPS receiver has a fix. It is bad
+    If nothing shows what the estimator had, the position counts as lost while no GPS receiver has a fix. It is bad
     where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
 
     Args:
@@ -116,7 +116,7 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
 def _is_reaction(report: Fact) -> bool:
     """Returns whether a report says that the autopilot acted on a lost position.
 
-    ``GPS_LOST`` is such a report only where the autopilot itself sent it, as an error code or a text. Where it was
+    ``GPS_LOST`` is such a report only where the autopilot itself sent it, as an error code or a text. If it was
     concluded from the receiver's messages, it is no second witness beside ``NO_FIX``, which states the same.
 
     Args:

@@ -159,7 +159,7 @@ class Assessment:
     def advised_gains(self) -> AdviceByAxis:
         """The gains to set by axis, as ``mavdem tune`` advises them, or why an axis has none.
 
-        Empty where no loop is identified, or, for a vehicle that must not fly, the reason under "all axes".
+        Empty if no loop is identified, or, for a vehicle that must not fly, the reason under "all axes".
         """
         # Imported here: the tuning is of an assessment.
         from mavdem.assessment.axis.tuning import tuned

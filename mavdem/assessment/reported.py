@@ -175,8 +175,8 @@ def reported_events(signals: Signals) -> Facts:
     """Returns the events that the autopilot reports, in order of boot and time.
 
     Each fact has the figures ``boot``, ``basis`` (names of the messages that it rests on) and ``height`` in metres
-    above where its flight began, None where the height is not known. No fault is bad while the vehicle is disarmed: it
-    may be carried around, or its parts may be unplugged.
+    above where its flight began, None if the height is not known. No fault is bad while the vehicle is disarmed: it may
+    be carried around, or its parts may be unplugged.
 
     Args:
         signals: signals of the vehicle.
@@ -234,7 +234,7 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
         time: s since boot. Before all flights the vehicle is on the ground, at 0 m.
 
     Returns:
-        None where no height was recorded.
+        None if no height was recorded.
     """
     begun_flights = [flight for flight in flights if flight[0] <= time]
     if begun_flights:
@@ -403,8 +403,8 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
     """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
 
-    Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. Where the record ends within a second, its height above
-    the take-off counts instead.
+    Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. If the record ends within a second, its height above the
+    take-off counts instead.
 
     Args:
         signals: signals of the vehicle.
@@ -520,7 +520,7 @@ def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     """
 
     def column(message: str, field: str) -> NDArray[Any]:
-        """Returns (N,) values of a field, empty where it was not recorded."""
+        """Returns (N,) values of a field, empty if it was not recorded."""
         return signals.telemetry.messages.get(message, {}).get(field, np.zeros(0, np.int64))
 
     is_critical = column("HEARTBEAT", "system_status") >= CRITICAL

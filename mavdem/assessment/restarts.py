@@ -76,7 +76,7 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     Yields:
         At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. Of a restart in flight
         ``watchdog`` says whether its watchdog did it. ``descent`` is how far the vehicle then fell, m, and ``impact``
-        when it hit the ground, s; None where it did not, or that is not known.
+        when it hit the ground, s; None if it did not, or that is not known.
     """
     telemetry = signals.telemetry
     is_watchdog = _reports_watchdog(telemetry, span)
@@ -175,7 +175,7 @@ def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
         span: the recorded part of the boot.
 
     Returns:
-        The fall within ``FALL_SECONDS``; None where height or speed was not recorded, or the speed does not reach
+        The fall within ``FALL_SECONDS``; None if height or speed was not recorded, or the speed does not reach
         ``MIN_FALL_SPEED``.
     """
     height = series_of_boot(signals.height, span.boot)

@@ -184,7 +184,7 @@ def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
     """Returns the samples of a signal within a segment; None if these are less than two, or it was not recorded.
 
     Args:
-        signal: samples of the whole log; None where the signal was not recorded.
+        signal: samples of the whole log; None if the signal was not recorded.
         segment: boot, start and end.
     """
     if signal is None:

@@ -29,8 +29,8 @@ NO_SCREEN_ADVICE = (
 class Dashboard:
     """Shows a live flight in a viewer, in browsers, and in an .rrd file.
 
-    It shows nothing where Rerun is not installed, and where there is neither a screen nor a recording or browser to
-    show it in.
+    It shows nothing if Rerun is not installed, and where there is neither a screen nor a recording or browser to show
+    it in.
 
     Attributes:
         view: What shows the flight; None if nothing does.

@@ -71,7 +71,7 @@ def open_command(
 def load(arguments: list[str]) -> int:
     """Writes the dashboard of a log to standard output: the data loader that the Rerun Viewer calls for any file.
 
-    While a model is being learned, the viewer shows that. Where none can be learned, it shows why.
+    While a model is being learned, the viewer shows that. If none can be learned, it shows why.
 
     Args:
         arguments: Path of the file, and options of the viewer, of which --application-id is used
@@ -119,8 +119,8 @@ def _application_id(arguments: list[str]) -> str | None:
 def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     """Learns a model of roll and writes its dashboard into a recording.
 
-    Where no model can be learned, the recording has words instead: the error of an unreadable log, or what can be said
-    of the flight without a model.
+    If no model can be learned, the recording has words instead: the error of an unreadable log, or what can be said of
+    the flight without a model.
 
     The viewer shows only what the recording contains, so that every outcome must be written to it.
 

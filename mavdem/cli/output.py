@@ -143,7 +143,7 @@ def report_error(fact: Fact, as_json: bool) -> None:
 
 @contextmanager
 def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-    """Shows a progress bar on standard error while the block runs; nothing where that is no terminal.
+    """Shows a progress bar on standard error while the block runs; nothing if that is no terminal.
 
     Args:
         title: Text before the bar.

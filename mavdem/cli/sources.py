@@ -133,7 +133,7 @@ def map_flights(
     Args:
         sources: Paths of the logs.
         axis: Axis of the flights.
-        vehicle: Name of the vehicle in each log; it may be None where a log has only one.
+        vehicle: Name of the vehicle in each log; it may be None if a log has only one.
         inputs: Inputs of the flights, "motors" or "demand"; None for the default.
         function: Called with the name of a flight, and the flight; it may raise ``NotLearnable``.
 

@@ -311,14 +311,14 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
 
 
 def _store_names(store: Store, given_names: Names) -> str | None:
-    """Gives names to vehicles and flights of a fleet, or takes them away: all of them, or none where one is unknown.
+    """Gives names to vehicles and flights of a fleet, or takes them away: all of them, or none if one is unknown.
 
     Args:
         store: The open store of the fleet.
         given_names: What was typed, see :func:`_store_name`.
 
     Returns:
-        The first that names neither a vehicle nor a log of the fleet; None where all are known.
+        The first that names neither a vehicle nor a log of the fleet; None if all are known.
     """
     if not given_names:
         return None

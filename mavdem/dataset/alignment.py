@@ -97,7 +97,7 @@ def _setpoints_of_outputs(signals: Signals) -> list[Setpoint]:
 
 
 def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> Array | None:
-    """Returns the values (T, k) of k setpoints at times (T,), s, of a boot; None where there are no setpoints."""
+    """Returns the values (T, k) of k setpoints at times (T,), s, of a boot; None if there are no setpoints."""
     if not setpoints:
         return None
     return np.column_stack([held_setpoint(setpoint, boot, time) for setpoint in setpoints])
@@ -173,8 +173,8 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
 def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
     """Returns the controller's parameters whose values at the start of a segment are not their last ones.
 
-    Where a log has no messages with parameters, their first values stand for those at the start of the segment.
-    Parameters that the autopilot sets itself do not count.
+    If a log has no messages with parameters, their first values stand for those at the start of the segment. Parameters
+    that the autopilot sets itself do not count.
 
     Args:
         signals: signals of the vehicle.

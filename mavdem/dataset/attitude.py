@@ -85,7 +85,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The attitude; None where no attitude was recorded.
+        The attitude; None if no attitude was recorded.
     """
     sent = attitude_from_messages(telemetry, axis)
     if sent is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
@@ -128,7 +128,7 @@ def tuning_rates(
         sent_attitude: Attitude of the axis as it was sent; without it the rates are taken as they are.
 
     Returns:
-        Body rate and setpoint (N, 2), rad/s; None where none were recorded.
+        Body rate and setpoint (N, 2), rad/s; None if none were recorded.
     """
     columns = telemetry.messages.get(TUNING_MESSAGE)
     if columns is None:
@@ -157,7 +157,7 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The attitude; None where neither message was recorded.
+        The attitude; None if neither message was recorded.
     """
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:

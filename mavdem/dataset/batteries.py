@@ -185,7 +185,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
     candidates = volts[is_possible]
     is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
     is_possible[is_possible] = ~is_outlier
-    # Where no battery is measured, a few damaged messages still have a voltage.
+    # If no battery is measured, a few damaged messages still have a voltage.
     min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
     if np.count_nonzero(is_possible) < min_samples:
         return None
@@ -208,13 +208,13 @@ def _battery(number: int, columns: Columns) -> Battery | None:
 
 
 def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
-    """Returns the time series of values (N,) or (N, k) of a message; None where none is finite."""
+    """Returns the time series of values (N,) or (N, k) of a message; None if none is finite."""
     series = clean_series(columns, values)
     return series if len(series.time) else None
 
 
 def _volts(columns: Columns) -> Array | None:
-    """Returns the voltage (N,), V, NaN where it is not known; None where the message has no voltage.
+    """Returns the voltage (N,), V, NaN where it is not known; None if the message has no voltage.
 
     BATTERY_STATUS has the voltage of each cell, or of several cells, in up to 14 elements, whose sum is the battery's.
 
@@ -248,7 +248,7 @@ def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
 
 
 def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
-    """Returns how many cells the messages of a battery have; None where they do not say it.
+    """Returns how many cells the messages of a battery have; None if they do not say it.
 
     Args:
         columns: Fields of the messages, N rows.

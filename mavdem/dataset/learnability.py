@@ -233,7 +233,7 @@ def slow_streams(
         min_rate: Rate, Hz, that each stream needs.
 
     Returns:
-        The fact that names the slow ones; None where all are fast enough.
+        The fact that names the slow ones; None if all are fast enough.
     """
     slow = {name: rate for name, rate in rates.items() if rate < min_rate}
     if not slow:
@@ -248,7 +248,7 @@ def slow_streams(
 
 
 def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:
-    """Returns the reason why a log cannot have a usable flight, as a fact; None where it can.
+    """Returns the reason why a log cannot have a usable flight, as a fact; None if it can.
 
     Args:
         signals: Signals of the vehicle for an axis.
@@ -468,7 +468,7 @@ class _SegmentJudge:
         )
 
     def refusal(self, figures: QualityFigures) -> Fact | None:
-        """Returns the reason why a segment cannot be learned from, as a fact; None where it can.
+        """Returns the reason why a segment cannot be learned from, as a fact; None if it can.
 
         The checks are, in this order: the duration; the rates of messages and of new values; outputs that are constant
         or lost in rounding; body rates that contradict the angles; a torque command that is lost in rounding. The first
@@ -522,7 +522,7 @@ class _SegmentJudge:
             figures: figures of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
 
         Returns:
-            The refusal; None where both streams are fast enough.
+            The refusal; None if both streams are fast enough.
         """
         telemetry = self.signals.telemetry
         attitude_rate = figures.attitude_rate or 0.0
@@ -559,7 +559,7 @@ class _SegmentJudge:
             figures: figures of the segment: rates of messages and of new values (``_fresh``) of both streams, Hz.
 
         Returns:
-            The refusal, of the attitude before the inputs; None where new values come fast enough.
+            The refusal, of the attitude before the inputs; None if new values come fast enough.
         """
         telemetry = self.signals.telemetry
         if (figures.attitude_fresh or 0.0) < self.min_rate:
@@ -613,7 +613,7 @@ class _SegmentJudge:
 
         Args:
             figures: figures of the segment, with the ``consistency``: how well the integral of the rate explains the
-                changes of the angle, 1 if fully; None where it was not measured.
+                changes of the angle, 1 if fully; None if it was not measured.
         """
         axis = self.signals.axis
         if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:

@@ -141,7 +141,7 @@ def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
         axis: "roll", "pitch" or "yaw".
 
     Returns:
-        The demand; None where it was not recorded or never moved.
+        The demand; None if it was not recorded or never moved.
     """
     demand = control_target(telemetry, AXES.index(axis))
     if demand is None or not _is_moving(demand.values):
@@ -167,7 +167,7 @@ def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
         column: Number of an axis in ``AXES``, -1 to 1, or ``THRUST_COLUMN``, 0 to 1.
 
     Returns:
-        The demand (N,); None where no demands were recorded.
+        The demand (N,); None if no demands were recorded.
     """
     columns = telemetry.messages.get(DEMAND_MESSAGE)
     if columns is None:

@@ -127,7 +127,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
         boot: Number of the boot.
 
     Returns:
-        The intervals; none where no attitude was recorded.
+        The intervals; none if no attitude was recorded.
     """
     if signals.preset_settled_intervals is not None:
         return signals.preset_settled_intervals
@@ -154,7 +154,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
 def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which a vehicle is armed and in the air, without reported take-offs and landings.
 
-    Where neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
+    If neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
 
     Args:
         signals: signals of the vehicle.
@@ -182,10 +182,10 @@ def without_transients(flight: Interval, climb_rate: TimeSeries | None) -> Inter
 
     Args:
         flight: Start and end of the flight, s.
-        climb_rate: Vertical speed, m/s upwards, of the same boot; None where it was not recorded.
+        climb_rate: Vertical speed, m/s upwards, of the same boot; None if it was not recorded.
 
     Returns:
-        Start and end of the level part, s; None where nothing is left.
+        Start and end of the level part, s; None if nothing is left.
     """
     start, end = flight
     level_start = start + TRANSIENT_SECONDS
@@ -216,7 +216,7 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
         climb_rate: Vertical speed, m/s upwards.
     """
     speed = moving_average(climb_rate)
-    # Where all level flight sinks, the estimate of the height has diverged.
+    # If all level flight sinks, the estimate of the height has diverged.
     if not np.any(speed[in_intervals(climb_rate.time, level)] > -MAX_LEVEL_FLIGHT_SPEED):
         return level
     is_climbing = abs(speed) > MIN_CLIMB_SPEED
@@ -274,7 +274,7 @@ def _operating_intervals(signals: Signals, boot: int) -> Intervals:
         boot: Number of the boot.
 
     Returns:
-        The intervals, s; none where nothing says when the vehicle was armed.
+        The intervals, s; none if nothing says when the vehicle was armed.
     """
     if series_of_boot(signals.armed, boot) is None:
         return []
@@ -340,7 +340,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         # Nothing was recorded before the first report: its state holds there too.
         covered[0] = (-inf, covered[0][1])
     flights = union(intersection(reported, covered), intersection(carried, complement(covered)))
-    # Where neither reports nor outputs come, the last report holds.
+    # If neither reports nor outputs come, the last report holds.
     uncovered = complement(union(covered, _with_samples_near(collective.time)))
     last_reported = true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
     held = intersection(last_reported, uncovered)
@@ -438,7 +438,7 @@ def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
         flight: Start and end of the flight, s.
 
     Returns:
-        None where the height was not recorded.
+        None if the height was not recorded.
     """
     height = height_above_take_off(signals, boot, flight)
     if height is None:
@@ -458,7 +458,7 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
         flight: Start and end of the flight, s.
 
     Returns:
-        None where the height was not recorded.
+        None if the height was not recorded.
     """
     height = series_of_boot(signals.height, boot)
     if height is None:
@@ -531,7 +531,7 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
         boot: Number of the boot.
 
     Returns:
-        The intervals; none where no motor outputs were recorded or nothing was flown.
+        The intervals; none if no motor outputs were recorded or nothing was flown.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
@@ -585,7 +585,7 @@ def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
 
 
 def series_of_boot(series: TimeSeries | None, boot: int) -> TimeSeries | None:
-    """Returns the samples of one boot; None where there are none."""
+    """Returns the samples of one boot; None if there are none."""
     if series is None:
         return None
     samples = series.of_boot(boot)

@@ -36,7 +36,7 @@ class PilotInput(NamedTuple):
 
 
 def pilot_input(signals: Signals) -> PilotInput:
-    """Returns the sticks and switches that were recorded; empty where none was.
+    """Returns the sticks and switches that were recorded; empty if none was.
 
     PX4's manual control has the sticks without their channels; then the first four channels count as those.
 

@@ -38,7 +38,7 @@ ROUNDING_VARIANCE_DIVISOR = 12
 
 @dataclass(frozen=True)
 class QualityFigures:
-    """Figures of a segment and of its log; None where a figure could not be measured."""
+    """Figures of a segment and of its log; None if a figure could not be measured."""
 
     armed: float = 0.0
     """Seconds that the vehicle was armed in the whole log."""
@@ -215,7 +215,7 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flag
 
 
 def _lowest(figures: list[float | None]) -> float | None:
-    """Returns the lowest figure of those that could be measured; None where none could."""
+    """Returns the lowest figure of those that could be measured; None if none could."""
     return min((figure for figure in figures if figure is not None), default=None)
 
 
@@ -233,8 +233,8 @@ def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
 
     Both are needed to judge whether the command is lost in the rounding of the recorded motor outputs.
 
-    The command is the combination of the motors by the mixer row of the axis. Where the motors' positions are not
-    known, it is that motor's deviation from the mean of all motors which varies most.
+    The command is the combination of the motors by the mixer row of the axis. If the motors' positions are not known,
+    it is that motor's deviation from the mean of all motors which varies most.
 
     Rounding to a step q makes a uniform error of variance q²/12 in each input; errors of several motors add up by the
     squares of their weights.
@@ -330,7 +330,7 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
         euler_rate: (N,) its derivative by the body rates, rad/s.
 
     Returns:
-        The share, 1 at most; None where the angle does not change or the record is too short.
+        The share, 1 at most; None if the angle does not change or the record is too short.
     """
     # The integral of the rate from the first sample on, by the trapezoidal rule.
     trapezia = np.diff(time) * (euler_rate[1:] + euler_rate[:-1]) / 2

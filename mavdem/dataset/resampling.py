@@ -80,7 +80,7 @@ def _sampling_interval(time: Array) -> float:
         time: (N,) stamps, s, rising.
 
     Returns:
-        The nearest multiple of the cycle, up to ``MAX_CYCLES_PER_STEP`` of them, where jitter shows; else the mean
+        The nearest multiple of the cycle, up to ``MAX_CYCLES_PER_STEP`` of them, where jitter shows; otherwise the mean
         interval, s.
     """
     mean = 1 / mean_rate(time)

@@ -124,7 +124,7 @@ def longest_recorded_segment(signals: Signals) -> Segment | None:
         signals: signals of the vehicle, for one axis.
 
     Returns:
-        The segment; None where the two were never recorded together.
+        The segment; None if the two were never recorded together.
     """
     segments = []
     for boot in _boots_with_both_streams(signals):

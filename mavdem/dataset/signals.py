@@ -101,26 +101,26 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def attitudes(self) -> tuple[Attitude, ...]:
-        """Roll, pitch and yaw; empty where no attitude was recorded."""
+        """Roll, pitch and yaw; empty if no attitude was recorded."""
         attitudes = [attitude_of_axis(self.telemetry, axis) for axis in AXES]
         return tuple(attitude for attitude in attitudes if attitude is not None)
 
     @property
     def tilts(self) -> tuple[Attitude, ...]:
-        """Roll and pitch, whose angles are the tilt of the vehicle; empty where no attitude was recorded."""
+        """Roll and pitch, whose angles are the tilt of the vehicle; empty if no attitude was recorded."""
         return self.attitudes[: len(TILT_AXES)]
 
     @property
     @cached_per_vehicle()
     def motors(self) -> MotorOutputs | None:
-        """Outputs of all motors; None where no message has them."""
+        """Outputs of all motors; None if no message has them."""
         motors = motor_outputs_or_obstacle(self.telemetry)
         return motors if isinstance(motors, MotorOutputs) else None
 
     @property
     @cached_per_vehicle()
     def batteries(self) -> tuple[Battery, ...]:
-        """The batteries whose voltage was measured, by number; empty where none was."""
+        """The batteries whose voltage was measured, by number; empty if none was."""
         return connected_batteries(self.telemetry)
 
     @property
@@ -236,7 +236,7 @@ class VehicleSignals:
         """Position (N, 3), m north, east and down of the estimator's origin, or of the first position fix.
 
         It is that of LOCAL_POSITION_NED or, without it, latitude and longitude of GLOBAL_POSITION_INT on a plane that
-        touches the earth at the first fix. None where neither was recorded.
+        touches the earth at the first fix. None if neither was recorded.
         """
         columns = self.telemetry.messages.get("LOCAL_POSITION_NED", {})
         if "x" in columns:
@@ -283,7 +283,7 @@ class VehicleSignals:
     def autopilot_wind(self) -> TimeSeries | None:
         """The autopilot's own estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east.
 
-        It comes from WIND_COV (PX4) or WIND (ArduPilot). None where it was not recorded, or is always 0.
+        It comes from WIND_COV (PX4) or WIND (ArduPilot). None if it was not recorded, or is always 0.
         """
         messages = self.telemetry.messages
         if "WIND_COV" in messages:
@@ -307,7 +307,7 @@ class VehicleSignals:
     def collective(self) -> TimeSeries | None:
         """Collective: mean output of all motors as a fraction of their range, 0 to 1.
 
-        Where motors were not recorded it is the controller's demand for thrust; None where neither was.
+        Where motors were not recorded it is the controller's demand for thrust; None if neither was.
         """
         if self.motors is not None:
             return self.motors.collective
@@ -340,13 +340,13 @@ class Signals(VehicleSignals):
 
     @cached_property
     def attitude(self) -> Attitude | None:
-        """Euler angle and body rate of the axis; None where no attitude was recorded."""
+        """Euler angle and body rate of the axis; None if no attitude was recorded."""
         attitudes = self.tilts if self.axis in TILT_AXES else self.attitudes
         return attitudes[AXES.index(self.axis)] if attitudes else None
 
     @cached_property
     def demand(self) -> MotorOutputs | None:
-        """The controller's demand for the axis; None where it was not recorded or never moved."""
+        """The controller's demand for the axis; None if it was not recorded or never moved."""
         return axis_demand(self.telemetry, self.axis)
 
     @cached_property
@@ -376,7 +376,7 @@ class Signals(VehicleSignals):
     @property
     @cached_per_vehicle("axis")
     def setpoints(self) -> tuple[Setpoint, ...]:
-        """Setpoints of the axis; empty where none were recorded.
+        """Setpoints of the axis; empty if none were recorded.
 
         That of yaw is within half a turn of the measured yaw, which has no jumps by a turn.
         """
@@ -391,7 +391,7 @@ class Signals(VehicleSignals):
 
     @cached_property
     def angle_setpoint(self) -> TimeSeries | None:
-        """Setpoint of the Euler angle of the axis, rad; None where it was not recorded.
+        """Setpoint of the Euler angle of the axis, rad; None if it was not recorded.
 
         It comes from ATTITUDE_TARGET or, of ArduPilot, from NAV_CONTROLLER_OUTPUT, which has roll and pitch in degrees.
         """
@@ -430,7 +430,7 @@ class Signals(VehicleSignals):
 
     @cached_property
     def rate_and_setpoint(self) -> tuple[TimeSeries, TimeSeries] | None:
-        """Body rate and its setpoint, rad/s, from the faster of two sources; None where no setpoint was recorded.
+        """Body rate and its setpoint, rad/s, from the faster of two sources; None if no setpoint was recorded.
 
         One source is PID_TUNING, which has both at the same stamps. The other is the attitude for the rate, and
         ATTITUDE_TARGET for the setpoint, each with stamps of its own. The one with more samples of the rate is taken.

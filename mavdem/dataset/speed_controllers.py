@@ -59,10 +59,10 @@ class SpeedController:
         return f"ESC {self.number}"
 
     def motor_index(self, geometry: MotorGeometry) -> int | None:
-        """Returns the index of its motor among those of a vehicle; None where it drives none of them.
+        """Returns the index of its motor among those of a vehicle; None if it drives none of them.
 
-        Where the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and
-        in PX4 where channels count the motors.
+        If the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and in
+        PX4 where channels count the motors.
 
         Args:
             geometry: number and channel of each motor.
@@ -93,7 +93,7 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
 
 
 def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the time series of values (N,) of a message; None where none is finite."""
+    """Returns the time series of values (N,) of a message; None if none is finite."""
     series = clean_series(columns, values, rows)
     return series if len(series.time) else None
 
@@ -101,13 +101,13 @@ def _series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeS
 def _measured_series(
     columns: Columns, values: Array, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the time series of a current or temperature (N,); None where it is 0 throughout, so not measured."""
+    """Returns the time series of a current or temperature (N,); None if it is 0 throughout, so not measured."""
     series = _series(columns, values, rows)
     return series if series is not None and series.values.any() else None
 
 
 def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> TimeSeries | None:
-    """Returns the size of a speed (N,), 1/min, as a time series without impossible values; None where none is left."""
+    """Returns the size of a speed (N,), 1/min, as a time series without impossible values; None if none is left."""
     size = abs(speed)
     is_possible = size <= MAX_SPEED
     return _series(columns, size, is_possible if rows is None else is_possible & rows)

@@ -81,7 +81,7 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
         boot: Number of the boot.
 
     Returns:
-        None where the attitude was not recorded.
+        None if the attitude was not recorded.
     """
     angles = []
     for attitude in signals.attitudes:

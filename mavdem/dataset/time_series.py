@@ -73,8 +73,8 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
 def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:
     """Makes a time series of values that were computed from a message: sorted, finite, each stamp once.
 
-    Links repeat and reorder messages. Of several rows with one stamp the first is kept. Where all rows are used, in
-    their order, the series has the very arrays that were given: of hours of flight a copy takes much memory.
+    Links repeat and reorder messages. Of several rows with one stamp the first is kept. If all rows are used, in their
+    order, the series has the very arrays that were given: of hours of flight a copy takes much memory.
 
     Args:
         columns: Fields of the message, of which ``time`` and ``boot`` (N,) are used.
@@ -121,7 +121,7 @@ def recorded_series(telemetry: Telemetry, message: str, *fields: str) -> TimeSer
         fields: Names of k of its scalar fields.
 
     Returns:
-        The series, with values (N,) of a single field and (N, k) of several. None where the message or a field was not
+        The series, with values (N,) of a single field and (N, k) of several. None if the message or a field was not
         recorded, or no row is finite.
     """
     columns = telemetry.messages.get(message, {})
@@ -148,7 +148,7 @@ def preferred_message(counts: Mapping[str, int]) -> str | None:
         counts: Number of messages by name, the preferred name first.
 
     Returns:
-        Its name; None where no message came at all.
+        Its name; None if no message came at all.
     """
     names = names_by_preference(counts)
     return names[0] if names else None

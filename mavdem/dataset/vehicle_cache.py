@@ -30,7 +30,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
 
     Signals for several axes of one vehicle share their cache. A result is looked up by the function, the other
     arguments and those attributes of the signals that it depends on. Results are frozen. A ``NotLearnable`` is cached
-    like a result, and raised anew at each call.
+    like a result, and raised again at each call.
 
     Args:
         attributes: Names of the attributes of the signals that the result depends on, such as "axis"; none for what is

@@ -79,7 +79,7 @@ def _schema_version(text: object) -> int | None:
         text: The document, or what was given in its place.
 
     Returns:
-        The version; None where there is no heading, as in earlier versions and other files, or no text.
+        The version; None if there is no heading, as in earlier versions and other files, or no text.
     """
     if not isinstance(text, str):
         return None

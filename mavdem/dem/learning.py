@@ -225,7 +225,7 @@ def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
             )
             if refined is None:
                 return fitted
-            # The noises and states are fitted anew to the refined parameters. The predictor keeps DEM's filter gain.
+            # The noises and states are fitted again to the refined parameters. The predictor keeps DEM's filter gain.
             posterior = condition_on_theta(refined.theta, ascent.posterior)
             predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
@@ -258,7 +258,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         order, record.inputs.shape[1], fit.model.m, scaling.constant
     )
     scale = scaling.parameter_scale(order)
-    # Where simulations have refined θ, their posterior holds, and theirs is the last search.
+    # If simulations have refined θ, their posterior holds, and theirs is the last search.
     precision = fit.model.prior.theta_precision
     covariance = fit.posterior.theta_covariance
     converged = ascent.converged

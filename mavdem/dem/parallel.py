@@ -226,9 +226,9 @@ def process_pool(
 class LearningProcess(Executor):
     """An executor with one process of low priority; if the process is killed, the next job runs in a new one.
 
-    Where that is safe the first process is forked, and so shares the modules of this one: on a small computer that
-    saves a third of the memory and the time of importing them. Sockets and files that are open then stay open in it. So
-    a further one is started afresh: a lost link could not be opened again while it holds the socket or serial port.
+    If that is safe the first process is forked, and so shares the modules of this one: on a small computer that saves a
+    third of the memory and the time of importing them. Sockets and files that are open then stay open in it. So a
+    further one is started afresh: a lost link could not be opened again while it holds the socket or serial port.
 
     Attributes:
         is_suspended: whether the process is paused.

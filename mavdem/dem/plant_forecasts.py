@@ -93,7 +93,7 @@ class PlantForecasts:
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts samples after the training data, beginning anew at every ``steps``-th of them.
+        """Forecasts samples after the training data, beginning again at every ``steps``-th of them.
 
         Args:
             steps: Number of samples from the beginning of one forecast to the next.

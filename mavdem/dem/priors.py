@@ -50,7 +50,7 @@ def derivative_pairs(record: Record) -> DerivativePairs:
         record: training data.
 
     Returns:
-        Pairs (i, j) of columns, output j being the derivative of output i; none where all segments are too short.
+        Pairs (i, j) of columns, output j being the derivative of output i; none if all segments are too short.
     """
     span = max(1, round(RATE_INTEGRATION_SPAN / record.dt))
     changes_of_segments = []

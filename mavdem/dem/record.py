@@ -70,7 +70,7 @@ class ChannelStatistics(NamedTuple):
 class UniformSamples(Protocol):
     """What ``learn`` needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s.
 
-    Where it also has ``effect_directions``, ``time``, setpoints, or names and units of its columns, they are used.
+    If it also has ``effect_directions``, ``time``, setpoints, or names and units of its columns, they are used.
     """
 
     @property
@@ -116,7 +116,7 @@ class Record:
         input_units, output_units: Unit of each column; may be empty.
         parameters: Parameters of the autopilot's controller, by name.
         earlier: Values that some of these parameters had before they changed in flight or later, by name.
-        input_range: Inputs at no and at full throttle, where they are known; else empty.
+        input_range: Inputs at no and at full throttle, where they are known; otherwise empty.
         setpoints: (T, q) setpoints of the outer loops for the axis, NaN where there is none; None if not recorded.
         setpoint_names: Name of each column of ``setpoints``.
 
@@ -265,7 +265,7 @@ class Record:
         return validated_table(inputs, "inputs", self.inputs.shape[1])
 
     def validated_samples(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> ArrayPair:
-        """Checks samples after the end of the record, for forecasts that begin anew at every ``steps``-th of them.
+        """Checks samples after the end of the record, for forecasts that begin again at every ``steps``-th of them.
 
         Args:
             steps: Number of samples from one beginning to the next, at least 1.
@@ -330,7 +330,7 @@ def _checked_samples(segment: UniformSamples) -> _Samples:
     """Returns the samples of one segment as arrays, of a ``Flight`` or of anything with its attributes.
 
     Args:
-        segment: The segment, with inputs (T, r), outputs (T, m) and dt, s. Where it came from the user, it may be
+        segment: The segment, with inputs (T, r), outputs (T, m) and dt, s. If it came from the user, it may be
             anything.
 
     Raises:
@@ -395,8 +395,8 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
         motors: Number of inputs, r.
 
     Returns:
-        The directions (r,). None where they differ, where a segment has none, or where all are zero, so that no motor
-        has an effect.
+        The directions (r,). None if they differ, where a segment has none, or where all are zero, so that no motor has
+        an effect.
 
     Raises:
         ValueError: Directions are not r finite numbers.

@@ -70,8 +70,8 @@ def fact_field(attribute: str, meaning: str) -> Any:
     """Returns the definition of an optional field that is filled with facts of a result.
 
     Args:
-        attribute: attribute of the result that has the fact or the facts. Where it has a plain sentence only, the field
-            is null or an empty list.
+        attribute: attribute of the result that has the fact or the facts. If it has a plain sentence only, the field is
+            null or an empty list.
         meaning: description of the field in the schema.
     """
     return Field(default=None, validation_alias=attribute, description=meaning)
@@ -195,7 +195,7 @@ class Sentence(Document):
 
 
 def _fact_or_none(value: Any) -> Any:
-    """Returns a value if it is a fact, not a plain sentence, else None."""
+    """Returns a value if it is a fact, not a plain sentence, otherwise None."""
     return value if isinstance(value, Fact) else None
 
 

@@ -259,7 +259,7 @@ def review_document(assessment: Assessment) -> JsonValues:
 
 
 def _hardware_values(assessment: Assessment) -> NamedFacts:
-    """Returns the facts on each part of the hardware by its name; none where no vehicle was judged."""
+    """Returns the facts on each part of the hardware by its name; none if no vehicle was judged."""
     if assessment.evidence is None:
         return {}
     return hardware_facts(assessment.evidence, assessment.lights)

@@ -137,5 +137,5 @@ class Wind(Judged, WindVelocity):
 
 
 def reported_wind(assessment: Assessment) -> WindEstimate | None:
-    """Returns the wind of a flight without the figures that are not identifiable; None where there is no estimate."""
+    """Returns the wind of a flight without the figures that are not identifiable; None if there is no estimate."""
     return None if assessment.wind is None else assessment.wind.identified_figures

@@ -409,7 +409,7 @@ class Comparison:
 
         Args:
             flight: name of the flight.
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             Plain values by name:
@@ -464,7 +464,7 @@ class Comparison:
 
         Args:
             method: name of the method.
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
             reference: name of the method that it is compared with.
         """
         outcomes = self._outcomes_by_method[method]
@@ -519,7 +519,7 @@ class Comparison:
         instead.
 
         Args:
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             The result by name of the other method, with the first method's error over that of the other.
@@ -544,7 +544,7 @@ class Comparison:
 
         Args:
             method: name of the method.
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
         """
         return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
 
@@ -552,7 +552,7 @@ class Comparison:
         """Returns each method's summary over all flights, the lowest error first; each flight counts the same.
 
         Args:
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             Plain values by name:
@@ -580,17 +580,17 @@ class Comparison:
         """Returns the comparison as values of a document; infinite errors stay infinite.
 
         Args:
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             Values by name:
 
             - ``reference``: name of the first method; ``methods``: names of all that answer the question.
-            - ``start``: "zero" for forecasts from state 0, else "data".
+            - ``start``: "zero" for forecasts from state 0, otherwise "data".
             - ``verdicts``: results of :meth:`tests`.
             - ``over_flights``: results of :meth:`over_flights`.
             - ``flights``: for each flight its summaries and single outcomes (``_flight_values``).
-            - ``predictions``: the same values of predictions without the inputs; None where no method predicts, and in
+            - ``predictions``: the same values of predictions without the inputs; None if no method predicts, and in
               these values themselves.
         """
         has_predictions = question != UNKNOWN and self.methods_of(UNKNOWN)
@@ -609,7 +609,7 @@ class Comparison:
 
         Args:
             flight: name of the flight.
-            question: what the forecasts were given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             What was sampled (``dt`` in s, names and units of the outputs), samples of the training part and of the part

@@ -276,8 +276,8 @@ def training_pieces(
 ) -> Iterator[Flight]:
     """Yields the pieces of flights outside a fold that are long enough to learn from.
 
-    Where a fold cuts a part out of a flight, a piece before it and one after it remain. They stay separate: a model
-    must not take the step between them for motion.
+    If a fold cuts a part out of a flight, a piece before it and one after it remain. They stay separate: a model must
+    not take the step between them for motion.
 
     Args:
         flights: segments of one vehicle.

@@ -238,7 +238,7 @@ def compared_effects(
             a motor fails.
 
     Yields:
-        r motors and their mean; nothing where the inputs are not the motors' outputs in µs, but for example the
+        r motors and their mean; nothing if the inputs are not the motors' outputs in µs, but for example the
         controller's demand.
     """
     if flight.input_units != (MOTOR_UNIT,) * truth.effect.size:

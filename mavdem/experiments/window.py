@@ -165,7 +165,7 @@ def windows(
         hop: number of samples from the start of a window to that of the next; half a window unless given.
 
     Returns:
-        The windows in order of time; none where the flight is too short.
+        The windows in order of time; none if the flight is too short.
 
     Raises:
         ValueError: a number of samples is not positive.

@@ -204,7 +204,7 @@ def _instance_column(columns: Columns) -> str:
         columns: Fields of the messages.
 
     Returns:
-        The first of ``INSTANCE_COLUMNS`` whose values can be numbers of instances; empty where there is none.
+        The first of ``INSTANCE_COLUMNS`` whose values can be numbers of instances; empty if there is none.
     """
     for name in INSTANCE_COLUMNS:
         if name not in columns or columns[name].dtype.kind not in "iu":
@@ -216,7 +216,7 @@ def _instance_column(columns: Columns) -> str:
 
 
 def _instances(columns: Columns) -> tuple[int, ...]:
-    """Returns the numbers of a message's instances, ascending; empty where it has none."""
+    """Returns the numbers of a message's instances, ascending; empty if it has none."""
     name = _instance_column(columns)
     if not name:
         return ()

@@ -95,7 +95,7 @@ def write_geojson(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) ->
     """Writes paths as GeoJSON: a line for each, whose properties have the boot and the time of each point.
 
     Args:
-        file: where to write; it stays open.
+        file: open file to write to; it stays open.
         name: name of the log.
         paths: at least one path.
     """
@@ -113,7 +113,7 @@ def write_kml(file: BinaryIO, name: str, paths: Sequence[GeographicPath]) -> Non
     """Writes paths as KML: a line for each, at its altitude above mean sea level where that is known.
 
     Args:
-        file: where to write; it stays open.
+        file: open file to write to; it stays open.
         name: name of the log.
         paths: at least one path.
     """

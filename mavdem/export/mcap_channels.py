@@ -57,7 +57,7 @@ def write_channels(
 def json_keys(names: Sequence[str]) -> list[str]:
     """Returns names of signals as JSON keys that viewers accept in paths: "motor_1" for "motor 1 (front right)".
 
-    Characters other than letters, digits and underscores would need quotes there. Where two names would become the same
+    Characters other than letters, digits and underscores would need quotes there. If two names would become the same
     key, all get a number at their end.
 
     Args:

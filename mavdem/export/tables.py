@@ -102,7 +102,7 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
 
     Returns:
         Columns (T,): the north and east velocity of the air, m/s, and the half widths of their bands. They are NaN
-        outside the flight whose wind was estimated. Empty where the wind of this boot is not identifiable.
+        outside the flight whose wind was estimated. Empty if the wind of this boot is not identifiable.
     """
     wind, _, _ = wind_evidence(signals)
     if wind is None or not wind.speed_identifiable or wind.boot != boot:
@@ -123,10 +123,10 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
     """Writes a table as CSV: a line with the names of the columns, then a line for each sample.
 
     Args:
-        file: where to write; it stays open.
+        file: open file to write to; it stays open.
         table: the columns, all of the same length.
-        provenance: where the flight comes from. It is not written, since CSV has no place for metadata; the argument
-            is there because all writers of tables are called alike.
+        provenance: where the flight comes from. It is not written, since CSV has no place for metadata; the argument is
+            there because all writers of tables are called alike.
     """
     formatted_columns = []
     for name, column in table.items():
@@ -144,7 +144,7 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
     """Writes a table as Parquet with float64 columns, and the provenance as JSON in the file's metadata.
 
     Args:
-        file: where to write; it stays open.
+        file: open file to write to; it stays open.
         table: the columns, all of the same length.
         provenance: where the flight comes from, and how it was resampled.
 

@@ -12,7 +12,7 @@ class Event(NamedTuple):
     Attributes:
         seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
         fact: what it was; its time is that of its boot's clock.
-        since: when what a history's fact is about began, s of the same clock as ``seconds``; else NaN.
+        since: when what a history's fact is about began, s of the same clock as ``seconds``; otherwise NaN.
     """
 
     seconds: float

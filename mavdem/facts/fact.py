@@ -45,7 +45,7 @@ Figure = Any
 
 
 class Words(NamedTuple):
-    """What people read of a fact: a ``sentence``, and the ``remedy``, which is empty where there is none."""
+    """What people read of a fact: a ``sentence``, and the ``remedy``, which is empty if there is none."""
 
     sentence: str
     remedy: str = ""
@@ -59,7 +59,7 @@ class Fact:
         code: what it says.
         level: how much it matters.
         time, until: when it was so, s on the boot clock; ``None`` where it is of no time, or still so.
-        subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty where that is the flight as a whole.
+        subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty if that is the flight as a whole.
     """
 
     code: Code
@@ -158,7 +158,7 @@ class Fact:
 
     @property
     def remedy(self) -> str:
-        """What to do about it, in words; empty where there is nothing to be done."""
+        """What to do about it, in words; empty if there is nothing to be done."""
         return self._words.remedy
 
     def __str__(self) -> str:

@@ -94,7 +94,7 @@ class Cluster:
             read: the function that reads it.
 
         Returns:
-            The outcome. Where the log has killed the workers that tried to read it, the outcome says so.
+            The outcome. If the log has killed the workers that tried to read it, the outcome says so.
 
         Raises:
             Unreadable: there is no such cluster, it has no worker, or a worker has another version of mavdem or Python.
@@ -150,7 +150,7 @@ class Cluster:
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
                 raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
-            # Where a check raises, the client is closed; pop_all keeps it open where all went well.
+            # If a check raises, the client is closed; pop_all keeps it open where all went well.
             with ExitStack() as on_failure:
                 on_failure.callback(client.close)
                 self._check_workers(client)

@@ -103,7 +103,8 @@ def missing_quantities(
         obstacle: why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
 
     Yields:
-        One entry for all quantities, or one for all of models, where there is an obstacle; else one for each quantity.
+        One entry for all quantities, or one for all of models, where there is an obstacle; otherwise one for each
+        quantity.
     """
     if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
         yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)

@@ -78,7 +78,7 @@ def worst_row(flight: AxisRows) -> FlightRow:
 
 
 def best_tier(flight: AxisRows) -> str:
-    """Returns the best tier of a flight's axes, "a" before "b" before "c"; empty where none is known."""
+    """Returns the best tier of a flight's axes, "a" before "b" before "c"; empty if none is known."""
     return min((row.tier for row in flight if row.tier), default="")
 
 
@@ -105,7 +105,7 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
 
 
 def _begins_before_end(row: FlightRow, earlier_row: FlightRow) -> bool:
-    """Returns whether a flight begins before an earlier one has ended; False where a date is not known."""
+    """Returns whether a flight begins before an earlier one has ended; False if a date is not known."""
     if row.date is None or earlier_row.date is None:
         return False
     seconds = (row.date - earlier_row.date).total_seconds()

@@ -55,7 +55,7 @@ def publish(store: Store, assess: AssessRows) -> None:
 def _judge_vehicle(
     store: Store, vehicle: str, assess: AssessRows, healthy_rows: FlightRows, baseline: str
 ) -> None:
-    """Judges the health of one vehicle anew from all its flights in the table, and stores the result in its rows.
+    """Judges the health of one vehicle again from all its flights in the table, and stores the result in its rows.
 
     All flights are judged together: a motor is compared with itself in the flights before.
 
@@ -97,7 +97,7 @@ def judgement_lock(folder: Path) -> FileLock:
     """Returns a lock within whose block no other run judges a vehicle, so that what pages say stays true.
 
     Without it a run could write pages by the rows that it has read, and mark them as updated, while another run judges
-    the same vehicle anew.
+    the same vehicle again.
 
     Args:
         folder: folder of the fleet.
@@ -106,7 +106,7 @@ def judgement_lock(folder: Path) -> FileLock:
 
 
 def outdated_vehicles(store: Store) -> set[str]:
-    """Returns the names of vehicles that were judged anew since their pages were last marked as updated."""
+    """Returns the names of vehicles that were judged again since their pages were last marked as updated."""
     return {vehicle for (vehicle,) in store.db.execute("select vehicle from outdated_pages")}
 
 

@@ -33,7 +33,7 @@ class GivenNames:
     def _labels(self) -> dict[str, str]:
         """The label that is shown for each named vehicle, by what its logs call it; no two labels are the same.
 
-        A label is the given name. Where another vehicle might have the same label, the name in the logs follows in
+        A label is the given name. If another vehicle might have the same label, the name in the logs follows in
         parentheses.
         """
         # How many vehicles may get each label: the names in the logs, the given names, and both together.

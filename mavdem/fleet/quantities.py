@@ -63,7 +63,7 @@ HALF_WIDTH_PER_SD = coverage_factor()
 
 
 class Quantity(NamedTuple):
-    """A quantity that is compared: by its logarithm if its kind is one of ``LOGARITHMIC_KINDS``, else as it is."""
+    """A quantity that is compared: by its logarithm if its kind is one of ``LOGARITHMIC_KINDS``, otherwise as it is."""
 
     kind: str
     """``SHARE``, ``EFFECT``, ``MEAN_EFFECT``, ``DAMPING``, ``LAG``, or one of ``LOOP_KINDS``."""
@@ -135,7 +135,7 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
 
 
 def estimate_from_interval(value: float | None, half_width: float | None) -> Estimate | None:
-    """Returns an estimate with its standard deviation; None where value or interval are unknown or infinite.
+    """Returns an estimate with its standard deviation; None if value or interval are unknown or infinite.
 
     A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
 
@@ -149,7 +149,7 @@ def estimate_from_interval(value: float | None, half_width: float | None) -> Est
 
 
 def log_estimate(value: float | None, half_width: float | None) -> Estimate | None:
-    """Returns the logarithm of a positive quantity with its error; None where it is unknown or too uncertain.
+    """Returns the logarithm of a positive quantity with its error; None if it is unknown or too uncertain.
 
     The error of ln x is that of x divided by x, to first order. This holds for small errors only, so a value with a
     wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.

@@ -82,7 +82,7 @@ def report_column(path: str, default: str | None = None) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class FlightRow:
-    """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None where a value is not known.
+    """One settled flight of a log: one vehicle, one axis. SI units, angles rad; None if a value is not known.
 
     A log that holds no such flight, or cannot be read, has one row whose ``status`` says why. Tuples have an entry for
     each motor, in the order of ``motors``, unless its docstring says otherwise. Intervals are half widths, 90 %.
@@ -418,7 +418,7 @@ FlightRows = list[FlightRow]
 
 @cache
 def column_types() -> JsonValues:
-    """Returns the type of each column by its name, without None where that is allowed."""
+    """Returns the type of each column by its name, without None if that is allowed."""
     types = {}
     for name, hint in get_type_hints(FlightRow).items():
         is_optional = type(None) in get_args(hint)
@@ -509,7 +509,7 @@ def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
         Values by name of the column; a column that is not known is missing or None.
     """
     columns = _columns_at_paths(report)
-    # The wind torque is computed with the motors' effect. Where that is not identifiable, or the wind was not resolved,
+    # The wind torque is computed with the motors' effect. If that is not identifiable, or the wind was not resolved,
     # the wind torque is not known.
     effect_unknown = columns.get("effect_status") in (None, NOT_IDENTIFIABLE)
     if value_at(report, "wind.reason") or effect_unknown:
@@ -550,7 +550,7 @@ def _has_model(report: Mapping[str, Any]) -> bool:
 def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues:
     """Returns the columns on the inputs of the model: whether they are motors or demand, their unit, and their names.
 
-    Where no model was learned, the motors count as inputs, in the unit of their trim; without a trim there are none.
+    If no model was learned, the motors count as inputs, in the unit of their trim; without a trim there are none.
 
     Args:
         report: the document ``report.json``.
@@ -599,7 +599,7 @@ def value_at(report: Mapping[str, Any], path: str) -> Any:
         path: keys from the outermost to the innermost.
 
     Returns:
-        The value, arrays as lists; None where a key of the path is missing.
+        The value, arrays as lists; None if a key of the path is missing.
     """
     value: Any = report
     for key in path.split("."):

@@ -152,7 +152,7 @@ def _row_without_flight(
 
 
 def _balance_columns(signals: Signals) -> JsonValues:
-    """Returns the columns of the motors' balance in steady flight, by name; empty where it is not known.
+    """Returns the columns of the motors' balance in steady flight, by name; empty if it is not known.
 
     A column of the table is flat: the effects of lean, (3, 2), are six numbers, row by row.
 

@@ -103,7 +103,7 @@ class Store:
         self.db.execute("create index if not exists flights_by_page on flights (log, page)")
         (version,) = self.db.execute("pragma user_version").fetchone()
         if version != SCHEMA_VERSION:
-            # The rows stay until their log is read again, and the table is written anew as a whole.
+            # The rows stay until their log is read again, and the table is written again as a whole.
             self.db.executescript(
                 f"""begin immediate; update logs set ended = 'source';
                 insert into unpublished (vehicle) values (null);
@@ -163,7 +163,7 @@ class Store:
     def earlier_reading_holds(self, source: LogSource, outcome: JobOutcome) -> bool:
         """Returns whether the earlier reading of a log stays valid after an outcome without its content.
 
-        That a source cannot be reached now says nothing of its content. Where the reading ended otherwise before the
+        That a source cannot be reached now says nothing of its content. If the reading ended otherwise before the
         content was known, the earlier reading holds unless the source has changed.
 
         Args:

@@ -92,8 +92,8 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
 
     Args:
         store: the open store of the fleet.
-        changed_vehicles: names of the vehicles whose rows have changed; None where a change names no vehicle, which is
-            one of another version of the columns, or of a run that did not write the whole table.
+        changed_vehicles: names of the vehicles whose rows have changed; None if a change names no vehicle, which is one
+            of another version of the columns, or of a run that did not write the whole table.
     """
     if None in changed_vehicles:
         return True

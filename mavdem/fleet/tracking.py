@@ -182,7 +182,7 @@ def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float 
             is the flight itself.
 
     Returns:
-        The mean over the models, rad/s²; None where there is none.
+        The mean over the models, rad/s²; None if there is none.
     """
     if row.mean_inputs is None or row.mean_outputs is None:
         return None

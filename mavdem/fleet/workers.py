@@ -165,7 +165,7 @@ class Supervision:
     """Supervision of the process that reads one log, from outside: whether it keeps the limits of time and memory.
 
     Attributes:
-        ending: "time" or "memory" after the process was beyond that limit, else "died".
+        ending: "time" or "memory" after the process was beyond that limit, otherwise "died".
     """
 
     def __init__(self, process_id: int, limits: JobLimits) -> None:
@@ -216,8 +216,8 @@ class LogReader:
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
         """Reads a log in the process, and finds out why where the process does not return an outcome.
 
-        Without an outcome the process has ended, or is beyond its limits. Where it has ended, the exit code ENOMEM
-        says that it had too little memory, and any other that it crashed. After a crash, and after missing memory in a
+        Without an outcome the process has ended, or is beyond its limits. If it has ended, the exit code ENOMEM says
+        that it had too little memory, and any other that it crashed. After a crash, and after missing memory in a
         process that had read other logs, a new process tries once more.
 
         Args:
@@ -226,7 +226,7 @@ class LogReader:
             read: the function that reads it.
 
         Returns:
-            Its outcome; None where the reading was given up.
+            Its outcome; None if the reading was given up.
 
         Raises:
             Unreadable: no process can be started.
@@ -305,7 +305,7 @@ class LogReader:
             is_beyond_limits: whether to wait no longer; it is called every ``POLL_SECONDS``.
 
         Returns:
-            The result; None where the process is beyond its limits, or the reading was given up.
+            The result; None if the process is beyond its limits, or the reading was given up.
         """
         while not self._is_cancelled():
             if wait([future], POLL_SECONDS).done:
@@ -375,14 +375,14 @@ def side_by_side(
     """Reads logs by several readers side by side, each in a thread that waits for it.
 
     Args:
-        reads: the readers' functions; each reads one log at a time, and returns None where it was cancelled.
+        reads: the readers' functions; each reads one log at a time, and returns None if it was cancelled.
         jobs: the logs; the next one is taken when a reader is free.
         cancel: called when no more outcomes are wanted; the readers' functions return soon after it.
 
     Yields:
         The outcomes, in the order in which they come.
     """
-    # Each reader has one log at a time: when it is done, its function is submitted anew with the next log.
+    # Each reader has one log at a time: when it is done, its function is submitted again with the next log.
     executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
         # The readers that work, by the future of the log that each reads.

@@ -29,7 +29,7 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     pages are resident at a time.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         start: Offset (N,) of each piece; all of its bytes must lie in the stream.
         width: Number of bytes of a piece.
 

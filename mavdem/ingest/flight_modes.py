@@ -119,7 +119,7 @@ def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
             differs from vehicle to vehicle, and for modes that are not known here.
 
     Returns:
-        The name ("Position"), else that of the main mode, else "mode 4:19" by main and sub mode.
+        The name ("Position"), otherwise that of the main mode, otherwise "mode 4:19" by main and sub mode.
     """
     main_mode = number >> 16 & 0xFF
     sub_mode = number >> 24 & 0xFF

@@ -197,7 +197,7 @@ def _format_of_first_bytes(beginning: bytes) -> Format | None:
 
 
 def _format_of_name(name: str) -> Format | None:
-    """Returns the format that the ending of a file's name says, also of an archive; None where it says none."""
+    """Returns the format that the ending of a file's name says, also of an archive; None if it says none."""
     uncompressed_name = name.lower().removesuffix(COMPRESSED_ENDING)
     return FORMAT_OF_ENDING.get(Path(uncompressed_name).suffix)
 

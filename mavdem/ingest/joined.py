@@ -176,7 +176,7 @@ def _densest_time(messages: Tables, boot: int) -> Array:
 
 
 def _utc_at_boot(messages: Tables, boot: int) -> float | None:
-    """Returns the UNIX time at which the clock of a boot read 0, s; None where the autopilot had no UTC.
+    """Returns the UNIX time at which the clock of a boot read 0, s; None if the autopilot had no UTC.
 
     It is the median over all messages SYSTEM_TIME of the boot.
 
@@ -298,7 +298,7 @@ def _separation_in_time(
 
 
 def _gap_by_utc(earlier: Recording, later: Recording) -> float | None:
-    """Returns the time by UTC from the end of a log to the beginning of the next, s; None where it is not known."""
+    """Returns the time by UTC from the end of a log to the beginning of the next, s; None if it is not known."""
     if earlier.utc_at_last_boot is None or later.utc_at_first_boot is None:
         return None
     return (later.utc_at_first_boot + later.start) - (earlier.utc_at_last_boot + earlier.end)

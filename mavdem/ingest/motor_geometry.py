@@ -65,7 +65,7 @@ def motor_geometry(
             driver, which fills a bank, from 1.
 
     Returns:
-        The geometry; None where no channel can be a motor's.
+        The geometry; None if no channel can be a motor's.
     """
     if autopilot == "PX4":
         wiring = _px4_wiring(parameters, moving_channels, bank_size)
@@ -153,7 +153,7 @@ X_QUAD_MOTORS = (1, 2, 3, 4)
 def _rotors_or_assumption(
     rotors: _Rotors, motors: tuple[int, ...]
 ) -> tuple[_Rotors, PositionSource]:
-    """Returns the rotors if the positions of all motors are known, else those of an X quadrotor, or none.
+    """Returns the rotors if the positions of all motors are known, otherwise those of an X quadrotor, or none.
 
     An X quadrotor, by far the most common frame, is assumed of every vehicle with the motors 1 to 4.
 
@@ -246,7 +246,7 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        The rotors on a circle of radius 1; none where the frame is not known.
+        The rotors on a circle of radius 1; none if the frame is not known.
     """
     frame_class = int(parameters.get("FRAME_CLASS", 0))
     frame_type = int(parameters.get("FRAME_TYPE", -1))
@@ -260,7 +260,7 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
 
 
 def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
-    """Returns the rotors of one of ArduPilot's frames; none where ``frames.toml`` does not have it.
+    """Returns the rotors of one of ArduPilot's frames; none if ``frames.toml`` does not have it.
 
     The table has a pair for each frame: the bearing of each motor, degrees, and a text with a sign for each motor, "+"
     for counterclockwise and "-" for clockwise.
@@ -399,7 +399,7 @@ def _matching_bank(
     moving_channels: Sequence[int],
     max_constant_share: float,
 ) -> int | None:
-    """Returns the first bank in which enough of a driver's motor outputs change; None where there is none.
+    """Returns the first bank in which enough of a driver's motor outputs change; None if there is none.
 
     Args:
         banks: Free banks, each as its number of channels before it.

@@ -169,17 +169,17 @@ class MotorGeometry:
     def mixer_row(self, axis: str) -> Array | None:
         """Computes how much each motor contributes to the torque about an axis, from the geometry alone.
 
-        Thrust acts upwards, so a motor on the left rolls the vehicle to the right (positive roll), and a motor in
-        front raises the nose (positive pitch). A propeller turns the vehicle against its own direction, so one that
-        turns counterclockwise yaws the nose to the right (positive yaw). On an X quadrotor the row of roll is
-        (left motors − right motors) / 4.
+        Thrust acts upwards, so a motor on the left rolls the vehicle to the right (positive roll), and a motor in front
+        raises the nose (positive pitch). A propeller turns the vehicle against its own direction, so one that turns
+        counterclockwise yaws the nose to the right (positive yaw). On an X quadrotor the row of roll is (left motors −
+        right motors) / 4.
 
         Args:
             axis: "roll", "pitch" or "yaw".
 
         Returns:
-            Weights (k,) of the k motors, whose magnitudes sum to 1; None where the geometry is not known, or no motor
-            acts on the axis.
+            Weights (k,) of the k motors, whose magnitudes sum to 1; None if the geometry is not known, or no motor acts
+            on the axis.
         """
         levers: Iterable[float]
         if axis == "roll":

@@ -157,7 +157,7 @@ class _Chain:
 
     Attributes:
         runs: the runs in the order of the file.
-        utc_at_boot: UTC at which its clock read 0, s; None where that is not known.
+        utc_at_boot: UTC at which its clock read 0, s; None if that is not known.
     """
 
     def __init__(self, run: _Run) -> None:
@@ -187,9 +187,9 @@ def blocks_of_other_recordings(
 ) -> list[LeftOutBlock]:
     """Finds the parts of a file whose messages are of another recording.
 
-    Messages are cut into runs where the clock goes back or jumps. Runs of which each continues the clock of another
-    are put together to chains. The chain with most messages is kept, and each further one that agrees with those kept:
-    it goes on in time, or is another boot of the same vehicle. All other runs are the blocks.
+    Messages are cut into runs where the clock goes back or jumps. Runs of which each continues the clock of another are
+    put together to chains. The chain with most messages is kept, and each further one that agrees with those kept: it
+    goes on in time, or is another boot of the same vehicle. All other runs are the blocks.
 
     Args:
         messages: The messages with a stamp.
@@ -198,7 +198,7 @@ def blocks_of_other_recordings(
         rules: What the clock may do.
 
     Returns:
-        The blocks in the order of the file; none where the clock never goes back, and UTC agrees with it.
+        The blocks in the order of the file; none if the clock never goes back, and UTC agrees with it.
     """
     positions, seconds, content = messages
     may_have_jumped = rules.max_utc_difference < inf and boots.disagree

@@ -166,7 +166,7 @@ def _pulse_range(
 ) -> Interval:
     """Returns the pulse widths at no and at full throttle, µs: the first range of the parameters that fits.
 
-    Where none fits, it is the autopilot's default or, for pulses of PX4 beyond that, up to the longest of any motor.
+    If none fits, it is the autopilot's default or, for pulses of PX4 beyond that, up to the longest of any motor.
 
     PX4's is that of its drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX; where they are 0, and in ArduCopter before
     3.4, which has neither, the motors' range is that of the radio's throttle channel.

@@ -33,7 +33,7 @@ def sys_status(topics: Topics) -> Fields:
         topics: The logged topics, by name and number of the instance; each battery is an instance of battery_status.
 
     Returns:
-        Columns (N,) with ``time``, s; empty where no battery was logged.
+        Columns (N,) with ``time``, s; empty if no battery was logged.
     """
     batteries = _batteries(topics)
     if not batteries:
@@ -88,8 +88,8 @@ def _battery_fields(battery: Columns) -> Fields:
 def _batteries(topics: Topics) -> dict[int, Columns]:
     """Returns the instances of battery_status while their battery is connected, by its number from 0.
 
-    The topic has the number as ``id``, from 1, of which 0 is that of no battery; else the number of the instance
-    counts. Where no instance was ever connected, as old versions and simulators report it, all of them are returned.
+    The topic has the number as ``id``, from 1, of which 0 is that of no battery; otherwise the number of the instance
+    counts. If no instance was ever connected, as old versions and simulators report it, all of them are returned.
 
     Args:
         topics: The logged topics, by name and number of the instance.

@@ -312,7 +312,7 @@ def renamed_message(topics: Topics, message: str) -> Fields:
         message: Name of MAVLink's message, a key of ``TRANSLATION_RULES``.
 
     Returns:
-        Columns (N,) with ``time``, s; empty where none of the topics was logged.
+        Columns (N,) with ``time``, s; empty if none of the topics was logged.
 
     Raises:
         KeyError: The topic lacks a field that the message must have.
@@ -430,7 +430,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     """Returns samples of a sensor before the autopilot's filters.
 
     A message of the FIFO topic, the sensor's own buffer, holds up to 32 of them, ``dt`` µs apart, the last at
-    ``timestamp_sample``, as integers that ``scale`` converts to the unit. Where the topic was not logged, the means in
+    ``timestamp_sample``, as integers that ``scale`` converts to the unit. If the topic was not logged, the means in
     sensor_combined are used.
 
     Args:
@@ -503,7 +503,7 @@ def motor_speeds(topics: Topics) -> Fields:
 def _is_online(topic: Columns, instance: int) -> Flags:
     """Returns flags (N,) of esc_status: whether a controller reports, by its flags or the number of controllers.
 
-    Where neither was logged, one that ever turns reports throughout.
+    If neither was logged, one that ever turns reports throughout.
 
     Args:
         topic: Columns (N,) of esc_status.
@@ -590,8 +590,8 @@ ARMED_STATE = 2
 def heartbeat(topics: Topics, vehicle_type: int) -> Fields:
     """Makes HEARTBEAT from the topic vehicle_status, as PX4's stream HEARTBEAT.hpp does.
 
-    Only the state is distinguished: CRITICAL in failsafe, else ACTIVE while the motors are armed, else STANDBY. Where
-    the field ``failsafe`` was not logged, the state is not known, and there is no column of it.
+    Only the state is distinguished: CRITICAL in failsafe, otherwise ACTIVE while the motors are armed, otherwise
+    STANDBY. Where the field ``failsafe`` was not logged, the state is not known, and there is no column of it.
 
     Args:
         topics: PX4's topics; vehicle_status has N messages.
@@ -628,7 +628,7 @@ def extended_sys_state(topics: Topics) -> Fields:
         topics: The logged topics, by name and number of the instance.
 
     Returns:
-        ``time`` (N,), s, and ``landed_state``, MAV_LANDED_STATE; empty where there was no land detector.
+        ``time`` (N,), s, and ``landed_state``, MAV_LANDED_STATE; empty if there was no land detector.
     """
     land_detector = first_instance(topics, "vehicle_land_detected")
     control_mode = first_instance(topics, "vehicle_control_mode")

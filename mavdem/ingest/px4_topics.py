@@ -30,7 +30,7 @@ SETPOINT_TOPICS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoin
 
 
 def first_instance(topics: Topics, name: str) -> Columns:
-    """Returns the instance of a topic with the lowest number; empty where there is none."""
+    """Returns the instance of a topic with the lowest number; empty if there is none."""
     instances = topics.get(name)
     return instances[min(instances)] if instances else {}
 

@@ -161,7 +161,7 @@ def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
         *arguments: Its arguments.
 
     Returns:
-        The columns; empty where a topic, or a field of it, was not logged.
+        The columns; empty if a topic, or a field of it, was not logged.
     """
     try:
         columns = maker(*arguments)
@@ -199,7 +199,7 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
         parameters: The autopilot's parameters by name.
 
     Returns:
-        MAV_TYPE; None where there is no source.
+        MAV_TYPE; None if there is no source.
     """
     status = first_instance(topics, "vehicle_status")
     candidates = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]

@@ -54,7 +54,7 @@ class RecordRuns:
         """Begins without any stretch.
 
         Args:
-            content: The file.
+            content: Bytes of the file.
             find_records: Function that returns what looks like records that begin from a first offset on and before
                 another one.
         """
@@ -89,7 +89,7 @@ class RecordRuns:
         return RecordRun(self._starts[row : last_row + 1], int(self._ends[last_row]))
 
     def forget_stretch(self) -> None:
-        """Has the file searched anew, since what looks like a record has changed with a definition."""
+        """Has the file searched again, since what looks like a record has changed with a definition."""
         self._stretch = slice(0, 0)
         self._stretch_bytes = MIN_STRETCH_BYTES
 

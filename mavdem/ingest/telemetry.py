@@ -67,16 +67,16 @@ class Telemetry(ImmutableResult):
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
         source: the file or link it came from.
         repairs: what was odd or damaged, and what was done about it (a wrap, a reboot, damage).
-        translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or
-            for ROS 2's topics "uXRCE-DDS" or "MAVROS"; else empty.
-        firmware: what the autopilot calls its firmware ("ArduCopter V4.4.4 (865cffa5)"); empty where the log does not.
+        translated_from: the source of messages that the autopilot did not send as MAVLink: "DataFlash", "ULog", or for
+            ROS 2's topics "uXRCE-DDS" or "MAVROS"; otherwise empty.
+        firmware: what the autopilot calls its firmware ("ArduCopter V4.4.4 (865cffa5)"); empty if the log does not.
         dropouts: how often the autopilot's own logger reports to have lost messages.
         source_names: what the source calls messages that were translated ("RCOU"), by their name here.
-        board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
-        hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty where the log has none.
+        board: the number of the autopilot's board, which no other has, in hexadecimal; empty if the log has none.
+        hardware: the kind of board, as its firmware calls it ("PX4_FMU_V5"); empty if the log has none.
         initial_parameters: the first values of those parameters that changed, by name.
         default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
-            gives; empty where it gives none.
+            gives; empty if it gives none.
     """
 
     system: int
@@ -349,7 +349,7 @@ def repair_facts(code: Repair, **figures: Any) -> Facts:
         figures: The fact's figures. ``count``, where there is one, is how often it was repaired.
 
     Returns:
-        One fact; none where ``count`` is 0.
+        One fact; none if ``count`` is 0.
     """
     if figures.get("count", 1) == 0:
         return ()

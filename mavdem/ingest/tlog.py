@@ -60,9 +60,8 @@ def read_tlog(path: PathName) -> Log:
 def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
-    In an undamaged log the 8 bytes before each frame are its stamp. Where the distance to the frame before is
-    different, some bytes are damaged, and the frame has no stamp. A file with hardly any frames for its size is
-    something else.
+    In an undamaged log the 8 bytes before each frame are its stamp. If the distance to the frame before is different,
+    some bytes are damaged, and the frame has no stamp. A file with hardly any frames for its size is something else.
 
     Args:
         path: The log, or an archive of it.
@@ -130,7 +129,7 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
     """Writes frames, each behind its receive stamp.
 
     Args:
-        file: Where to write.
+        file: Open file to write to.
         frames: Receive stamp, UNIX µs, and bytes of each frame.
 
     Returns:

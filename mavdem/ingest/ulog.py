@@ -194,7 +194,7 @@ def _parameter_values(settings: list[ParameterSetting]) -> Columns:
 
 
 def _mavlink_id(parameters: Parameters, name: str) -> int:
-    """Returns the MAVLink id that a parameter gives, 1 to 255; else PX4's default."""
+    """Returns the MAVLink id that a parameter gives, 1 to 255; otherwise PX4's default."""
     value = parameters.get(name, DEFAULT_ID)
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 

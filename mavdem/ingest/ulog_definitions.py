@@ -159,7 +159,7 @@ class RecordDefinitions:
     """The definitions of a ULog file that were read so far, and the records by their offsets.
 
     Attributes:
-        content: The file.
+        content: Bytes of the file.
         topics: Layout of the data records of each subscription, by its number, in the order of the file.
         instances: Number of the topic's instance that each subscription follows, by the subscription's number.
         lengths_by_number: The length that the header of a data record gives, by the number of its subscription
@@ -170,7 +170,7 @@ class RecordDefinitions:
         """Begins without any definition.
 
         Args:
-            content: The file.
+            content: Bytes of the file.
         """
         self.content = content
         self.topics: dict[int, TopicLayout] = {}
@@ -271,7 +271,7 @@ class RecordDefinitions:
         if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
             return Fit.DAMAGED
         if int.from_bytes(body[1:3], "little") in self.topics:
-            # Parsers would begin the topic anew and lose what came before.
+            # Parsers would begin the topic again and lose what came before.
             return Fit.UNUSED
         return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
@@ -352,7 +352,7 @@ class RecordDefinitions:
             name: Name of the message.
 
         Returns:
-            The layout; None where the definition is missing, contains one that is missing, contains itself, has a name
+            The layout; None if the definition is missing, contains one that is missing, contains itself, has a name
             twice, or has more than ``MAX_FIELDS`` numbers.
         """
         if name not in self._formats or not self._is_of_usual_size(name):
@@ -407,7 +407,7 @@ class RecordDefinitions:
             name: Name of the field; empty for a whole message.
 
         Returns:
-            A field for each number; None where a definition is missing.
+            A field for each number; None if a definition is missing.
         """
         if kind in NUMBER_BYTES:
             return [_Field(kind, 1, name)]

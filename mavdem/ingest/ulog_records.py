@@ -101,7 +101,7 @@ class SoundRecords:
     def sound_file(self) -> FileContent:
         """Returns a file with the records that are kept; ``content`` itself where nothing was left out.
 
-        The record with the flags is written anew: offsets of appended data in it would be wrong where records before
+        The record with the flags is written again: offsets of appended data in it would be wrong where records before
         them were left out.
         """
         first_record = FILE_HEADER_BYTES + len(self.flags)
@@ -143,7 +143,7 @@ class _RecordScan:
     """One pass over a ULog file that finds its records.
 
     Attributes:
-        content: The file.
+        content: Bytes of the file.
         loss: What was lost by damage so far.
         kept_parts: Parts of the file that are kept; the first one is the header of the file.
         offsets: Offsets of the records that are kept: 64-bit numbers, of which a long log has millions.
@@ -186,7 +186,7 @@ class _RecordScan:
             first_record: Offset behind the flags, where the other records begin.
 
         Returns:
-            The offsets; none where no data was appended, or where the flags are damaged.
+            The offsets; none if no data was appended, or where the flags are damaged.
         """
         if not self._flags:
             return []
@@ -335,7 +335,7 @@ class _RecordScan:
     def _damaged_place(self, position: int, end: int, recent: Sequence[int]) -> slice:
         """Finds what must be left out around a record that does not fit, and adds it to the loss.
 
-        The data record before it may be damaged too. Where bytes are missing, it contains the beginning of the next
+        The data record before it may be damaged too. If bytes are missing, it contains the beginning of the next
         record; where bytes were overwritten, nothing shows it. It is kept only if no more than the header of the record
         behind it is wrong.
 

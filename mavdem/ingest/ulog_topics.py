@@ -86,7 +86,7 @@ def _columns(
     """Decodes fields of one topic.
 
     Args:
-        content: The file.
+        content: Bytes of the file.
         body_offsets: Where the records (N,) begin behind the number of their subscription.
         layout: What the records look like.
         fields: The fields to decode.
@@ -123,7 +123,7 @@ def _integers_at(
     """Reads an integer at each of N offsets of a file (N,).
 
     Args:
-        content: The file.
+        content: Bytes of the file.
         offsets: Where the integers begin (N,).
         stored: Type of the integers.
     """

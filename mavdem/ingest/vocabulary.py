@@ -210,7 +210,7 @@ def board_number_in_texts(texts: Iterable[str]) -> str:
         texts: The texts of the log, in any order.
 
     Returns:
-        The number in hexadecimal, lower case; empty where no text has it.
+        The number in hexadecimal, lower case; empty if no text has it.
     """
     for text in texts:
         match = BOARD_TEXT.match(text.strip())
@@ -234,11 +234,11 @@ def board_number_in_bytes(uid2: bytes, in_words: bool) -> str:
 
     Args:
         uid2: The field uid2, 18 bytes.
-        in_words: Whether to return what ``board_number_in_texts`` returns for the same board, as ArduPilot's texts
-            have it: in words of four bytes, each the other way round.
+        in_words: Whether to return what ``board_number_in_texts`` returns for the same board, as ArduPilot's texts have
+            it: in words of four bytes, each the other way round.
 
     Returns:
-        The number in hexadecimal; empty where there is none.
+        The number in hexadecimal; empty if there is none.
     """
     bytes_in_use = sum(byte > 0 for byte in uid2)
     if bytes_in_use < MIN_NUMBER_BYTES:

@@ -49,7 +49,7 @@ class BootClock:
 
     A message whose stamp does not continue the clock is dropped. If the next attitude stamps continue from there, the
     clock has changed: it jumped ahead, or it went back. That is a reboot if it begins near zero, or if it can have
-    begun while nothing was received; else the messages are of another sender or another time.
+    begun while nothing was received; otherwise the messages are of another sender or another time.
 
     Attributes:
         now: the latest attitude stamp, s; NaN before any.
@@ -74,7 +74,7 @@ class BootClock:
         self._mean_step = MIN_RESET_STEP
 
     def place(self, message: Message, reception: float) -> TimedMessage | None:
-        """Returns the message with its time on the boot clock; None where it has none and is to be dropped.
+        """Returns the message with its time on the boot clock; None if it has none and is to be dropped.
 
         Only attitude moves the clock. It is frequent and stamped by the autopilot itself, while other stamps may be of
         other clocks. A message without a stamp gets the time of the message before it.
@@ -106,10 +106,10 @@ class BootClock:
             message: an attitude with a stamp, s, that wraps after ``wrap_period``, s.
 
         Returns:
-            The time, s of the boot clock; None where the stamp neither continues the clock nor shows yet that the clock
+            The time, s of the boot clock; None if the stamp neither continues the clock nor shows yet that the clock
             has changed.
         """
-        # The stamp's counter begins anew after its wrap period; one period is added for each wrap so far.
+        # The stamp's counter begins again after its wrap period; one period is added for each wrap so far.
         time = message.stamp
         if self._wraps:
             time += self._wraps * message.wrap_period
@@ -129,7 +129,7 @@ class BootClock:
             if not self._is_new_clock(stamps):
                 return None
             self._restart(stamps[0])
-        # The two attitude messages may wrap differently, so the wraps are counted anew from the time that was found.
+        # The two attitude messages may wrap differently, so the wraps are counted again from the time that was found.
         self._wraps = 0
         if isfinite(message.wrap_period):
             self._wraps = round((time - message.stamp) / message.wrap_period)
@@ -185,7 +185,7 @@ class BootClock:
         return stamps[-1] - first >= MAX_LATE_SECONDS
 
     def _restart(self, first_stamp: float) -> None:
-        """Starts the clock anew, and reports why: a reboot, a clock that was set back, or a jump ahead.
+        """Starts the clock again, and reports why: a reboot, a clock that was set back, or a jump ahead.
 
         After any step back the boot number increases, so that times before and after it are never compared. The step
         back is a reboot if the new clock begins near zero, or if it read 0 after the last message of the former clock:

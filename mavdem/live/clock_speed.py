@@ -64,7 +64,7 @@ class ClockSpeed:
 
         The speed is the time that passed on the vehicle's clock over the time that passed on this computer's, between
         the present reading and one about ``SPEED_WINDOW_SECONDS`` earlier. After a jump of the vehicle's clock, as at a
-        reboot, the measurement begins anew.
+        reboot, the measurement begins again.
 
         Args:
             now: s of this computer's monotonic clock.

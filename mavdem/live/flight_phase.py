@@ -106,7 +106,7 @@ class FlightPhase:
         return self.is_in_air or (self.is_flying and self._free_climb_start < inf)
 
     def settled_start(self, now: float) -> float | None:
-        """Returns the time since which the flight is settled, s; None where it is not settled ``now``, s."""
+        """Returns the time since which the flight is settled, s; None if it is not settled ``now``, s."""
         return self._settled_start if self.is_settled(now) else None
 
     def pop_landing_time(self) -> float | None:
@@ -126,7 +126,7 @@ class FlightPhase:
         Args:
             now: time of the review.
             vehicle: identity and parameters.
-            collective: mean of the motors in the last seconds, as a share of their range; None where it is unknown.
+            collective: mean of the motors in the last seconds, as a share of their range; None if it is unknown.
         """
         boot = self._recent.boot
         telemetry = self._recent_telemetry(now, vehicle)
@@ -142,7 +142,7 @@ class FlightPhase:
             self._airborne_since = present_flight[0]
         self.is_flying = present_flight is not None
         has_states = signals.landed_state is not None or collective is not None
-        # Where no message says whether the vehicle is armed, it counts as armed all the time.
+        # If no message says whether the vehicle is armed, it counts as armed all the time.
         self._is_known = has_states or armed != [(-inf, inf)]
 
         in_air = phases.landed_state_intervals(signals, boot, (IN_AIR,))
@@ -174,7 +174,7 @@ class FlightPhase:
         """Returns the vehicle with the last seconds of the messages that show the phase, in the form that a log has.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             vehicle: identity and parameters.
         """
         # Two intervals, so that at least one report is there wherever they come at all.
@@ -190,8 +190,8 @@ class FlightPhase:
         shows a landing, and descents are ignored.
 
         Args:
-            now: s of the boot clock.
-            climb_rate: upward speed of the last seconds, m/s; None where none comes. Its centred mean is known only
+            now: present time on the boot clock, s.
+            climb_rate: upward speed of the last seconds, m/s; None if none comes. Its centred mean is known only
                 ``AVERAGING_DELAY`` later.
         """
         averaged_end = now if climb_rate is None else now - AVERAGING_DELAY
@@ -217,7 +217,7 @@ class FlightPhase:
         first climbed, which lets learning begin some seconds before settled flight does. A descent resets this.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             climb_rate: upward speed of the last seconds, m/s; without it nothing shows a free climb.
         """
         if not self.is_flying or climb_rate is None:
@@ -266,8 +266,8 @@ def _end_of_validity(landed_state: TimeSeries | None, now: float) -> float:
     """Returns the time until which the latest report of the landed state counts, s of the boot clock.
 
     Args:
-        landed_state: the reports of the last seconds; None where none came.
-        now: s of the boot clock.
+        landed_state: the reports of the last seconds; None if none came.
+        now: present time on the boot clock, s.
 
     Returns:
         ``MAX_REPORT_INTERVAL`` after the report; minus infinity if that has passed, or the report says "undefined".
@@ -286,8 +286,8 @@ def _repeated_until(now: float, landed_state: TimeSeries | None) -> TimeSeries |
     not come yet, and without the repetition the present state would be unknown.
 
     Args:
-        now: s of the boot clock.
-        landed_state: the reports of the last seconds; None where none came.
+        now: present time on the boot clock, s.
+        landed_state: the reports of the last seconds; None if none came.
 
     Returns:
         The reports as they are if the latest one is older than ``MAX_REPORT_INTERVAL``.

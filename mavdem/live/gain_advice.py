@@ -81,7 +81,7 @@ class GainAdviser:
             is_at_end: whether the session ends.
 
         Returns:
-            The advice, once, when it is ready; the fact that it is put off; else nothing.
+            The advice, once, when it is ready; the fact that it is put off; otherwise nothing.
         """
         if self.is_due:
             # It is that of an earlier flight.
@@ -222,7 +222,7 @@ def _new_stem(recording: Path, endings: list[str]) -> str:
 
     Args:
         recording: path of the recording. Its ending is replaced by ``.gains``.
-        endings: endings of the files. Where one of them exists already, a number is appended to the path.
+        endings: endings of the files. If one of them exists already, a number is appended to the path.
     """
     first_stem = str(recording.with_suffix(".gains"))
     stem = first_stem

@@ -69,7 +69,7 @@ class GustDetector:
         """Adds an estimate, and returns the gusts that have ended since the last search.
 
         Gusts stand out from a running median (``detect_gusts``), so the search begins once the torque is known for two
-        of its widths, and is repeated every ``SEARCH_PERIOD`` on the last minute. Where the torque is unknown, as for a
+        of its widths, and is repeated every ``SEARCH_PERIOD`` on the last minute. If the torque is unknown, as for a
         while after a motor has changed, the earlier torque is forgotten: it is no level that later torques could be
         compared with.
 

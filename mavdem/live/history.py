@@ -123,8 +123,8 @@ class _ErrorSums:
 class LiveHistory:
     """The events and signals of a live flight on one timeline, and the errors of its predictions, in bounded memory.
 
-    Its timeline is the boot clock of the vehicle's first boot, in seconds. Where the vehicle reboots and its
-    clock begins anew, the timeline goes on: it is ``timeline_offset`` seconds ahead of the present boot's clock.
+    Its timeline is the boot clock of the vehicle's first boot, in seconds. If the vehicle reboots and its clock begins
+    again, the timeline goes on: it is ``timeline_offset`` seconds ahead of the present boot's clock.
 
     Attributes:
         now: latest time of the timeline, s; NaN before any.
@@ -156,12 +156,12 @@ class LiveHistory:
     def advance(self, time: float, boot: int) -> None:
         """Advances the timeline to a time of the vehicle's clock; it never goes back.
 
-        After a reboot the clock begins anew. The timeline then goes on ``GAP_SECONDS`` after where it was, so that
+        After a reboot the clock begins again. The timeline then goes on ``GAP_SECONDS`` after where it was, so that
         events of two boots keep their order.
 
         Args:
             time: s of the boot clock; NaN, a time that is not known yet, does not move a timeline that has begun.
-            boot: number of the boot; with another one the clock has begun anew, and the timeline goes on.
+            boot: number of the boot; with another one the clock has begun again, and the timeline goes on.
         """
         if boot != self._boot:
             self._boot = boot

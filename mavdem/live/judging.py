@@ -34,7 +34,7 @@ class ModelJudging:
 
         Args:
             executor: where models are judged in flight; None to judge at the end only.
-            recording_name: the log that shows more; empty where it is known later, None without one.
+            recording_name: the log that shows more; empty if it is known later, None without one.
         """
         self.findings: Findings | None = None
         self.judgement: Judgement | None = None
@@ -111,8 +111,8 @@ class ModelJudging:
             alarms: changes of the motors' balance.
 
         Returns:
-            The model to show. Where a limit cycle or a weak motor caused the torque that was estimated as the wind's,
-            it is marked so.
+            The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, it
+            is marked so.
         """
         with suppress(ValueError):
             if (

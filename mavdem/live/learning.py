@@ -101,7 +101,7 @@ class FlightLearning:
 
         With the same motors and time step the learner goes on, across the gap between the segments. With others its
         matrices no longer fit, and a new one begins. It starts from the model of an earlier flight (``prior``), if that
-        has inputs in the same unit. Where the positions of the motors are known, it also gets the directions of their
+        has inputs in the same unit. If the positions of the motors are known, it also gets the directions of their
         effects. Kept models of another boot are dated minus infinity: a landing of this boot never withdraws them.
 
         Args:
@@ -164,10 +164,10 @@ class FlightLearning:
 
         Args:
             row: the row.
-            weak_since: time since which a motor has lost thrust, s of the boot clock; None where all are sound.
+            weak_since: time since which a motor has lost thrust, s of the boot clock; None if all are sound.
 
         Returns:
-            The learner's estimate; None where it cannot use the row.
+            The learner's estimate; None if it cannot use the row.
         """
         learner = self.learner
         assert learner is not None
@@ -208,7 +208,7 @@ class FlightLearning:
         Unexpected motion is reported when it begins, not with each of its samples.
 
         Args:
-            estimate: estimate of the row; None where it was not learned from.
+            estimate: estimate of the row; None if it was not learned from.
         """
         if estimate is None:
             self.unlearned_rows += 1

@@ -47,7 +47,7 @@ class Milestones:
 
         Args:
             learning: has the latest model.
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             takeoff_time: when the vehicle left the ground, s of that clock; minus infinity where that was not seen.
         """
         learner = learning.learner
@@ -73,7 +73,7 @@ class Milestones:
         Args:
             learning: has the latest estimates.
             status: status of the session, with the judgement of the model and the wind.
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
         """
         physical = _latest_physical(learning)
         if physical is not None and physical.identifiable and not self._has_parameters:
@@ -93,9 +93,9 @@ class Milestones:
         Args:
             learning: has the latest estimates.
             status: status of the session, with the judgement of the final model and the wind.
-            now: s of the boot clock.
-            model: the final model, whose parameters are fitted where there was no time for that in flight; None
-                without one.
+            now: present time on the boot clock, s.
+            model: the final model, whose parameters are fitted where there was no time for that in flight; None without
+                one.
         """
         physical = _latest_physical(learning)
         if physical is None and model is not None:
@@ -116,7 +116,7 @@ class Milestones:
         Args:
             learning: counts the rows that were learned from, and has the unit of the inputs.
             status: status of the session, with the judgement of the model and the wind.
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             physical: the latest physical parameters; None without any.
         """
         if learning.learned_rows <= self._reported_rows:

@@ -37,18 +37,18 @@ class MotorAlarms:
         self._obstacle: Fact | None = None
 
     def restart(self) -> None:
-        """Forgets what is active, at a reboot, after which the clock begins anew; the latest changes stay."""
+        """Forgets what is active, at a reboot, after which the clock begins again; the latest changes stay."""
         self.active = ()
         self.change_time = nan
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Returns the reason why a motor that weakens would not be detected now, as a fact; None where it would.
+        """Returns the reason why a motor that weakens would not be detected now, as a fact; None if it would.
 
         The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of
         ``REFERENCE_SECONDS`` to compare with.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             is_flying: whether the vehicle is airborne.
         """
         if not is_flying:
@@ -89,7 +89,7 @@ class MotorAlarms:
         if self.has_landed:
             self.active = ()
             self.has_landed = False
-        # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins anew.
+        # Balances of other motors, or on another range of the outputs, cannot be compared: detection begins again.
         watched_motors = (boot, motors.geometry, motors.scale.low, motors.scale.high)
         if self._watch is None or watched_motors != self._watched_motors:
             self._watch = MotorLossDetector(motors.geometry, boot)
@@ -99,7 +99,7 @@ class MotorAlarms:
             self.latest.append(change)
             if change.motor is not None:
                 self.change_time = change.since
-                # Where no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
+                # If no motor is weak any more, the change is a recovery, which is shown in the place of alarms.
                 weak_motors = list(self._watch.weak_motors.values()) or [change]
                 self.active = tuple(alarm.event for alarm in weak_motors)
             facts.append(change.event)

@@ -47,7 +47,7 @@ class MotorInputs:
 
     @property
     def collective(self) -> TimeSeries | None:
-        """Mean of the motors as a share of their range in the last seconds; None where no outputs came."""
+        """Mean of the motors as a share of their range in the last seconds; None if no outputs came."""
         return self.motors.collective if len(self.motors.time) else None
 
     @cached_property
@@ -82,7 +82,7 @@ class InputSelector:
 
         Args:
             streams: samples by message and port.
-            present_message: the message to stay with, as within a segment of rows; None where any may be selected.
+            present_message: the message to stay with, as within a segment of rows; None if any may be selected.
         """
         messages: dict[str, Fields] = {}
         for (name, port), stream in sorted(streams.items()):
@@ -110,7 +110,7 @@ class InputSelector:
             now: s of the boot clock; of the outputs only the last ``MEMORY_SECONDS`` are returned.
 
         Returns:
-            The inputs; None where no motors are found.
+            The inputs; None if no motors are found.
         """
         motors = Signals(replace(vehicle, messages=messages)).motors
         if motors is None:
@@ -151,7 +151,7 @@ class InputSelector:
 
         Returns:
             ``time`` (R,), s of the boot clock, ``boot`` (R,) and the outputs: one column (R, channels) where the
-            message has an array of them, else a column (R,) for each channel, and ``port`` (R,).
+            message has an array of them, otherwise a column (R,) for each channel, and ``port`` (R,).
         """
         # Every ``stride``-th sample is used, so that at most ``MAX_USED_SAMPLES`` are.
         stride = 1 + len(stream.time) // MAX_USED_SAMPLES

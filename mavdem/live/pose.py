@@ -51,7 +51,7 @@ class PoseTracker:
         self._position: Numbers = ()
 
     def restart(self) -> None:
-        """Forgets setpoint and position, at a reboot, after which the clock begins anew."""
+        """Forgets setpoint and position, at a reboot, after which the clock begins again."""
         self._setpoint_time = -inf
         self._position_time = -inf
 
@@ -59,7 +59,7 @@ class PoseTracker:
         """Stores the latest position, which the next attitudes get; one that is not finite is ignored.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             position: north, east and down, m.
         """
         if all(map(isfinite, position)):
@@ -70,7 +70,7 @@ class PoseTracker:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             setpoint: roll and pitch, rad; NaN where none is set.
         """
         self._setpoint_time = time
@@ -84,7 +84,7 @@ class PoseTracker:
         ``MAX_SETPOINT_AGE`` is unknown. Without one, every upright attitude counts as steady.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             sample: angles and body rates.
         """
         has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE

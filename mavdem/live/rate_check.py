@@ -47,12 +47,12 @@ class RateCheck:
 
         Args:
             vehicle_type: name of the MAV_TYPE.
-            attitude_message: name of the message that attitude is read from; None where none comes.
-            motor_message: name of the message of the model's inputs; None where they are not chosen.
+            attitude_message: name of the message that attitude is read from; None if none comes.
+            motor_message: name of the message of the model's inputs; None if they are not chosen.
             rates: Hz by message name.
 
         Returns:
-            Why there are no rows; None where nothing is missing.
+            Why there are no rows; None if nothing is missing.
         """
         obstacle = self._obstacle(vehicle_type, attitude_message, motor_message, rates)
         is_sufficient = obstacle is None
@@ -77,12 +77,12 @@ class RateCheck:
 
         Args:
             vehicle_type: name of the MAV_TYPE.
-            attitude_message: name of the message that attitude is read from; None where none comes.
-            motor_message: name of the message of the model's inputs; None where they are not chosen.
+            attitude_message: name of the message that attitude is read from; None if none comes.
+            motor_message: name of the message of the model's inputs; None if they are not chosen.
             rates: Hz by message name, of all messages of attitude and motor outputs that come.
 
         Returns:
-            The reason; None where nothing is missing.
+            The reason; None if nothing is missing.
         """
         if vehicle_type not in POSSIBLE_MULTIROTORS:
             return Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=vehicle_type, axis=self._axis)

@@ -55,7 +55,7 @@ class RateNegotiation:
         It is called with each step of the session. Some links (``udpout``) stay silent until they have received
         something, hence the greeting. The vehicle's replies must be taken before the next frames are made, which depend
         on them. Nothing is sent while the link is lost or silent, or the analysis is late: measured rates would be
-        wrong, and their measurement begins anew afterwards.
+        wrong, and their measurement begins again afterwards.
 
         Args:
             now: until when all that arrived is analysed, s of the monotonic clock.

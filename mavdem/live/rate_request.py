@@ -200,8 +200,8 @@ class RateRequest:
 
     Each interval is asked for, and then set until the message comes as fast as requested, at most ``MAX_TRIES`` times;
     whatever rate then comes is enough. A message that becomes much slower later, after a reboot or by another ground
-    station, is set again, at most every ``REPEAT_SECONDS``. Where the vehicle never reports an interval, the one that
-    was measured before is restored. Parameters are requested by name until they come, at most ``MAX_TRIES`` times.
+    station, is set again, at most every ``REPEAT_SECONDS``. If the vehicle never reports an interval, the one that was
+    measured before is restored. Parameters are requested by name until they come, at most ``MAX_TRIES`` times.
 
     Attributes:
         events: facts to report since the last call of ``drain_events``.
@@ -330,7 +330,7 @@ class RateRequest:
         A setting is one command MAV_CMD_SET_MESSAGE_INTERVAL: the vehicle shall send this message every so many µs. The
         measured rate decides what happens, in this order:
 
-        1. Fast enough (``needed_rate``): nothing is sent, and the count of settings begins anew.
+        1. Fast enough (``needed_rate``): nothing is sent, and the count of settings begins again.
         2. Set a short while ago: nothing is sent, because the measured rate is a mean over some seconds and has not
            followed the setting yet.
         3. Set ``MAX_TRIES`` times in vain: the link or the vehicle cannot do more. That is reported, and the present
@@ -340,8 +340,8 @@ class RateRequest:
 
         Args:
             interval: the message, and what became of its earlier settings; it is updated. Of its fields,
-                ``may_have_changed`` says that a setting was sent and not refused, and ``was_reached`` that the rate
-                was enough afterwards.
+                ``may_have_changed`` says that a setting was sent and not refused, and ``was_reached`` that the rate was
+                enough afterwards.
             now: s of a monotonic clock.
             rate: measured rate of the message, Hz; 0 where none came.
 

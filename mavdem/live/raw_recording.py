@@ -28,7 +28,7 @@ class RawRecording:
         """Creates the file.
 
         Args:
-            path: path of the file, an MCAP if it ends so, else a tlog.
+            path: path of the file, an MCAP if it ends so, otherwise a tlog.
 
         Raises:
             Unreadable: the file exists, or cannot be created.

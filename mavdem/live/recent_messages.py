@@ -42,7 +42,7 @@ class RecentMessages:
 
         Args:
             name: name of the message.
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             values: values of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])

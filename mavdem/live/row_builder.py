@@ -50,9 +50,9 @@ class RowBuilder:
         self.restart(0, phase)
 
     def restart(self, boot: int, phase: FlightPhase) -> None:
-        """Forgets the samples, at a reboot, after which the clock begins anew; the format of the latest rows stays.
+        """Forgets the samples, at a reboot, after which the clock begins again; the format of the latest rows stays.
 
-        The choice of messages and motors is forgotten, too: it is made anew by the samples of this boot.
+        The choice of messages and motors is forgotten, too: it is made again by the samples of this boot.
 
         Args:
             boot: number of the boot.
@@ -109,11 +109,11 @@ class RowBuilder:
         Args:
             name: name of the message.
             port: its port; 0 of attitude.
-            time: s of the boot clock.
-            values: outputs, or roll, pitch, rad, and their body rates, rad/s; None where they cannot be used.
+            time: time on the boot clock, s.
+            values: outputs, or roll, pitch, rad, and their body rates, rad/s; None if they cannot be used.
 
         Returns:
-            The stream, if the sample was added and rows may be made of it; else None.
+            The stream, if the sample was added and rows may be made of it; otherwise None.
         """
         stream = self._streams.get((name, port))
         if stream is None:
@@ -169,7 +169,7 @@ class RowBuilder:
         """Ends the segment where the latest sample of a stream follows a gap, or shows that its rate has changed.
 
         Either is reported. After a gap the next segment has the same time step, so that the learner goes on. After a
-        change of the rate the step is decided anew.
+        change of the rate the step is decided again.
 
         Args:
             name: name of the stream's message.
@@ -201,7 +201,7 @@ class RowBuilder:
 
         A segment is a series of rows on one uniform time grid, without a gap. The format of its rows is the time step,
         s, the messages that they are made of, and the motors whose outputs are their inputs. Most segments have the
-        same format as the one before. Where the order of the motors is only assumed, that is reported too, since the
+        same format as the one before. If the order of the motors is only assumed, that is reported too, since the
         directions of their torques depend on it.
 
         Args:
@@ -270,7 +270,7 @@ class RowBuilder:
         (``preferred_message``). When none comes any more, the former choice stays.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
         """
         if self._grid.is_running:
             return
@@ -297,7 +297,7 @@ class RowBuilder:
         Args:
             messages: what ``candidate_messages`` returned, by message name.
             vehicle: identity and parameters.
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
         """
         inputs = self._selector.select(messages, vehicle, now)
         if inputs is None:

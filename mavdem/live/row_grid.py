@@ -99,7 +99,7 @@ class RowGrid:
         """Ends the segment: until the next one begins, no points are completed.
 
         Args:
-            forget_step: whether the time step is decided anew for the next segment; else it stays.
+            forget_step: whether the time step is decided again for the next segment; otherwise it stays.
         """
         self.is_running = False
         self._next_attempt_time = -inf
@@ -107,7 +107,7 @@ class RowGrid:
             self.dt = None
 
     def restart(self) -> None:
-        """Ends the segment at a reboot, whose clock begins anew; numbers of segments and former steps stay."""
+        """Ends the segment at a reboot, whose clock begins again; numbers of segments and former steps stay."""
         self.end(forget_step=True)
         self._latest_time = -inf
         self._rate_change_time = -inf
@@ -169,8 +169,8 @@ class RowGrid:
     ) -> float | None:
         """Decides the time step of the grid by the rates of the streams, as for a log.
 
-        The decision is put off in two cases. Where a stream is slower than ``MIN_STREAM_RATE``, the next attempt is
-        made after ``RETRY_SECONDS``. Where a rate changes within these seconds, only later samples decide. A change is
+        The decision is put off in two cases. If a stream is slower than ``MIN_STREAM_RATE``, the next attempt is made
+        after ``RETRY_SECONDS``. If a rate changes within these seconds, only later samples decide. A change is
         recognised by the numbers of samples in ``RATE_BINS`` equal parts of these seconds.
 
         Args:
@@ -179,7 +179,7 @@ class RowGrid:
             end_time: upper limit, s.
 
         Returns:
-            The step, s; None where the decision is put off.
+            The step, s; None if the decision is put off.
         """
         rates = tuple(resampling.mean_rate(time) for time in times)
         if min(rates) < MIN_STREAM_RATE:
@@ -201,7 +201,7 @@ class RowGrid:
         can only go on with rows of the same one.
 
         Args:
-            step: measured step, s. Where no earlier one is near it, it is noted for later segments.
+            step: measured step, s. If no earlier one is near it, it is noted for later segments.
 
         Returns:
             The earlier step, s, or else the measured one.
@@ -248,8 +248,8 @@ class RowGrid:
             stream: a stream; its rate now is that since the last gap, over ``DECISION_SECONDS`` at most.
 
         Returns:
-            The rate by which the step was decided, Hz; None where the present one differs by less than
-            ``MAX_STEP_RATIO``, or is not known yet.
+            The rate by which the step was decided, Hz; None if the present one differs by less than ``MAX_STEP_RATIO``,
+            or is not known yet.
         """
         if not self.is_running or stream not in self._streams:
             return None
@@ -286,7 +286,7 @@ def value_at(
 ) -> Numbers | None:
     """Returns the values of a stream at a point of the grid.
 
-    A stream whose samples lie on the grid gives the sample at the point. Where that one is lost, and for other streams,
+    A stream whose samples lie on the grid gives the sample at the point. If that one is lost, and for other streams,
     the value is interpolated or low-passed, for which samples must have come as far beyond the point as the
     interpolation or the filter reaches.
 

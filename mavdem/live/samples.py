@@ -29,7 +29,7 @@ class SampleStream:
     Attributes:
         time: stamps, s of the boot clock, ascending.
         values: the values of each stamp.
-        gap: step before the latest sample, s, if it is longer than ``MAX_GAP_SECONDS``; else 0.
+        gap: step before the latest sample, s, if it is longer than ``MAX_GAP_SECONDS``; otherwise 0.
         added_count: number of samples so far.
         late_count: number of samples that were dropped, since they came after the row they belong to.
         completed_time: rows up to this time are complete, s; samples before it are late.
@@ -134,10 +134,10 @@ class SampleStream:
         """Returns the values of the sample at a time, or of the nearest one within the resolution of stamps.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
 
         Returns:
-            The values; None where no stamp is as near as ``STAMP_RESOLUTION``. Of two equally near samples it is the
+            The values; None if no stamp is as near as ``STAMP_RESOLUTION``. Of two equally near samples it is the
             earlier one.
         """
         next_row = bisect_left(self.time, time)
@@ -160,7 +160,7 @@ class SampleStream:
         A single weight of 1 at offset 0 is plain interpolation. Samples from before the last gap are not used.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             weights: (L,) weight of each tap.
             offsets: (L,) time of each tap relative to ``time``, ascending, s.
 

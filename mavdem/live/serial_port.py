@@ -35,7 +35,7 @@ class SerialPort(Protocol):
         """Waits until bytes have come, or for ``timeout`` seconds, and returns whether they have."""
 
     def read(self) -> bytes:
-        """Returns the bytes that have come; none where the port has hung up.
+        """Returns the bytes that have come; none if the port has hung up.
 
         Raises:
             BlockingIOError: nothing has come.

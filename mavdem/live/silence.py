@@ -62,15 +62,15 @@ class SilenceMonitor:
 
         Two things may be missing: all messages, as when the radio is lost; or only the motion, that is attitude and
         motor outputs, while slow messages such as HEARTBEAT go on. All messages are tested first, since without them
-        the motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts
-        say what the vehicle does not send.
+        the motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts say
+        what the vehicle does not send.
 
         Args:
             now: time up to which every received byte has been analysed, s of the monotonic clock. It is not the present
                 time: while the analysis lags behind, messages that wait for it must not count as missing.
 
         Returns:
-            The fact NOTHING_RECEIVED, with what is missing and the duration, s; None where nothing is missing.
+            The fact NOTHING_RECEIVED, with what is missing and the duration, s; None if nothing is missing.
         """
         silent_since = now - SILENCE_SECONDS
         has_had_motion = self._sample_count > 0
@@ -92,7 +92,7 @@ def resumption(missing: Missing, silence: float) -> Fact | None:
         silence: for how long, s; infinite where nothing had ever come.
 
     Returns:
-        The fact; None where the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.
+        The fact; None if the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.
     """
     if silence <= SILENCE_SECONDS or silence == inf:
         return None

@@ -365,7 +365,7 @@ class LiveStream:
 
         Args:
             message: an ATTITUDE or ATTITUDE_QUATERNION.
-            time: s of the boot clock.
+            time: time on the boot clock, s.
 
         Returns:
             The rows that it completes.

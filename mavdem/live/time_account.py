@@ -33,7 +33,7 @@ class AccountedState:
     def kind_at(self, now: float) -> Spent:
         """Returns what time is spent on that is not learned from: the most basic thing that is missing.
 
-        In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. Where none of the
+        In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. If none of the
         first four is missing and the vehicle does not fly, it is time on the ground.
 
         Args:

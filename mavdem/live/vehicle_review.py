@@ -67,7 +67,7 @@ class VehicleReview:
         self.restart(0)
 
     def restart(self, boot: int) -> None:
-        """Forgets messages, phase and alarms, at a reboot, after which the clock begins anew.
+        """Forgets messages, phase and alarms, at a reboot, after which the clock begins again.
 
         What is left of the present review is dropped, too: it would judge the former boot by the new one's times.
 
@@ -98,8 +98,8 @@ class VehicleReview:
         times depend on the boot clock alone, so that a recorded flight gives the same reviews.
 
         Args:
-            now: s of the boot clock.
-            rows: builds the rows of the vehicle.
+            now: present time on the boot clock, s.
+            rows: builder of the vehicle's rows.
         """
         self._message_time = now
         # Reviews begin where the clock enters another period, whenever the last one began.
@@ -117,7 +117,7 @@ class VehicleReview:
         """Does the next part of the review, which may queue others.
 
         Args:
-            rows: builds the rows of the vehicle.
+            rows: builder of the vehicle's rows.
         """
         do_part = self._pending_parts.popleft()
         do_part(rows)
@@ -129,7 +129,7 @@ class VehicleReview:
         needs the phase and the motion. Choosing inputs is a part of its own, which ``_choose_messages`` adds.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
         """
         # After a pause of the link, rates are unknown as at the beginning. Before the first review, the time of the
         # last one is minus infinity, so that the first one begins a connection too.
@@ -173,11 +173,11 @@ class VehicleReview:
         so it is put first in the queue as the next part (``_choose_inputs``).
 
         Parameters arrive during the flight, and tell more with each review which channel drives which motor, and how
-        large the vehicle's drag is. So they are taken anew each time. A vehicle that cannot be a multirotor, such as a
+        large the vehicle's drag is. So they are taken again each time. A vehicle that cannot be a multirotor, such as a
         plane, gets no inputs, and so no rows.
 
         Args:
-            rows: builds the rows of the vehicle.
+            rows: builder of the vehicle's rows.
         """
         rows.choose_attitude_message(self._review_time)
         vehicle = self._vehicle
@@ -194,7 +194,7 @@ class VehicleReview:
         """Does the part of a review that chooses the motors' outputs among the candidate messages.
 
         Args:
-            rows: builds the rows of the vehicle.
+            rows: builder of the vehicle's rows.
         """
         rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._message_time)
 
@@ -210,10 +210,10 @@ class VehicleReview:
            idle, and the vehicle is on the ground.
         3. The phase of flight is decided by the vehicle's messages and by the collective, the mean of all motor outputs
            as a share of their range.
-        4. At a take-off the estimates of the wind begin anew, since each flight has its own wind.
+        4. At a take-off the estimates of the wind begin again, since each flight has its own wind.
 
         Args:
-            rows: builds the rows of the vehicle.
+            rows: builder of the vehicle's rows.
         """
         now = self._review_time
         # For how long reviews have followed each other without a pause.

@@ -141,15 +141,15 @@ class Watchdog:
     ) -> list[Fact]:
         """Begins a review: notes the phase of flight, collects the messages so far, and finds new reports in them.
 
-        Every ``THOROUGH_PERIOD`` a review is thorough: all is judged anew. In between only messages that cannot wait
+        Every ``THOROUGH_PERIOD`` a review is thorough: all is judged again. In between only messages that cannot wait
         are looked at, and only where one of them has changed.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             vehicle: identity and parameters, without messages.
             is_flying: whether it is airborne and armed.
-            settled_start: since when the flight is settled, s; None where it is not. Vibration is judged of settled
-                flight only, since a touch-down shakes the vehicle too.
+            settled_start: since when the flight is settled, s; None if it is not. Vibration is judged of settled flight
+                only, since a touch-down shakes the vehicle too.
 
         Returns:
             What the autopilot has reported since the last review.
@@ -187,7 +187,7 @@ class Watchdog:
         The states are kept as a log has them, a time and a state each, since the functions that judge a log take them.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
             state: ``IN_AIR`` or ``ON_GROUND``.
         """
         former_state = self._states[-1][1] if self._states else state
@@ -217,7 +217,7 @@ class Watchdog:
         """Ends a review: judges the motion in flight, and compares all findings with the alarms that are active.
 
         Args:
-            motion: attitude and motor outputs of the last seconds; None where they do not come.
+            motion: attitude and motor outputs of the last seconds; None if they do not come.
 
         Returns:
             Alarms that begin, become worse, or are over.
@@ -245,7 +245,7 @@ class Watchdog:
             vehicle: identity and parameters.
             now: time of the review, s of the boot clock; until then the latest phase lasts.
             start_time: messages before it are left out, s.
-            settled: intervals of settled flight, s; None where they are not needed.
+            settled: intervals of settled flight, s; None if they are not needed.
         """
         columns = self._recent.columns(STATUS_MESSAGES, start_time)
         # The names of flight modes come once, when a ground station asks for them.
@@ -369,7 +369,7 @@ class Watchdog:
 
         Args:
             review: what is known of the vehicle at this review.
-            motion: the motion of the last minute; None where too little was received.
+            motion: the motion of the last minute; None if too little was received.
         """
         obstacles = self._message_obstacles(review.now, motion)
         for kind in Watched:
@@ -389,8 +389,8 @@ class Watchdog:
         ``MEMORY_SECONDS``.
 
         Args:
-            now: s of the boot clock.
-            motion: attitude and motor outputs of the last seconds; None where they do not come.
+            now: present time on the boot clock, s.
+            motion: attitude and motor outputs of the last seconds; None if they do not come.
 
         Returns:
             For each thing that cannot be watched, the fact that names the missing or slow message; things that can be
@@ -422,7 +422,7 @@ class Watchdog:
         A loss is an alarm of its own, which outranks this.
 
         Args:
-            now: s of the boot clock.
+            now: present time on the boot clock, s.
         """
         self.worst_lights.setdefault(str(Light.MOTORS), Fact(InFlight.NO_LOSS_FOUND, clock=now))
 
@@ -434,8 +434,8 @@ class Watchdog:
 
         Args:
             kind: what is watched.
-            obstacle: why it is not; None where it is.
-            now: s of the boot clock.
+            obstacle: why it is not; None if it is.
+            now: present time on the boot clock, s.
         """
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
         noted = self.watch_facts.get(kind)

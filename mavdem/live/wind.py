@@ -181,9 +181,9 @@ class WindEstimate:
     def light(self) -> Fact:
         """The fact for the wind's light in the judgement of a flight, where this estimate is the flight's mean wind.
 
-        Wind is estimated by the vehicle's drag: how strongly the air pushes it at a speed. Where the drag is known too
-        badly to tell the speed, the light says that the wind is not known, and why. Else it gives the speed with its
-        90 % interval, m/s, and the direction that the wind comes from, degrees; None where that is not known.
+        Wind is estimated by the vehicle's drag: how strongly the air pushes it at a speed. If the drag is known too
+        badly to tell the speed, the light says that the wind is not known, and why. Else it gives the speed with its 90
+        % interval, m/s, and the direction that the wind comes from, degrees; None if that is not known.
         """
         # The first fact is on the speed; a second one, on the direction, is there only where that is known.
         facts = self.facts
@@ -226,7 +226,7 @@ class LiveWind:
     """Estimates the wind of a live flight step by step, by Kalman filters of the airflow that run side by side.
 
     Attributes:
-        earlier_drag: drag of the vehicle from an earlier flight; None where there is none.
+        earlier_drag: drag of the vehicle from an earlier flight; None if there is none.
         parameter_drag: drag by the autopilot's parameters, or of multirotors in general; used without an earlier one.
         estimator_flags: flags of the autopilot's estimator, by which its velocity counts.
         latest: the latest estimate; None before any.
@@ -241,7 +241,7 @@ class LiveWind:
         self.restart()
 
     def restart(self) -> None:
-        """Forgets samples, filter and estimates: another flight begins, or the vehicle's clock begins anew.
+        """Forgets samples, filter and estimates: another flight begins, or the vehicle's clock begins again.
 
         What is known of the vehicle's drag, and the flags of the autopilot's estimator, stay. The attributes that it
         sets are created here, since the constructor calls it, too.
@@ -269,7 +269,7 @@ class LiveWind:
         The wind changes slowly, so that more attitudes would only cost memory and time.
 
         Args:
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             roll: rad.
             pitch: rad.
             yaw: rad.
@@ -288,7 +288,7 @@ class LiveWind:
 
         Args:
             name: name of the message, one of ``VELOCITY_MESSAGES``.
-            time: s of the boot clock.
+            time: time on the boot clock, s.
             values: velocity down, north and east in the unit of the message.
 
         Returns:
@@ -359,8 +359,8 @@ class LiveWind:
 
         A vehicle that is held, on a stand for example, does not lean against the wind, so that no wind can be
         estimated. This is judged by the motion of the last ``FIRST_FIT_SECONDS``, by the rules for logs
-        (``validated_motion``). Where it has too few samples, it is judged again a step later. Where it fails, the
-        estimates so far were of no wind, and are forgotten; ``obstacle`` says why.
+        (``validated_motion``). If it has too few samples, it is judged again a step later. If it fails, the estimates
+        so far were of no wind, and are forgotten; ``obstacle`` says why.
 
         The filter runs for each combination of ``GUST_PARAMETERS`` and of ``DRAG_DRAWS`` random draws of the drag, so
         that the spread of the estimates shows how well the drag is known. The seed is fixed, for equal results.

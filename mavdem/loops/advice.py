@@ -207,7 +207,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
     Args:
         loop: the loops with the logged gains.
-        target: the margins to have.
+        target: margins to reach.
     """
     search = GainSearch(loop, target)
     # Row 0 is the estimated plant.
@@ -229,7 +229,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
 
 def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
-    """Returns the reasons why no gains can be advised for a loop, as facts; none where they can be.
+    """Returns the reasons why no gains can be advised for a loop, as facts; none if they can be.
 
     Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, or, where gains are to be raised, a motor lag that the flight does not show. A control

@@ -284,8 +284,8 @@ def harmonic_notches(
 ) -> Iterator[Notch]:
     """Yields the notches of a harmonic notch filter, one at each of the chosen multiples of its fundamental.
 
-    All have the quality factor Q of the fundamental. In ``NotchFilter::calculate_A_and_Q`` a relative bandwidth b is
-    n = 2 log₂(1 / (1 − b/2)) octaves, and 1/Q = 2^(n/2) − 2^(−n/2). Together this is 1/Q = b/2 (2 − b/2) / (1 − b/2).
+    All have the quality factor Q of the fundamental. In ``NotchFilter::calculate_A_and_Q`` a relative bandwidth b is n
+    = 2 log₂(1 / (1 − b/2)) octaves, and 1/Q = 2^(n/2) − 2^(−n/2). Together this is 1/Q = b/2 (2 − b/2) / (1 − b/2).
 
     Args:
         center: centre of the fundamental, Hz.
@@ -294,7 +294,7 @@ def harmonic_notches(
         harmonics: mask of the multiples; its bit k − 1 stands for k times the centre.
 
     Yields:
-        Notches in ascending order; none where centre, bandwidth or attenuation is not positive.
+        Notches in ascending order; none if centre, bandwidth or attenuation is not positive.
     """
     if min(center, relative_bandwidth, attenuation) <= 0:
         return

@@ -209,7 +209,7 @@ class Loop(Margins):
         """Returns the fraction of the plants, from 0 to 1, with which rate and attitude loop have the target's margins.
 
         Args:
-            target: the margins to have.
+            target: margins to reach.
         """
         return float(np.mean(margin_scores(target, self.rate, self.attitude) >= 1))
 
@@ -328,7 +328,7 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     the target over the value.
 
     Args:
-        target: the margins to have.
+        target: margins to reach.
         loop: the open loop, of N plants.
 
     Returns:
@@ -344,7 +344,7 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of the axis' controller that changed during a flight, with their earlier values.
 
-    A loop is computed with the last values. Where values changed in flight, it is not the loop that flew all the time.
+    A loop is computed with the last values. If values changed in flight, it is not the loop that flew all the time.
     Parameters of other axes do not matter to it; those of all axes, such as the gyro's filters, do.
 
     Args:

@@ -389,9 +389,9 @@ class GainSearch:
     def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
         """Returns the gains that go at most one step from those of the log towards a design.
 
-        Each gain goes as far as ``MAX_GAIN_STEP`` lets it. Where that leaves some gains farther behind than others and
-        so costs margin, all of them go a part of that way. With a slower rate loop the gain of the angle is lowered
-        too, if the attitude loop would have less margin than it should, and than it has.
+        Each gain goes as far as ``MAX_GAIN_STEP`` lets it. If that leaves some gains farther behind than others and so
+        costs margin, all of them go a part of that way. With a slower rate loop the gain of the angle is lowered too,
+        if the attitude loop would have less margin than it should, and than it has.
 
         Args:
             stage: which gains change.

@@ -130,7 +130,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     """
     record = Record.from_flights(flights)
     assert signals.model_inputs is not None
-    # Where the positions of the motors are only assumed, the mixer must come from the autopilot's parameters.
+    # If the positions of the motors are only assumed, the mixer must come from the autopilot's parameters.
     geometry = signals.model_inputs.geometry
     mixer_row = None if geometry.positions_assumed else geometry.mixer_row(signals.axis)
     controller = logged_controller(record.parameters, signals.axis, mixer_row)
@@ -331,7 +331,7 @@ def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
         rows = _rows_of_window(output, start)
         squares = np.square(output.values[rows] - output.values[rows].mean())
         power += squares.sum()
-        # The weights are 1 where an output was at a limit, else 0.
+        # The weights are 1 where an output was at a limit, otherwise 0.
         power_at_limit += squares @ messages.at_limit.values[rows]
     if power == 0:
         return 0.0

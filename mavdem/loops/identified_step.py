@@ -42,7 +42,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
         count: number n of draws.
 
     Returns:
-        Step responses (n + 1, K). None where the controller does not explain the output, or the loop is unstable.
+        Step responses (n + 1, K). None if the controller does not explain the output, or the loop is unstable.
     """
     # A share of NaN, of a plant that was identified without its controller, fails the comparison.
     is_output_explained = loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT

@@ -189,13 +189,13 @@ def estimate_impulse_response(
         sampling_rate: rate of the samples, Hz.
         pieces: pieces of flight, (k, N) each, with setpoint, signal and, if ``angle_gain`` is not 0, the angle in rows.
         angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
-        seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and
-            two thirds whose samples are explained.
+        seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and two
+            thirds whose samples are explained.
         resolution: time between nodes where they are closest, s, or less. It may be shorter than a sample.
 
     Returns:
-        The impulse response. None where no piece is as long as a window and what is left out before it, nothing moves
-        in the windows, the signal is the response exactly, so that there is no noise to weigh it by, or values are so
+        The impulse response. None if no piece is as long as a window and what is left out before it, nothing moves in
+        the windows, the signal is the response exactly, so that there is no noise to weigh it by, or values are so
         large that their products overflow.
     """
     taps = round(seconds * sampling_rate)

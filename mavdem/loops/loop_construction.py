@@ -71,8 +71,8 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
     """Builds rate and attitude loop of an identified plant, with the cautions that its figures need.
 
-    Where the log has setpoints, the measured response of the rate is compared with that of the loop. It is not where
-    gains changed in flight, since the measured response then mixes several loops.
+    If the log has setpoints, the measured response of the rate is compared with that of the loop. It is not where gains
+    changed in flight, since the measured response then mixes several loops.
 
     Args:
         plant: plant that was identified from the record.
@@ -200,7 +200,7 @@ def at_limit_share(record: Record, controller: Controller) -> float:
 def inputs_per_demand(controller: Controller, record: Record) -> Array:
     """Returns the linearised mixer of one axis: how much each input of the plant changes per unit of demand.
 
-    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. Where the
+    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. If the
     plant has the demand itself, from -1 to 1, as its only input, it is 1.
 
     Args:

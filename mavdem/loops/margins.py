@@ -73,8 +73,8 @@ class FigureInterval:
     def __get__(self, loop: Any, owner: type | None = None) -> Interval:
         """Returns the lower and upper end of the figure's 90 % interval.
 
-        A margin below 0 is that of an unstable loop. Where the estimate is stable, so was the loop that flew: the
-        interval of its margins ends at the limit of stability.
+        A margin below 0 is that of an unstable loop. If the estimate is stable, so was the loop that flew: the interval
+        of its margins ends at the limit of stability.
         """
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
         values = loop.figures[self.name]
@@ -87,8 +87,8 @@ class FigureInterval:
 class Margins(ImmutableResult):
     """Stability margins and other figures of a loop, each with its 90 % interval.
 
-    Where the response crosses a limit several times, the smallest margin counts. A subclass has ``figures``: by name,
-    the values (N,) of each figure, that of the estimated plant first, then those of draws from its posterior.
+    If the response crosses a limit several times, the smallest margin counts. A subclass has ``figures``: by name, the
+    values (N,) of each figure, that of the estimated plant first, then those of draws from its posterior.
     """
 
     crossover = FigureEstimate("crossover")
@@ -151,7 +151,7 @@ class OpenLoop(Margins):
 
         Each margin is read where the response crosses something: the unit circle (phase and delay margin), the negative
         real axis (gain margin), or −3 dB (bandwidth). Crossings are interpolated linearly between frequencies, of the
-        logarithms of gain and frequency. Where there is no crossing, margins are infinite, crossover and bandwidth NaN.
+        logarithms of gain and frequency. If there is no crossing, margins are infinite, crossover and bandwidth NaN.
         """
         log_frequency = np.log(self.frequency)
         gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
@@ -180,7 +180,7 @@ class OpenLoop(Margins):
 
 
 class _ZeroCrossings(NamedTuple):
-    """Where the rows of values (N, F) change sign between two neighbouring columns, K crossings in all."""
+    """If the rows of values (N, F) change sign between two neighbouring columns, K crossings in all."""
 
     row_count: int
     """Number N of rows."""

@@ -117,7 +117,7 @@ def _pieces_by_setpoint(
         outputs_per_demand: change of each of the r inputs per unit of demand (r,).
 
     Returns:
-        For each version its pieces (3, N), of different lengths N; none where the record has no rate setpoint.
+        For each version its pieces (3, N), of different lengths N; none if the record has no rate setpoint.
     """
     setpoints = _setpoints_by_name(record)
     rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
@@ -150,7 +150,7 @@ def _pieces_by_setpoint(
 
 
 def _setpoints_by_name(record: Record) -> dict[str, Array]:
-    """Returns each setpoint of a record (T,) by its name; none where the record has no setpoints."""
+    """Returns each setpoint of a record (T,) by its name; none if the record has no setpoints."""
     if record.setpoints is None:
         return {}
     return dict(zip(record.setpoint_names, record.setpoints.T, strict=False))
@@ -229,8 +229,8 @@ def _comparison_with_prediction(
 def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
     """Returns the lowest frequency, Hz, at which setpoint and rate are not coherent enough to be compared.
 
-    Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. Where all others are coherent, it is the highest
-    frequency of the spectra.
+    Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. If all others are coherent, it is the highest frequency
+    of the spectra.
 
     Args:
         spectra: cross-spectra of setpoint and rate, with their coherence.
@@ -245,7 +245,7 @@ def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
 def _reason_of_disagreement(
     controller_gain: float, highest_frequency: float, agreement: float
 ) -> Fact | None:
-    """Returns the first reason why the measured response is not the predicted one; None where they agree.
+    """Returns the first reason why the measured response is not the predicted one; None if they agree.
 
     With other gains than those of the parameters, the prediction is of another loop, and nothing else matters. In a
     narrow band there is too little to compare.
@@ -311,8 +311,8 @@ def interpolated_setpoint(setpoint: Array) -> Array:
     """Interpolates a setpoint linearly between its messages.
 
     A record holds the value of the last message, so the setpoint looks like stairs, while the true one moved smoothly.
-    A message shows as a change of value. Where the value stays the same for longer than the usual time between
-    messages, the setpoint did not move: this plateau ends one usual step before the next change.
+    A message shows as a change of value. If the value stays the same for longer than the usual time between messages,
+    the setpoint did not move: this plateau ends one usual step before the next change.
 
     Args:
         setpoint: samples of the held setpoint (T,), in any unit.

@@ -145,8 +145,8 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
 
     The attitude controller makes the rate setpoint r = x − K p / s from what pilot or navigation ask for, x, and the
     angle p / s. So r also moves with the wind, which turns the vehicle. The power of x = r + K p / s over that of r
-    shows how much of r was asked for. With the response T from r to the rate p, the part of p that follows r adds
-    |1 + K T / s|² to this ratio, and the rest of p adds |K / s|² times its power over that of r.
+    shows how much of r was asked for. With the response T from r to the rate p, the part of p that follows r adds |1 +
+    K T / s|² to this ratio, and the rest of p adds |K / s|² times its power over that of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
@@ -154,7 +154,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
         angle_gain: gain K of the attitude controller, 1/s.
 
     Returns:
-        Indices of consecutive frequencies, those of the band that spans most octaves; empty where there is none.
+        Indices of consecutive frequencies, those of the band that spans most octaves; empty if there is none.
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2

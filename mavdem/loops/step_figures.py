@@ -112,7 +112,7 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
     value_before = running_maximum.max(axis=1, where=is_below, initial=0.0)
     value_after = running_maximum.min(axis=1, where=~is_below, initial=np.inf)
     last_below = is_below.sum(axis=1) - 1
-    # Where the level is never exceeded, the value after is infinite, the fraction 0, and the sample the last one.
+    # If the level is never exceeded, the value after is infinite, the fraction 0, and the sample the last one.
     sample = last_below + (level - value_before) / (value_after - value_before)
     return np.interp(sample, np.arange(len(time)), time)
 

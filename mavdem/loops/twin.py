@@ -122,12 +122,12 @@ def build_twin(
 ) -> Twin:
     """Builds the twin of a vehicle from its identified loops.
 
-    Where the loop of pitch is not known, pitch is like roll. Where that of yaw is not known, the propellers have the
-    usual torque, and yaw has no damping.
+    If the loop of pitch is not known, pitch is like roll. If that of yaw is not known, the propellers have the usual
+    torque, and yaw has no damping.
 
     Args:
         loops: identified loops by axis, "roll" among them.
-        px4: whether the autopilot is PX4; else it is ArduPilot.
+        px4: whether the autopilot is PX4; otherwise it is ArduPilot.
         hover: mean output of the motors in hover, as a share of their range.
         air: the wind of the flight; ``None`` where it is not known.
         drag: drag of the vehicle, or of typical ones.
@@ -153,7 +153,7 @@ def build_twin(
     # contains already.
     hold_delay = control.loop_period / 2
     lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, hold_delay]).tolist()
-    # Where no loop of pitch is known, it is like roll; without one of yaw, yaw is undamped.
+    # If no loop of pitch is known, it is like roll; without one of yaw, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
         damping[axis] = loop.plant.damping
@@ -167,7 +167,7 @@ def build_twin(
         expo=min(max(controller.thrust_expo, 0.0), 1.0),
         moment=TYPICAL_MOMENT_RATIO * arm.position[1],
         damping=tuple(damping[axis] for axis in TORQUE_SIGNS),
-        # Where the identified delay is shorter than that of the hold, the lag is shortened instead.
+        # If the identified delay is shorter than that of the hold, the lag is shortened instead.
         lag=max(lag + min(delay, 0.0), 0.0),
         delay=max(delay, 0.0),
         noise=roll.plant.noise,
@@ -310,8 +310,8 @@ def _notes(
 
     Args:
         loops: identified loops by axis.
-        is_mass_given: whether the mass is known; else it is assumed.
-        is_arm_measured: whether the parameters have the arm; else it is assumed.
+        is_mass_given: whether the mass is known; otherwise it is assumed.
+        is_arm_measured: whether the parameters have the arm; otherwise it is assumed.
         drag: drag of the vehicle, or of typical ones.
     """
     effects = {axis: _effect_note(loop) for axis, loop in loops.items()}

@@ -59,7 +59,7 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         signals: Signals of the vehicle.
 
     Returns:
-        The figures; None where there are no motor outputs, or too little steady flight.
+        The figures; None if there are no motor outputs, or too little steady flight.
     """
     motors = signals.motors
     if motors is None:
@@ -115,7 +115,7 @@ def balance_figures(
         seconds: Duration of all runs, s.
 
     Returns:
-        The figures; None where the runs are too short, or no axis but thrust is known.
+        The figures; None if the runs are too short, or no axis but thrust is known.
     """
     blocks = []
     for run in runs:

@@ -99,7 +99,7 @@ class SampleRate:
         self.restart(-inf)
 
     def restart(self, time: float) -> None:
-        """Begins to count anew.
+        """Begins to count again.
 
         Args:
             time: Time of the next sample, s.

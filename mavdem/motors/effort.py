@@ -55,7 +55,7 @@ def effort_change(
             None without one.
 
     Returns:
-        The relative change, and the probability that anything changed; None where the effort of the flight or of
+        The relative change, and the probability that anything changed; None if the effort of the flight or of
         ``MIN_HEALTHY_FLIGHTS`` healthy ones is not known.
     """
     healthy_efforts = [other.effort for other in healthy if other.effort is not None]

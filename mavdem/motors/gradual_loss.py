@@ -88,8 +88,8 @@ def gradual_loss(
         boot: number of the boot.
 
     Returns:
-        The loss, with the beginning of the ramp as ``since`` and the end of the run as ``time``; None where no motor
-        lost thrust, the flight is too short, or motors cannot be told apart.
+        The loss, with the beginning of the ramp as ``since`` and the end of the run as ``time``; None if no motor lost
+        thrust, the flight is too short, or motors cannot be told apart.
     """
     signatures = motor_signatures(geometry)
     if not signatures.is_motor_identifiable or len(time) < 2:

@@ -84,7 +84,7 @@ def mean_by_sector(values: Array, headings: Array, selection: Flags) -> dict[int
         The mean by the number of the sector, 0 to 5; only sectors with ``MIN_SECTOR_BLOCKS`` blocks or more, since one
         block is too noisy.
     """
-    # Where the last heading is NaN, so are all turns, and no sector has blocks.
+    # If the last heading is NaN, so are all turns, and no sector has blocks.
     turns = heading_change(headings, headings[-1])
     sector_width = 2 * np.pi / HEADING_SECTORS
     sectors = np.round(turns / sector_width) % HEADING_SECTORS

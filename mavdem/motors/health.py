@@ -127,7 +127,7 @@ def _unknown_reason(
     candidate_flights: HealthFlights,
     reference: JsonValues,
 ) -> Fact | None:
-    """Returns the reason why the motors of a flight cannot be judged, as a fact; None where they can.
+    """Returns the reason why the motors of a flight cannot be judged, as a fact; None if they can.
 
     Either the flight itself lacks something, or there are too few healthy flights to compare it with.
 

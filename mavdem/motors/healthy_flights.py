@@ -72,7 +72,7 @@ class HealthFigures:
     def geometry_key(self) -> tuple[Names, bytes]:
         """Names and mixer of the motors, as a key: only flights with equal keys have comparable balances.
 
-        The mixer is rounded to ``GEOMETRY_DECIMALS``, and empty where it is not known.
+        The mixer is rounded to ``GEOMETRY_DECIMALS``, and empty if it is not known.
         """
         if self.signatures is None:
             return self.motors, b""
@@ -89,7 +89,7 @@ class HealthFigures:
     def effort(self) -> float | None:
         """Collective times voltage, V: the command at a battery of 1 V.
 
-        It grows with the payload, but not as the battery sags. None where command or voltage is not known.
+        It grows with the payload, but not as the battery sags. None if command or voltage is not known.
         """
         if self.collective and self.voltage:
             return self.collective * self.voltage
@@ -120,8 +120,8 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
 
     Args:
         flights: Flights of one vehicle.
-        baseline: Its healthy flights, where they are named; else the first ``DEFAULT_HEALTHY_FLIGHTS`` sound flights by
-            date of each geometry of the motors count as healthy.
+        baseline: Its healthy flights, where they are named; otherwise the first ``DEFAULT_HEALTHY_FLIGHTS`` sound
+            flights by date of each geometry of the motors count as healthy.
 
     Returns:
         The healthy flights whose motors can be judged, none of them twice.

@@ -138,7 +138,7 @@ class MotorLossDetector:
         weak_motors: Latest alarm on each motor that has not recovered, by its index; empty after a gap of ``MAX_GAP``.
         latest_time: Time of the last sample, s.
         reference_time: Since when there is enough flight to compare with, s; None without.
-        obstacle: Why no change can be detected; None where it can. It is known after a few seconds of settled flight.
+        obstacle: Why no change can be detected; None if it can. It is known after a few seconds of settled flight.
     """
 
     def __init__(self, geometry: MotorGeometry, boot: int = 0) -> None:
@@ -174,7 +174,7 @@ class MotorLossDetector:
         """Takes a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
         A complete block is added to the flight and tested. After a gap of ``MAX_GAP``, or if the clock goes back by as
-        much, the test begins anew.
+        much, the test begins again.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -456,11 +456,11 @@ class MotorLossDetector:
         """Adds a change to the alarms, as detected with the last block.
 
         Args:
-            motor: Index of the motor; None where the change is no motor's.
+            motor: Index of the motor; None if the change is no motor's.
             block_count: Number of blocks since the change began.
             log_odds: Logarithm of the odds that this is the cause.
             size: Rise of the motor's command, or size of the change of the torque.
-            loss: Interval of the thrust that the motor lost, as fractions; empty where it lost none.
+            loss: Interval of the thrust that the motor lost, as fractions; empty if it lost none.
 
         Returns:
             The change as an alarm.

@@ -100,7 +100,8 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
         time: When it was detected, s on the boot clock.
 
     Returns:
-        An alarm with the fact as its reason; else the fact itself, with the time of its detection and without an end.
+        An alarm with the fact as its reason; otherwise the fact itself, with the time of its detection and without an
+        end.
     """
     if fact.is_bad:
         return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)

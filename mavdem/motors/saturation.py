@@ -23,7 +23,7 @@ def most_limited_motors(names: Names, times_at_limit: Sequence[float] | Array) -
         times_at_limit: (k,) time of each at its upper limit, in any unit.
 
     Returns:
-        One name where that motor stands out; several, in the order of ``names``, where motors are alike; none where no
+        One name where that motor stands out; several, in the order of ``names``, where motors are alike; none if no
         motor was at its limit.
     """
     times = np.asarray(times_at_limit, dtype=np.float64)

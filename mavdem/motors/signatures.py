@@ -53,11 +53,11 @@ class MotorSignatures:
     def is_motor_identifiable(self) -> bool:
         """Whether a weak motor can be told from a shifted load and from any other weak motor.
 
-        Motors differ by the directions of their signatures in roll, pitch and yaw, since the size of a loss is
-        not known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
+        Motors differ by the directions of their signatures in roll, pitch and yaw, since the size of a loss is not
+        known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
 
-        Where the spins of the motors are not known, it cannot: each signature is then that of a load that shifted
-        towards the motor. Neither can it where two motors are above each other and turn the same way.
+        If the spins of the motors are not known, it cannot: each signature is then that of a load that shifted towards
+        the motor. Neither can it where two motors are above each other and turn the same way.
         """
         # The first column is thrust, the last one yaw.
         signatures = self.weak_motor_balance[:, 1:]

@@ -60,7 +60,7 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     some interval is wider than ± ``FAULT_RISE``, an even trim is not claimed either.
 
     Args:
-        balance: Balance of the motors in one flight; None where it is not known.
+        balance: Balance of the motors in one flight; None if it is not known.
         geometry: Positions and spins of the motors.
 
     Returns:
@@ -118,7 +118,7 @@ def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
         half_widths: (k,) half widths of their 90 % intervals.
 
     Returns:
-        Its index; None where no motor leads alone.
+        Its index; None if no motor leads alone.
     """
     motor = int(np.argmax(deviations))
     others = np.delete(deviations, motor)

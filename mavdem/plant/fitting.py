@@ -117,9 +117,9 @@ class LogPosterior(NamedTuple):
     def expand(self, at: Array) -> QuadraticExpansion:
         """Returns the expansion about θ = ``at`` (k,) by which the search takes its next step.
 
-        It is that of :meth:`full_expansion`, except at the bound of the delay. Where the delay is 0 and
-        the density would rise below, the delay stays (active-set method: Nocedal and Wright, Numerical Optimization,
-        2nd ed., sec. 16.5). Otherwise each step would move the other parameters as if the delay fell with them.
+        It is that of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density would
+        rise below, the delay stays (active-set method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5).
+        Otherwise each step would move the other parameters as if the delay fell with them.
 
         Args:
             at: parameters θ (k,).

@@ -78,7 +78,7 @@ def detect_gusts(
 
     The rate of false gusts is that at which a Gaussian process with the same variance, and the same variance of its
     derivative, crosses the threshold on either side (S. O. Rice, "Mathematical analysis of random noise", 1944, sec.
-    3.3). Both are estimated by medians, so that gusts and gaps do not count. Where the errors have most of the torque's
+    3.3). Both are estimated by medians, so that gusts and gaps do not count. If the errors have most of the torque's
     variance, there are no gusts.
 
     Args:

@@ -224,7 +224,7 @@ def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
     those of the first kind.
 
     Args:
-        obstacles: obstacles of one parameter, each BIASED or NOT_IDENTIFIABLE; empty where nothing is in the way.
+        obstacles: obstacles of one parameter, each BIASED or NOT_IDENTIFIABLE; empty if nothing is in the way.
 
     Returns:
         The status; and the fact that states the reason, one for several obstacles, or ``None`` where the parameter is
@@ -283,7 +283,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
     depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
     yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
 
-    # Where motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
+    # If motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
     if name == "effect" and figures.lag_unresolved:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Obstacle(Status.BIASED, filter_as_lag)

@@ -82,7 +82,7 @@ class Physical(NamedTuple):
         covariance: (r + 3, r + 3) of effect, damping, lag and delay, by the likelihood, the range over the assumed
             spectra of the wind torque, and nonlinear effects.
         status: status of "effect", "damping" and "lag", by name.
-        reasons: reason why each of these is biased, not identifiable or known from elsewhere; else ``None``.
+        reasons: reason why each of these is biased, not identifiable or known from elsewhere; otherwise ``None``.
         bias: likely relative error of the effect, negative where the estimate is too low; 0 unless it is biased.
         wind_share: share of the wind torque in the variance of its sum with the motors' torque, in the band of the
             motion.
@@ -191,7 +191,7 @@ class Physical(NamedTuple):
             The half widths, in the units of the parameters.
         """
         half_widths = half_width(self.covariance.diagonal(), level)
-        # NaN where a parameter is not identifiable, else 1.
+        # NaN where a parameter is not identifiable, otherwise 1.
         factors = {}
         for name in PARAMETERS:
             factors[name] = np.nan if self.status[name] == Status.NOT_IDENTIFIABLE else 1.0

@@ -93,7 +93,7 @@ class WindTorque(ImmutableResult):
             out. Large where the motors' effect is not identifiable: motors that do more balance more.
         step: sample at which the level changes at once and stays, and by how much, rad/s²: a load that moved, a motor,
             or a front of the wind; ``None`` without one. ``sd`` is that on either side.
-        gusts: the gusts in order of time; none where the wind torque is not resolved.
+        gusts: the gusts in order of time; none if the wind torque is not resolved.
         gust_threshold: distance from the running level that a gust exceeds, rad/s².
         false_gusts_per_minute: number of false gusts to expect of Gaussian turbulence with the same spectrum.
         spectrum: spectral densities of the estimate and of the model.
@@ -146,7 +146,7 @@ def estimate_wind_torque(
         record: inputs and outputs.
         changes: samples of the record at which the vehicle changed, for example by a motor's loss of thrust.
         has_weak_motor: whether a motor had lost thrust at each sample (T,); such samples have no wind torque, and no
-            gusts begin there. None where no motor had.
+            gusts begin there. None if no motor had.
 
     Raises:
         numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
@@ -223,7 +223,7 @@ def estimate_wind_torque(
 def _reason_against_wind(
     duration: float, has_wind: bool, error_variance: float, power: float
 ) -> Fact | None:
-    """Returns the reason why an estimated torque is not that of the wind, as a fact; None where it is.
+    """Returns the reason why an estimated torque is not that of the wind, as a fact; None if it is.
 
     Args:
         duration: duration of the flight, s.
@@ -312,7 +312,7 @@ def _torque_errors(
     proportional = gradient @ deviation / (samples * power)
 
     # θ · effect_scales is the relative change of the course where all effects grow in proportion. It is 1 where the
-    # motors only balance the wind torque. Where they do more, as in steering, it could exceed 1, and is limited to it.
+    # motors only balance the wind torque. If they do more, as in steering, it could exceed 1, and is limited to it.
     effect_scales = np.append(proportional[EFFECTS], np.zeros(3))
     effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
     unscaled_gradient = gradient - np.outer(effect_scales, deviation)
@@ -467,7 +467,7 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     Args:
         effect: effect of each input (r,), rad/s² per unit.
         trim: mean inputs (r,).
-        directions: relative effect of each input by the mixer (r,). Where they are not known, what all inputs have in
+        directions: relative effect of each input by the mixer (r,). If they are not known, what all inputs have in
             common is left out, since that lifts the vehicle. A single input commands the torque itself.
     """
     if directions is not None:

@@ -244,7 +244,7 @@ def _window_samples(record: Record) -> Indices:
     """Divides the segments of a record into windows of equal length that do not overlap.
 
     Windows lie inside one segment, since the time between segments is unknown. What remains at the end of a segment is
-    unused. Where samples are faster than twice ``MAX_RATE``, only every stride-th one is used.
+    unused. If samples are faster than twice ``MAX_RATE``, only every stride-th one is used.
 
     Args:
         record: inputs and outputs of a flight.

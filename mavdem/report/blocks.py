@@ -133,8 +133,8 @@ def _block_as_markdown(block: Block) -> str:
 def shortened(text: str, columns: int) -> str:
     """Returns a text in at most ``columns`` characters, at the cost of its details.
 
-    Remarks in brackets are dropped first, then clauses from the end. Where the clauses that fit would fill less than
-    half of the columns, the text is cut after a word, with "…".
+    Remarks in brackets are dropped first, then clauses from the end. If the clauses that fit would fill less than half
+    of the columns, the text is cut after a word, with "…".
 
     Args:
         text: one sentence or more, in plain text.

@@ -108,7 +108,7 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
         sentences += render_section(
             "sender",
             **sender,
-            # Beside a vehicle, ground stations and radios are usual, and are not listed. Where a log has no vehicle,
+            # Beside a vehicle, ground stations and radios are usual, and are not listed. If a log has no vehicle,
             # every sender is listed, so that the reader sees what the log has instead.
             is_ordinary=len(vehicles) > 0,
             is_silent=sender["kind"] == UNNAMED and not is_vehicle,
@@ -169,7 +169,7 @@ def wind_blocks(evidence: WindEvidence) -> Blocks:
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
     """Returns the mean wind of the autopilot while the wind was estimated: "size", m/s, and "origin", degrees.
 
-    It is None where the autopilot has no estimate of that time.
+    It is None if the autopilot has no estimate of that time.
 
     Args:
         evidence: what the log shows of the wind, with the autopilot's own estimate.
@@ -244,7 +244,7 @@ def air_blocks(assessment: Assessment) -> Blocks:
     """Returns the report on the air by an assessment: wind speed and direction, and its share of the wind torque.
 
     The wind torque is the part of the torque that the motors do not explain; gusts of the estimated wind explain some
-    of it. The result is empty where the vehicle was not judged at all.
+    of it. The result is empty if the vehicle was not judged at all.
 
     Args:
         assessment: assessment of a log.

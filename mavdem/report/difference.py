@@ -202,7 +202,7 @@ def _parameters_beside(change: QuantityChange, parameters: Sequence[ParameterCha
 
 
 def surest_change(difference: VehicleDifference) -> QuantityChange | None:
-    """Returns the change with the lowest p-value; None where nothing changed."""
+    """Returns the change with the lowest p-value; None if nothing changed."""
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     return min(changes, key=lambda change: change.p, default=None)
 
@@ -330,7 +330,7 @@ def _signed(number: str) -> str:
 def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
     """Returns cautions about whether both states are of one vehicle, by the names of their vehicles.
 
-    Where the vehicle of a state has no name, this cannot be checked, and a sentence says so.
+    If the vehicle of a state has no name, this cannot be checked, and a sentence says so.
 
     Args:
         difference: comparison of two states, with the names of the vehicles of each.

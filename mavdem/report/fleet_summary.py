@@ -42,7 +42,7 @@ def fleet_blocks(
     because neither the number of their vehicles nor duplicates among them can be known.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
         names_vehicles: whether the headline names the vehicles that need a look, which a page shows below it.
         names: names that were given to vehicles.
     """
@@ -88,7 +88,7 @@ def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     have it.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
 
     Returns:
         Plain JSON values: ``flights``; ``vehicles``, those with a name of their own, which a system id is not;
@@ -152,7 +152,7 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
     """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
     """
     flown = [summary.flown for summary in summaries if summary.flown.flights]
     if not flown:

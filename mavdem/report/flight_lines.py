@@ -132,7 +132,7 @@ def _notes(flight: AxisRows) -> str:
     if not first_row.has_flight:
         return truncated(first_row.status, MAX_NOTE_LENGTH)
     notes = []
-    # The headline knows this log alone. Where only the comparison with other flights shows trouble, it says that
+    # The headline knows this log alone. If only the comparison with other flights shows trouble, it says that
     # nothing is wrong, and is left out.
     is_trouble_of_fleet = worst_health(flight) in TROUBLED_HEALTHS
     if first_row.headline_level == Level.BAD or not is_trouble_of_fleet:

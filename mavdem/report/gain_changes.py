@@ -83,7 +83,7 @@ def gain_changes(
         notch_parameters: parameters of a notch filter with which the gains were advised; they are set with the first.
 
     Returns:
-        The table with its files; None where no gain changes.
+        The table with its files; None if no gain changes.
     """
     lowered = dict(_gains_to_lower(next_step))
     if lowered:

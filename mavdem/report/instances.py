@@ -63,7 +63,7 @@ def _number_text(value: float, unit: str) -> str:
 
 
 def _used_text(used_share: float | None) -> str:
-    """Returns "yes", "no" or the percentage of the time; empty where the log does not say it."""
+    """Returns "yes", "no" or the percentage of the time; empty if the log does not say it."""
     if used_share is None:
         return ""
     if used_share in (0.0, 1.0):

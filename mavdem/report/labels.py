@@ -31,7 +31,7 @@ class Labels(NamedTuple):
         """Returns the labels of a model's training data; numbered names where these have none.
 
         Args:
-            learned: the model.
+            learned: the learned model.
         """
         record = learned.record
         input_count = record.inputs.shape[1]
@@ -56,7 +56,7 @@ def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
 
     Args:
         outputs: names of the outputs, which name the first states where these are the outputs.
-        learned: the model. Its other states are "hidden 1", "hidden 2", …; of a free C all are "state 1", ….
+        learned: the learned model. Its other states are "hidden 1", "hidden 2", …; of a free C all are "state 1", ….
     """
     order = learned.model.A.shape[0]
     if not states_are_outputs(learned):
@@ -91,7 +91,7 @@ class AxisCommand(NamedTuple):
         the command of these inputs, w · m, is 1.
 
         Args:
-            learned: the model.
+            learned: the learned model.
         """
         labels = Labels.of(learned)
         directions = input_directions(learned)

@@ -96,7 +96,7 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     """Returns the remedies for the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
 
     Args:
-        decision: on the loops of the axis; None where there is none.
+        decision: on the loops of the axis; None if there is none.
     """
     if decision is None or decision.action is None or decision.action.code in ADVICE_TO_TUNE:
         return []
@@ -104,14 +104,14 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
 
 
 def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins as a fact, or nothing where the decision on the axis contradicts it.
+    """Returns the rating of an axis' margins as a fact, or nothing if the decision on the axis contradicts it.
 
     If a measurement refutes the identified loop, its margins are wrong, and there is no rating. If the axis does not
     follow its setpoint, the rating says so, since good margins alone are not enough then.
 
     Args:
         advice: on the axis, with the rating.
-        decision: on the loops of the axis; None where there is none.
+        decision: on the loops of the axis; None if there is none.
     """
     if decision is None:
         return [advice.rating]
@@ -250,7 +250,7 @@ def gain_blocks(advice: Advice) -> Blocks:
         advice: the gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
 
     Returns:
-        The table, or nothing where no gain changes, and then the sentences.
+        The table, or nothing if no gain changes, and then the sentences.
     """
     rows = []
     for name, gain in advice.gains.items():

@@ -143,9 +143,9 @@ def notch_trial(
         log_name: name of the log, after which the parameter files are named.
         vehicle: the vehicle that these are for.
         noise: spectra of the flight with their lines.
-        controller: controller with the gyro's filters; None where it is not known.
-        loop: the identified rate loop with the highest crossover frequency; None where none is identified.
-        motor_frequencies: revolutions per second of each motor in flight; empty where they were not measured.
+        controller: controller with the gyro's filters; None if it is not known.
+        loop: the identified rate loop with the highest crossover frequency; None if none is identified.
+        motor_frequencies: revolutions per second of each motor in flight; empty if they were not measured.
 
     Returns:
         The trial; None without a spectrum of the gyro that reaches above all rate loops.
@@ -159,7 +159,7 @@ def notch_trial(
     filters = tried_filters(controller, noise, peaks, motor_frequencies)
     crossover = ASSUMED_CROSSOVER if loop is None else loop.crossover
     mark = Mark(crossover, "crossover" if loop is not None else "", BAD)
-    # Where only the gyro behind the filters was logged, what they took cannot be known.
+    # If only the gyro behind the filters was logged, what they took cannot be known.
     is_behind = spectrum.name == GYRO and any(tried.is_on for tried in filters)
     parameters: dict[str, float] = {}
     for tried in filters:
@@ -266,7 +266,7 @@ def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
 
 
 def _harmonics(tried: TriedFilter) -> dict[int, bool]:
-    """Returns whether each multiple of the centre has a notch at first; empty where the filter has no mask."""
+    """Returns whether each multiple of the centre has a notch at first; empty if the filter has no mask."""
     if "harmonics" not in tried.names:
         return {}
     mask = int(tried.parameters[tried.names["harmonics"]])

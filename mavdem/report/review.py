@@ -161,8 +161,8 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
 def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
     """Yields a row for each bad event, one that may have lost the vehicle, except the event of the headline.
 
-    Where the autopilot restarted between two of them, so that its clock began anew, a row says so: their times are not
-    in order then.
+    If the autopilot restarted between two of them, so that its clock began again, a row says so: their times are not in
+    order then.
 
     Args:
         assessment: assessment of the log.

@@ -150,9 +150,9 @@ def _model_blocks(
 
     Args:
         findings: grades of the model by purpose, and warnings.
-        learned: the model.
+        learned: the learned model.
         held_out: forecasts of windows that no model was trained on; None without.
-        hover: how hard each motor works in hover; None where that is not known.
+        hover: how hard each motor works in hover; None if that is not known.
     """
     return [
         *purpose_tables(findings),
@@ -201,7 +201,7 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
 
     Args:
         findings: grades of the model by purpose with their reasons, and warnings.
-        judgement: headline, lights and next step; None where there is none, and then these are left out.
+        judgement: headline, lights and next step; None if there is none, and then these are left out.
     """
     grades = [
         Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
@@ -240,7 +240,7 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 
     Args:
         learned: a model; None, or one without physical parameters, adds no column.
-        hover: hover figures of the motors; None where they are not known.
+        hover: hover figures of the motors; None if they are not known.
 
     Returns:
         No, one or two tables, and then a sentence on rate damping, time constant, delay and mean lean.
@@ -316,13 +316,13 @@ def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Tab
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing where not identifiable.
+    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing if not identifiable.
 
     The largest gust is named with the time at which it began. A wind torque whose scale has a wide interval, since it
     is computed with the effect of the motors, is called uncertain.
 
     Args:
-        learned: the model.
+        learned: the learned model.
     """
     physical = learned.physical
     wind = learned.resolved_wind_torque
@@ -470,7 +470,7 @@ def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> l
         return []
     reasons = physical.reasons
     if len(set(physical.status.values())) == 1:
-        # Where all have the same status, the reason of the effectiveness explains the others.
+        # If all have the same status, the reason of the effectiveness explains the others.
         reasons = {"effect": reasons["effect"]}
     text_of_reason = _text_of_reason(is_doubtful)
     parameters_by_reason = dict[str, list[str]]()
@@ -496,7 +496,7 @@ def detail_blocks(learned: Learned) -> Blocks:
     one, of the fit by simulation that followed.
 
     Args:
-        learned: the model.
+        learned: the learned model.
     """
     energy = learned.free_energy
     fit = learned.simulation_fit

@@ -114,7 +114,7 @@ def _model_series(
     Args:
         outputs: names of the outputs.
         time: times of the T training samples (T,), s.
-        learned: the model. Its process noise and free energy exist at some of the samples only.
+        learned: the learned model. Its process noise and free energy exist at some of the samples only.
     """
     samples, noise = learned.process_noise()
     energy = learned.free_energy_of_samples

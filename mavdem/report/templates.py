@@ -77,7 +77,7 @@ _IDENTIFIER = re.compile(r"\w+[A-Z_]")
 def sentence_and_remedy(fact: Fact) -> Words:
     """Renders the sentence of a ``fact`` and its remedy, the advice on what to do; the remedy may be empty.
 
-    Where the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
+    If the table of the fact's code has no remedy, a fact among its figures called ``remedy`` takes that place.
     """
     return Words(_render(fact, "sentence"), _render(fact, "remedy"))
 
@@ -173,9 +173,9 @@ def sentence_templates() -> dict[str, dict[str, str]]:
 def _render(fact: Fact, part: str) -> str:
     """Fills a template of a fact with its figures.
 
-    Some facts advise to fly again, for example to record more; their templates are marked by ``is_flown``. Where a
-    vehicle must not fly, its facts have the figure ``is_grounded``, and such advice is left out. The advice is the
-    remedy or, where a fact has no remedy because it is one itself, the sentence.
+    Some facts advise to fly again, for example to record more; their templates are marked by ``is_flown``. If a vehicle
+    must not fly, its facts have the figure ``is_grounded``, and such advice is left out. The advice is the remedy or,
+    where a fact has no remedy because it is one itself, the sentence.
 
     Args:
         fact: The fact.

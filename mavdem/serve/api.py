@@ -95,7 +95,7 @@ class Api:
         Args:
             visible: the library, with the access rights.
             log_added: called after logs were added to the library, or recordings were asked for.
-            open_recording: opens a recording in a viewer and returns its address; None where that is not possible.
+            open_recording: opens a recording in a viewer and returns its address; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """
         self._visible = visible
@@ -447,7 +447,7 @@ class Api:
         """Returns the progress of a flight, with what the process that reads its log has reported.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
             places: place in the queue of each log that waits or is read, by its id.
         """
         # A log that a worker claimed after the places were listed is in none of them.

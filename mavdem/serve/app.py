@@ -77,8 +77,8 @@ class Server:
             rights: who may read, upload and change its flights.
             reading: reads the logs that were uploaded.
             sample_log: a log that visitors may try the server with.
-            open_recording: opens a recording in a viewer on this machine and returns its address; None where that is
-                not possible.
+            open_recording: opens a recording in a viewer on this machine and returns its address; None if that is not
+                possible.
             monitor: monitor of a live link; None without one.
             fields: the columns of the logs whose fields are plotted; None for those of a process of its own.
         """

@@ -49,7 +49,7 @@ class Reader(Protocol):
     """Reads logs, one at a time, such as ``LogReader``."""
 
     def read(self, job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome | None:
-        """Returns the outcome of reading a log by a function; None where that was given up."""
+        """Returns the outcome of reading a log by a function; None if that was given up."""
 
     def stop(self) -> None:
         """Ends the reading."""
@@ -87,7 +87,7 @@ class KeptLog:
     Attributes:
         reading: held while the log is read; other requests for the same log wait for it.
         columns: the columns; None before the log was read.
-        problem: why the log cannot be read, in a sentence; empty where that is not known.
+        problem: why the log cannot be read, in a sentence; empty if that is not known.
         users: number of requests that use this now. It is changed under the store's lock only.
         folder: the folder with the files; None before the log was read.
     """
@@ -161,7 +161,7 @@ class FieldStore:
         Args:
             log: path of the log.
             request: the field, with its message, instance, boot and vehicle.
-            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
+            document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
         Raises:
             Refusal: the log cannot be read, has no such field, or too many requests wait.
@@ -212,7 +212,7 @@ class FieldStore:
 
         Args:
             log: path of the log.
-            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
+            document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
         Raises:
             Refusal: the log is not there or cannot be read, or too many requests wait.
@@ -270,7 +270,7 @@ class FieldStore:
         Args:
             kept_log: gets the columns, or the reason why the log cannot be read.
             log: path of the log.
-            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
+            document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
         Raises:
             Refusal: it cannot be read, the server is ending, or too many requests wait.
@@ -299,7 +299,7 @@ class FieldStore:
         Args:
             kept_log: gets the columns, or the reason why the log cannot be read.
             log: path of the log.
-            document: path of the document that says of which vehicle the flight's page is; None for the first vehicle.
+            document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
         Raises:
             Refusal: the log could not be read this time, or the server is ending.

@@ -114,7 +114,7 @@ class Entry:
 
     @property
     def content_hash(self) -> str:
-        """Hash of the log's content, by which names of flights are kept; empty where it is not known."""
+        """Hash of the log's content, by which names of flights are kept; empty if it is not known."""
         return self.digest[:KEY_HASH_DIGITS] or self.content
 
     @property

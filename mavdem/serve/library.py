@@ -129,7 +129,7 @@ class Library:
         somebody may have altered the index.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
         """
         if entry.digest:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
@@ -395,7 +395,7 @@ class Library:
         """Gives a name to a flight; an empty one takes it away.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
             name: its new name.
 
         Raises:
@@ -431,7 +431,7 @@ class Library:
         """Shares a flight with more people and completes its note, when its log is uploaded again.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
             sharing: whom the new upload shares it with; it counts only if that is wider than before.
             note: note of the new upload; it counts only if there is none yet.
 

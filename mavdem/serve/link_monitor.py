@@ -158,7 +158,7 @@ class LinkMonitor:
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
     def _update_page(self, session: LiveSession) -> None:
-        """Makes the page of a session anew, and counts the successive pages between which nothing was received.
+        """Makes the page of a session again, and counts the successive pages between which nothing was received.
 
         The caller ends the session when this count, ``_silent_pages``, shows that the vehicle is gone.
 

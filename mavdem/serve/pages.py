@@ -95,7 +95,7 @@ class Pages:
             visible: the library, with the access rights.
             recordings_wanted: called after recordings were asked for.
             sample_log: a log that visitors may try the server with; None for no offer.
-            open_recording: opens a recording in a viewer on this machine; None where that is not possible.
+            open_recording: opens a recording in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.
         """
         self._visible = visible
@@ -206,7 +206,7 @@ class Pages:
         """Returns the path of a flight's page: in its folder of results, or among the pages of ``mavdem track``.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
             vehicle: ``SYSTEM_COMPONENT`` of another vehicle of its log; if it has no page, that of the log is returned.
         """
         if not entry.digest:
@@ -239,7 +239,7 @@ class Pages:
         """Waits until the recordings of a flight are made or have failed, for a while at most.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
 
         Returns:
             The entry as it is then.
@@ -268,7 +268,7 @@ class Pages:
 
         Args:
             request: the request, for the sender's rights.
-            entry: the flight.
+            entry: index entry of the flight.
             name: name of the file, or ``log``.
         """
         # A log with a digest is stored in the library; others lie where `mavdem track` has read them.

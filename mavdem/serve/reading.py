@@ -170,7 +170,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
 
 
 def publish_table(path: Path, key: str, page: object) -> LogRows:
-    """Judges the vehicles of the library anew and writes the fleet's table; a ``ReadLog`` function that reads no log.
+    """Judges the vehicles of the library again and writes the fleet's table; a ``ReadLog`` function that reads no log.
 
     Args:
         path: path of the file of the server, ``FOLDER/servers/NAME``.

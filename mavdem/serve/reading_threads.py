@@ -187,7 +187,7 @@ class ReadingThreads:
                     return
 
     def _publish_table(self, reader: LogReader | Cluster) -> None:
-        """Has the fleet's table of flights written anew, on this machine also where a cluster reads the logs.
+        """Has the fleet's table of flights written again, on this machine also where a cluster reads the logs.
 
         Args:
             reader: what reads logs: a process of this machine, or the workers of a cluster.

@@ -43,10 +43,10 @@ class RecordingRequests:
     def request(self, entry: Entry) -> Entry:
         """Asks for the recordings of a flight, unless they exist or are being made.
 
-        After a failure it asks anew.
+        After a failure it asks again.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
 
         Returns:
             Its entry, with the state of its recordings.

@@ -84,7 +84,7 @@ def query_decimal(request: HttpRequest, name: str, default: float) -> float:
 
 
 def query_integer(request: HttpRequest, name: str) -> int | None:
-    """Returns a whole number in the query of a URL; None where there is none.
+    """Returns a whole number in the query of a URL; None if there is none.
 
     Args:
         request: the request.

@@ -92,7 +92,7 @@ class UploadForm(MultiPartParser):
 
 
 class _AppendedFile:
-    """A file that is opened anew for each write: a form may have more files than a process may open at once."""
+    """A file that is opened again for each write: a form may have more files than a process may open at once."""
 
     def __init__(self, path: Path) -> None:
         path.open("xb").close()

@@ -41,7 +41,7 @@ class RecordingViewer:
 
     It ends when its tab is gone, or after ten minutes in which nobody looked at it. What somebody does in the viewer
     stays in the browser, where the viewer's process sees nothing of it. So the page around the viewer opens it again
-    every half minute while its tab is in front, which does nothing but begin the ten minutes anew.
+    every half minute while its tab is in front, which does nothing but begin the ten minutes again.
     """
 
     def __init__(self) -> None:
@@ -54,7 +54,7 @@ class RecordingViewer:
     def open(self, recording: Path) -> str:
         """Starts a viewer for a recording, in place of the one for another recording, unless it runs already.
 
-        Either way the time after which an unused viewer ends begins anew.
+        Either way the time after which an unused viewer ends begins again.
 
         Args:
             recording: path of the recording.
@@ -111,7 +111,7 @@ class RecordingViewer:
 
 
 def has_connections(process_id: int) -> bool:
-    """Returns whether somebody is connected to a process or one of its children; False where it has ended.
+    """Returns whether somebody is connected to a process or one of its children; False if it has ended.
 
     Args:
         process_id: number of the process.

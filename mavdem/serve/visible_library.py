@@ -115,7 +115,7 @@ class VisibleLibrary:
         return SearchResult(entries, total, query, order, offset)
 
     def previous_flight(self, entry: Entry) -> Entry | None:
-        """Returns the flight of the same vehicle before this one, by date; None where none is known.
+        """Returns the flight of the same vehicle before this one, by date; None if none is known.
 
         Args:
             entry: a flight. One without a date, or of a vehicle without a name, has none before it.
@@ -168,7 +168,7 @@ class VisibleLibrary:
         """Returns the document of a flight's review; None before it is done, and for flights of ``mavdem track``.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
 
         Raises:
             Refusal: the flight is being deleted.
@@ -185,7 +185,7 @@ class VisibleLibrary:
         Whoever may see a flight may have its recordings made.
 
         Args:
-            entry: the flight.
+            entry: index entry of the flight.
         """
         stage = RecordingRequests(self.library).stage(entry)
         return Recordings(

@@ -236,8 +236,8 @@ def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
     """Returns the logarithmic spectra of all windows, with the drive of each.
 
     The drive is what lines of motors move with: the motors' speed over its median where it is known in all windows,
-    else the throttle over its median. Where neither is known, it is 1. With logarithms, windows of strong vibration
-    count no more than others.
+    else the throttle over its median. If neither is known, it is 1. With logarithms, windows of strong vibration count
+    no more than others.
 
     Args:
         spectrum: spectrum of one sensor, in W windows.

@@ -231,7 +231,7 @@ def _log_thrust(recording: rr.RecordingStream, pose: Pose) -> None:
     Thrust is proportional to the square of the rotor speed, so the length is relative to that in hover.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         pose: the simulated flight.
     """
     rows = pose.drawn_samples()

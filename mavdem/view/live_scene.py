@@ -62,7 +62,7 @@ class LiveScene:
         """Draws nothing yet.
 
         Args:
-            recording: where to draw.
+            recording: Rerun recording to draw into.
         """
         self._recording = recording
         # Time of the latest drawn position, s of the timeline, and the segment of its row.

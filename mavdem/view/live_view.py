@@ -45,7 +45,7 @@ class SinkThread(threading.Thread):
         dropped: number of rows that were dropped, since too many waited.
         is_paused: whether rows wait; they are sent when this is unset, or when the thread ends.
         status: the latest status of the session.
-        trouble: why nothing arrives at the sink, in one sentence for the user; empty where all arrives.
+        trouble: why nothing arrives at the sink, in one sentence for the user; empty if all arrives.
         closing: event by which the owner asks the thread to send the rest and to end.
     """
 
@@ -115,7 +115,7 @@ class SinkThread(threading.Thread):
     def _attempt(self, work: Callable[[], None]) -> None:
         """Calls a function that works with the sink, and catches all its errors.
 
-        Nothing that goes wrong with one sink may end the flight or disturb the other sinks. Where the sink fails,
+        Nothing that goes wrong with one sink may end the flight or disturb the other sinks. If the sink fails,
         ``trouble`` says why, and a later turn may try again.
 
         Args:
@@ -163,7 +163,7 @@ class SinkThread(threading.Thread):
 
         A viewer that is not there yet is tried again every ``RETRY_SECONDS``, and ``trouble`` says so meanwhile. A file
         that cannot be opened is not tried again. A new recording has no layout yet, so the writer, which sends one, is
-        made anew with the next rows.
+        made again with the next rows.
         """
         is_due = wall.monotonic() >= self._next_attempt
         if self._recording is not None or not self._rows or not is_due:

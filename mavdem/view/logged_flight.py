@@ -45,12 +45,12 @@ def flight_scene(
     """Draws a logged flight in 3D, and returns its view; the vehicle is where and as it was at the time of the cursor.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         history: the signals of the flight over time.
-        wind: the wind of the flight; None where it is not known.
+        wind: the wind of the flight; None if it is not known.
 
     Returns:
-        The view; None where no position was recorded.
+        The view; None if no position was recorded.
     """
     position = history.position
     if position is None:

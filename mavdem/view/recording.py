@@ -149,7 +149,7 @@ class RecordingTabs:
         """Draws the first tab: the plots of a live session over the whole flight, with headline, lights and events.
 
         Args:
-            learned: the model.
+            learned: the learned model.
             held_out: forecasts in windows that the model was not trained on.
             series: outputs and free energy (T, k) by name.
 
@@ -207,7 +207,7 @@ class RecordingTabs:
         return log_text(self._recording, "headline", "", "\n\n".join(lines))
 
     def _setpoint_of(self, axis: str) -> Sequence[Line]:
-        """Returns the line of an axis's angle setpoint; none where it was not recorded."""
+        """Returns the line of an axis's angle setpoint; none if it was not recorded."""
         for chart in self._timeline.axis_charts.get(axis, ())[:1]:
             return [line for line in chart.lines if line.name == "setpoint"]
         return ()
@@ -240,7 +240,7 @@ class RecordingTabs:
         return rrb.Horizontal(plots, events_view(), column_shares=[72, 28], name="Motion")
 
     def space(self) -> list[rrb.Container]:
-        """Draws the vehicle on its path in 3D, with the wind; nothing where no position was recorded."""
+        """Draws the vehicle on its path in 3D, with the wind; nothing if no position was recorded."""
         evidence = self._assessment.evidence
         if evidence is None or evidence.time_history is None:
             return []
@@ -258,7 +258,7 @@ class RecordingTabs:
         """Draws the wind and its torque, with marks where gusts begin.
 
         Args:
-            learned: the model.
+            learned: the learned model.
             clock: (T,) times of the samples that it was trained on, s.
 
         Returns:
@@ -280,7 +280,7 @@ class RecordingTabs:
         amplifies disturbances of a frequency: its peak is small where the margins are large.
 
         Returns:
-            The layout of the tab; empty where neither a step response nor a loop is known.
+            The layout of the tab; empty if neither a step response nor a loop is known.
         """
         step_views = []
         for axis, responses in self._assessment.responses.items():
@@ -352,7 +352,7 @@ class RecordingTabs:
         """Draws outputs with their forecasts in held-out windows, and the process noise of DEM by sample.
 
         Args:
-            learned: the model.
+            learned: the learned model.
             held_out: forecasts in windows that the model was not trained on.
             series: times (T,) and values (T, k) by name: outputs, and process noise of the states.
 
@@ -377,7 +377,7 @@ class RecordingTabs:
         F̄ is the free energy action that learning maximises, in nats.
 
         Args:
-            learned: the model.
+            learned: the learned model.
 
         Returns:
             The tab "Learning".
@@ -499,7 +499,7 @@ def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
     """Returns a chart of F(t) of each sample, and of F̄ divided by the number of samples.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         free_energy: F(t), (T, 1), nats.
     """
     time = free_energy.time

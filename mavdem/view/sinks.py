@@ -139,7 +139,7 @@ class Sink:
         """Is called after each batch that was sent to the sink, which may put its data in order then.
 
         Args:
-            arrived: whether all of the batch has arrived; False where sending failed and part of it may be missing.
+            arrived: whether all of the batch has arrived; False if sending failed and part of it may be missing.
         """
 
     def close(self) -> None:
@@ -195,7 +195,7 @@ class RecordingFile(Sink):
                 self._add_index()
 
     def _add_index(self) -> None:
-        """Writes the file anew, with the index of its chunks, which Rerun's own program computes.
+        """Writes the file again, with the index of its chunks, which Rerun's own program computes.
 
         Raises:
             OSError, subprocess.TimeoutExpired: it could not; the file stays as it is.

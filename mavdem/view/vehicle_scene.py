@@ -49,7 +49,7 @@ def log_motion(
     """Moves and turns the vehicle: position and attitude are those of two entities, one within the other.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         time: (N,) s on the boot clock.
         position: (N, 3) north, east and down, m.
         attitude: (N, 4) unit quaternions (w, x, y, z), body to NED.
@@ -72,7 +72,7 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
     """Draws the vehicle once, in the body frame: a box with a red nose, and an arm to each rotor.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         rotors: (R, 2) positions of the rotors, forward and right of the centre of mass, m.
     """
     hubs = rotor_hubs(rotors)
@@ -106,7 +106,7 @@ def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float
     ``WIND_ARROW_SCALE`` arms long for each m/s, and its head stays ``WIND_ARROW_DISTANCE`` arms upwind of the vehicle.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         time: (N,) s on the boot clock.
         wind: (N, 3) velocity of the air, north, east and down, m/s.
         arm: length of an arm, m.
@@ -128,7 +128,7 @@ def log_north(recording: rr.RecordingStream, start: Array, arm: float) -> None:
     """Draws an arrow to the north.
 
     Args:
-        recording: where to draw.
+        recording: Rerun recording to draw into.
         start: (3,) the first point of the path, where the arrow begins: north, east and down, m.
         arm: length of an arm, m.
     """

@@ -149,7 +149,7 @@ class AirflowFilter:
         HP = H_wind @ TOTAL_WIND_MATRIX @ P
         motion_error = motion.force_error[step] ** 2 * IDENTITY
         S = HP @ TOTAL_WIND_MATRIX.T @ H_wind.mT + self._noise_covariances + motion_error
-        # Symmetric to the last digit, else rounding grows from step to step.
+        # Symmetric to the last digit, otherwise rounding grows from step to step.
         S = (S + S.mT) / 2
         # The inverse of a matrix of 2 by 2 is (trace · I − S) / determinant.
         determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]

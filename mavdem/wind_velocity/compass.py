@@ -90,7 +90,7 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     along = np.hypot(*(unit * band).T)
     across = np.hypot(*(unit[:, ::-1] * band).T)
     angle = np.degrees(np.arctan2(across, speed))
-    # Where the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
+    # If the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
     direction_half_width = np.where(across < speed, angle, ANY_DIRECTION)
     # The wind comes from where the velocity points away from: atan2(−east, −north), clockwise from north.
     origin = np.degrees(np.arctan2(*-velocity.T[::-1]))

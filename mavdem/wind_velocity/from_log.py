@@ -407,7 +407,7 @@ def _motion_resets(time: Array, values: Array) -> Flags:
 def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
     """Returns whether the autopilot's state estimator knows the horizontal velocity, at some times of a boot.
 
-    Without a position source, an estimator reports a velocity that means nothing, and says so in its flags. Where a log
+    Without a position source, an estimator reports a velocity that means nothing, and says so in its flags. If a log
     has no flags, the velocity counts as known.
 
     Args:
@@ -475,7 +475,7 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:
     """Returns the intervals of settled flight in a boot.
 
-    Where neither motors nor landed state were recorded, it is flight while armed and above the ground.
+    If neither motors nor landed state were recorded, it is flight while armed and above the ground.
 
     Args:
         signals: signals of the vehicle.
@@ -507,7 +507,7 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
         telemetry: log of the vehicle, with its autopilot and parameters.
 
     Returns:
-        Value with its 90 % interval by name of the parameter; empty where the autopilot has no drag model.
+        Value with its 90 % interval by name of the parameter; empty if the autopilot has no drag model.
     """
     if drag.source is DragSource.POPULATION:
         return {}

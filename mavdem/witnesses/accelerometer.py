@@ -164,7 +164,7 @@ def _accelerometer_witness(
         signals: signals of the vehicle.
         boot: number of the boot.
         number: number of the IMU.
-        is_used: whether the parameters use it; None where they do not say it.
+        is_used: whether the parameters use it; None if they do not say it.
         force_of_log: specific force (N, 3) of all boots, m/s².
 
     Returns:
@@ -192,7 +192,7 @@ def _accelerometer_witness(
 def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | None:
     """Returns the accelerometer that counts in a boot; None if none was recorded.
 
-    It is that of the estimator's primary core, where the log names it; else the first that the parameters do not
+    It is that of the estimator's primary core, where the log names it; otherwise the first that the parameters do not
     exclude.
 
     Args:
@@ -209,7 +209,7 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
 
 
 def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
-    """Returns the number of the IMU, from 1, of the core that flies for most of a boot; None where it is not known.
+    """Returns the number of the IMU, from 1, of the core that flies for most of a boot; None if it is not known.
 
     ArduPilot runs one instance ("core") of its estimator for each IMU in its mask: the first core has the IMU of the
     lowest bit.
@@ -337,7 +337,7 @@ def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
         time: (T,) s since boot.
 
     Returns:
-        None where motor outputs were not recorded.
+        None if motor outputs were not recorded.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:

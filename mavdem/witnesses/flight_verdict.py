@@ -74,7 +74,7 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
         boot: number of the boot.
 
     Returns:
-        The answer with its witnesses: that the vehicle flew, that it did not, or None if that is not known. Where the
+        The answer with its witnesses: that the vehicle flew, that it did not, or None if that is not known. If the
         motors were not recorded or never ran it is not known, and has no witnesses.
     """
     powered = powered_intervals(signals, boot)

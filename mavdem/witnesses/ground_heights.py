@@ -66,7 +66,7 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
         flight: start and end of the flight, s since boot; infinite where the record has no take-off or landing.
 
     Returns:
-        None where the vehicle did not rest both times, the barometer is missing or not usable, or no satellite receiver
+        None if the vehicle did not rest both times, the barometer is missing or not usable, or no satellite receiver
         had a fix both times.
     """
     barometer = series_of_boot(barometer_altitude(signals), boot)
@@ -111,7 +111,7 @@ def _horizontal_distance(start: Array, end: Array) -> float:
 def satellite_position(signals: Signals) -> TimeSeries | None:
     """Returns latitude and longitude, degrees, and altitude, m, of the first receiver with fixes (N, 3).
 
-    None where no receiver was recorded, or none had a position in three dimensions with an altitude. A receiver whose
+    None if no receiver was recorded, or none had a position in three dimensions with an altitude. A receiver whose
     altitude never changes does not measure one.
 
     Args:

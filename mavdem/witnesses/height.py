@@ -136,7 +136,7 @@ def barometer_noise(altitude: TimeSeries) -> float | None:
         altitude: (N,) m, of one boot.
 
     Returns:
-        None where the samples are too few or too slow to tell.
+        None if the samples are too few or too slow to tell.
     """
     duration = altitude.time[-1] - altitude.time[0]
     if len(altitude.time) < MIN_BAROMETER_RATE * max(duration, SLOPE_SECONDS):
@@ -221,7 +221,7 @@ def _contradictions(
 def _median_difference(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> float | None:
-    """Returns the median absolute difference of two climb rates, m/s; None where they have no time in common.
+    """Returns the median absolute difference of two climb rates, m/s; None if they have no time in common.
 
     Args:
         barometer_climb: (M,) m/s upward; None without a usable barometer.
@@ -255,11 +255,11 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Then the height
-            is that above the autopilot's home, by the estimate alone.
+        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Then the height is
+            that above the autopilot's home, by the estimate alone.
 
     Returns:
-        None where neither was recorded.
+        None if neither was recorded.
     """
     source = _trusted_source(signals, boot, take_off)
     if source is None:
@@ -271,7 +271,7 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
 
 
 def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeSeries | None:
-    """Returns the height by a source (N,), m, from wherever the source counts; None where it was not recorded."""
+    """Returns the height by a source (N,), m, from wherever the source counts; None if it was not recorded."""
     if source is HeightSource.ESTIMATE:
         return series_of_boot(signals.height, boot)
     return height_witnesses(signals, boot).barometer

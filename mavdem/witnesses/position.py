@@ -27,7 +27,7 @@ A relative position, of optical flow, counts for vehicles that never have an abs
 
 @cached_per_vehicle()
 def position_validity(signals: Signals) -> TimeSeries | None:
-    """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None where nothing reports it.
+    """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None if nothing reports it.
 
     It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
 

@@ -202,7 +202,7 @@ class Scene:
 
     @property
     def name_of_accelerometer(self) -> str:
-        """Name of its IMU where several were recorded; else empty."""
+        """Name of its IMU where several were recorded; otherwise empty."""
         if self.accelerometer is None or len(self.trust.accelerometers) < 2:
             return ""
         return self.accelerometer.name
@@ -316,7 +316,7 @@ class Scene:
     def sink_rate(self, interval: Interval) -> float | None:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
 
-        The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. Where the two
+        The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If the two
         contradict each other, and not only by that lag, either may be wrong, and the smaller speed is the one that both
         confirm.
 

@@ -143,7 +143,7 @@ def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
 
 
 def is_compass_used(telemetry: Telemetry, number: int) -> bool | None:
-    """Returns whether ArduPilot's parameters use a compass, by its number; None where they do not say it."""
+    """Returns whether ArduPilot's parameters use a compass, by its number; None if they do not say it."""
     value = telemetry.parameters.get(COMPASS_USE_PARAMETERS[number])
     return None if value is None else value > 0
 
@@ -217,7 +217,7 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
 def _force(
     columns: Columns, fields: tuple[str, str, str], factor: float, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the specific force (N, 3), m/s², of a message; None where it was not measured.
+    """Returns the specific force (N, 3), m/s², of a message; None if it was not measured.
 
     Args:
         columns: fields of the message.

@@ -102,7 +102,7 @@ class SensorTrust:
 
     @property
     def gyro_agrees(self) -> bool | None:
-        """Whether gyro and attitude agree; None where the vehicle hardly turned."""
+        """Whether gyro and attitude agree; None if the vehicle hardly turned."""
         return None if self.rotation is None else self.rotation.gyro_agrees
 
     @property

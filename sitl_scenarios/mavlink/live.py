@@ -123,7 +123,7 @@ def fly_live(
     clock reaches the simulated time, received commands are executed. The flight ends as planned, or with Ctrl-C.
 
     Args:
-        scenario: What is flown.
+        scenario: Scenario of the flight.
         simulation: Its simulation, not yet begun.
         ground: Connection to the ground station.
         speed: Simulated seconds per second of wall-clock time.

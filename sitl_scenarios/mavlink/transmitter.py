@@ -278,7 +278,7 @@ class Transmitter:
                     self.schedule.set(name, interval, self.clock)
 
     def _restart_by_watchdog(self, now: float) -> None:
-        """Boots the autopilot anew in flight, which then says why."""
+        """Boots the autopilot again in flight, which then says why."""
         self._boot(now, now + REBOOT_SECONDS)
         # MAV_SEVERITY_CRITICAL
         self.send_once("STATUSTEXT", severity=2, text=WATCHDOG_TEXT[:50].encode())
@@ -288,7 +288,7 @@ class Transmitter:
         self._boot_time -= self._scenario.faults.clock_jump_seconds
 
     def _boot(self, boot: float, first: float) -> None:
-        """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates begin anew.
+        """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates begin again.
 
         With the first block after boot it reports its frame, and unless messages are sent only on request its
         parameters too.
@@ -444,7 +444,7 @@ def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[T
     frames. Its stream begins half a second after that of the first.
 
     Args:
-        scenario: What is flown.
+        scenario: Scenario of the flight.
         received: Frames of the vehicle with their times of arrival, s, ascending.
     """
     mishap = scenario.mishap

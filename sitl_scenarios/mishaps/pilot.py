@@ -139,7 +139,7 @@ class Pilot:
         )
 
     def control(self, time: float, estimate: State, reference: Reference) -> ControlOutput | None:
-        """Returns the output where pilot or failsafe fly; None where the plan is flown.
+        """Returns the output where pilot or failsafe fly; None if the plan is flown.
 
         Args:
             time: Seconds after arming.

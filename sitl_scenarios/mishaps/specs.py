@@ -115,7 +115,7 @@ class GpsGlitch(Section):
 
 
 class YawReset(Section):
-    """An estimated heading that was wrong since boot, until the estimator sets it anew in flight."""
+    """An estimated heading that was wrong since boot, until the estimator sets it again in flight."""
 
     kind: Literal["yaw_reset"]
     start: Start

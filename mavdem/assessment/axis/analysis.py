@@ -286,7 +286,7 @@ def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned
     missing samples, and last those that learning itself has found.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         flights: training data, at least one flight. All come from one log and axis, so the first one's cautions count.
         is_slow: whether the streams were so slow that the model describes the slow motion only.
     """
@@ -312,11 +312,11 @@ def _with_physical_parameters(
     1. Figures of the same axis that an earlier analysis has estimated from the same flights are reused, because the
        estimation is slow.
     2. Otherwise the parameters are estimated, except for a model of the slow motion: they show only in fast motion.
-    3. If a motor gained or lost thrust in flight, the wind torque is estimated again, with a new beginning at each
-       such time. Otherwise the changed torque of that motor would be taken for wind.
+    3. If a motor gained or lost thrust in flight, the wind torque is estimated again, with a new beginning at each such
+       time. Otherwise the changed torque of that motor would be taken for wind.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         signals: signals of the vehicle, for the axis of the model.
         flights: the flights that the model was trained on.
         analysis: analysis of the vehicle, for the changes of its motors in flight.
@@ -364,9 +364,9 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     """Returns the alarms on motors that a live session would have raised, boot by boot.
 
     The samples of settled flight run one by one through the detector that live sessions use. A live session knows the
-    end of the climb-out half a second late, and a landing when it has happened, so that its times differ by as much.
-    Where it would have raised none in a run of settled flight, the run is searched as a whole for a motor that lost
-    thrust slowly.
+    end of the climb-out half a second late, and a landing when it has happened, so that its times differ by as much. If
+    it would have raised none in a run of settled flight, the run is searched as a whole for a motor that lost thrust
+    slowly.
 
     Args:
         signals: signals of the vehicle.

@@ -230,7 +230,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
 
     Args:
         flights: what the model was trained on.
-        learned: the model.
+        learned: the learned model.
         held_out: forecasts of windows that no model was trained on.
     """
     first_flight = flights[0]
@@ -291,7 +291,7 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
     """Returns figures of the simulation-error fit of a model, by the keys of ``report.json``.
 
     Args:
-        learned: the model.
+        learned: the learned model.
 
     Returns:
         ``samples`` is how many samples ahead the fit simulates, ``numbers`` the effective number of residuals,
@@ -377,8 +377,8 @@ def figures_of_axis(
     Args:
         signals: signals of the vehicle and axis.
         components: all components of the log, for the advice on rates where the log has too little.
-        alarms: changes of the motors in flight; the wind torque is estimated anew after each, and there is none while a
-            motor had lost thrust.
+        alarms: changes of the motors in flight; the wind torque is estimated again after each, and there is none while
+            a motor had lost thrust.
 
     Returns:
         The figures; without parameters they have the ``reason`` why there are none.

@@ -134,7 +134,7 @@ def with_oscillation_torque_marked(learned: Learned, oscillates: bool) -> Learne
     In a limit cycle the torque that the motors do not explain is the vehicle's own.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         oscillates: whether the vehicle is in a limit cycle. If not, the model is returned as it is.
     """
     wind_torque = learned.wind_torque
@@ -175,7 +175,7 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
     physical parameters the first three are not identifiable, for one reason.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         held_out: forecasts of windows that it was not trained on; without them, prediction is not judged.
 
     Returns:
@@ -384,7 +384,7 @@ def _residual_finding(learned: Learned) -> Finding:
     Identification, 2nd ed., sec. 16.6). If they fail the tests, the grade is LIMITED, and otherwise GOOD.
 
     Args:
-        learned: the model.
+        learned: the learned model.
 
     Returns:
         The finding, with the largest correlations and the bounds that they were compared with.
@@ -410,7 +410,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
     that the model expects, and a model that is unstable.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         held_out: forecasts of windows that it was not trained on; None without them.
     """
     limits = PREDICTION_LIMITS

@@ -332,7 +332,7 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
 def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
     """Returns the rating of a loop's stability margins with each of several sets of gains.
 
-    The plant stays as it was identified; only the controller is built anew with each set.
+    The plant stays as it was identified; only the controller is built again with each set.
 
     Args:
         loop: the identified plant with its controller.

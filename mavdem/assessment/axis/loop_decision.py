@@ -115,7 +115,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
     to be done about an axis; an axis with which nothing is to be done has no action.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
 
     Returns:
         The decision, with the observation that is its reason and the advised action.
@@ -150,7 +150,7 @@ def _decision_on_oscillation(
     gains that keep up the limit cycle. No gains are computed from a loop until they have been lowered.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
         oscillation: the limit cycle of the axis with the largest body rates, which lists those of the other axes.
     """
     axis = observations.margins.axis
@@ -182,10 +182,10 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
        the model. With such a contradiction, no gains are computed from the loop.
     3. The response to the setpoint shows a resonance, which a loop with enough margin has not.
 
-    So the identified loop decides alone where it is below the goal. Where it is not, a resonance refutes it.
+    So the identified loop decides alone where it is below the goal. If it is not, a resonance refutes it.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
     """
     margins = observations.margins
     facts_by_code = {fact.code: fact for fact in margins.facts}
@@ -218,7 +218,7 @@ def _decision_by_measurement(
     has its margins, so that no gains are computed from that loop.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
         measurement_fact: the fact that states the measured margins, or the measured resonance.
     """
     axis = observations.margins.axis
@@ -236,7 +236,7 @@ def _decision_by_identified_loop(
     advises; otherwise, to do first what the first doubt on the loop asks for.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
         loop: the identified loop, which no measurement refutes.
         loop_fact: the fact that states its margins.
     """
@@ -257,7 +257,7 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     unless the axis is just slow: no gains are computed from it.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
     """
     tracking = observations.tracking
     if not tracking.warns:
@@ -290,7 +290,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
        gains that are computed from the loop. Then do first what that asks for.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
     """
     axis = observations.margins.axis
     loop = observations.margins.loop
@@ -322,7 +322,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     the reason for that asks for, if it asks for anything.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
@@ -351,7 +351,7 @@ def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     the spectrum of the rate; why no loop was identified; or, where none was sought, how the axis follows its setpoint.
 
     Args:
-        observations: what the flight shows.
+        observations: margins, tracking and doubts that the flight shows of the axis.
     """
     margins = observations.margins
     if margins.facts:
@@ -383,7 +383,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
         loop_name: "rate" or "attitude".
 
     Returns:
-        A fact with ``changes``: name, value and new value of each gain; empty where the gains are not known.
+        A fact with ``changes``: name, value and new value of each gain; empty if the gains are not known.
     """
     axis = observations.margins.axis
     changes = []
@@ -406,7 +406,7 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     same action added to it.
 
     Args:
-        actions: the action of each axis; None where nothing is to be done.
+        actions: the action of each axis; None if nothing is to be done.
     """
     known_actions = [action for action in actions if action is not None]
     if not known_actions:

@@ -115,7 +115,7 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
     """Identifies the plant of an axis, in its closed loop if possible.
 
-    Identification in the closed loop uses the logged controller and setpoints. Where these are not known, the plant is
+    Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
     that of the gray-box fit, which uses inputs and outputs alone; it then has the reason for this as its ``refusal``.
     The gray-box fit is not used where the closed loop was identified, but too poorly for margins: its own margins would
     be worse.

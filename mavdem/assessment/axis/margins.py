@@ -72,9 +72,9 @@ class AxisMargins:
     def facts(self) -> Facts:
         """What is known of the stability margins: at most two facts, each good, to be watched or bad.
 
-        The first fact is of the best source that the log has: the measurement by an injected signal, else the
-        identified loop, else a peak of the spectrum. The response of the rate to its setpoint is a second, independent
-        one. A fact of the level "unknown", whose interval contains the limit, is left out.
+        The first fact is of the best source that the log has: the measurement by an injected signal, otherwise the
+        identified loop, otherwise a peak of the spectrum. The response of the rate to its setpoint is a second,
+        independent one. A fact of the level "unknown", whose interval contains the limit, is left out.
         """
         facts = []
         if self.injected is not None:
@@ -153,7 +153,7 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
         segments: segments of settled flight in which responses are measured.
 
     Returns:
-        The fact; None where the two agree, or cannot be compared.
+        The fact; None if the two agree, or cannot be compared.
     """
     # An unstable loop predicts no response.
     if not isinstance(loop, Loop) or loop.agrees is not None or not loop.rate.stable[0]:
@@ -186,7 +186,7 @@ def response_comparison(
         closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None where it says nothing about the loop.
+        The fact; None if it says nothing about the loop.
     """
     comparison = measured.comparison(frequency, closed_loop)
     if loop.agrees is not None:
@@ -203,7 +203,7 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
     """Returns the identified loop of an axis, or why it does not count.
 
     Each loop predicts the response of the rate to its setpoint, which the flight shows too. A loop counts if the two
-    agree, and does not if they differ. If too little was measured to tell, the other axes decide. Where the response of
+    agree, and does not if they differ. If too little was measured to tell, the other axes decide. If the response of
     one of them has less than half of the fit that it should have, the vehicle did not fly with the gains or the mixer
     that its parameters state. Then no loop that is computed from them counts.
 

@@ -25,7 +25,7 @@ class LimitedMotors(NamedTuple):
 
     @property
     def subject(self) -> str:
-        """Name of the motor that stands out; empty where several are alike, of which none is suspect."""
+        """Name of the motor that stands out; empty if several are alike, of which none is suspect."""
         return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:

@@ -133,7 +133,7 @@ def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
         boot = int(series.boot[first_row])
         start = series.time[first_row]
         end = series.time[last_row]
-        # The clock of another boot begins anew.
+        # The clock of another boot begins again.
         is_one_boot = boot == series.boot[last_row]
         if is_one_boot and end - start >= MIN_TURN_SECONDS:
             intervals.append(Segment(boot, start, end))

@@ -65,7 +65,7 @@ def residuals(learned: Learned, output: int = -1) -> Residuals:
     test of both is that of L. Ljung, System Identification, 2nd ed., sec. 16.6.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         output: index of the output; the last one, the rate, unless given.
     """
     record = learned.record

@@ -280,7 +280,7 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
         is_jump = changes > YAW_JUMP
         turn_starts = time[is_jump]
         turn_ends = turn_starts + changes[is_jump] / SLOWEST_TURN + TURN_MARGIN_SECONDS
-        # Turns overlap where the heading is set anew during a turn.
+        # Turns overlap where the heading is set again during a turn.
         turns = list(zip(turn_starts.tolist(), turn_ends.tolist(), strict=True))
         for start, end in intersection([(segment.start, segment.end)], complement(turns)):
             segments_without_turns.append(Segment(segment.boot, start, end))

@@ -194,7 +194,7 @@ def _advice_on_loop(
         # A higher angle gain only asks more of a rate loop that is too slow.
         raises_gains = False
         advice = advise(loop, margins, doubts)
-    # The notch costs phase, so that gains which may be advised at all are advised anew for the loop with it.
+    # The notch costs phase, so that gains which may be advised at all are advised again for the loop with it.
     if notch_parameters and not advice.refusals:
         advice = advise(loop.with_parameters(notch_parameters), margins, more=raises_gains)
     return advice
@@ -220,7 +220,7 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     would ask for twice.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         judgement: its lights, among them that of the motors.
 
     Returns:

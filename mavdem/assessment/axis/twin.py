@@ -54,7 +54,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     wind was estimated with, otherwise that of the autopilot's parameters.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         mass: mass of the vehicle, kg; None if it is not known.
 
     Returns:
@@ -121,7 +121,7 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
     The part of the recorded flight that is repeated is the one in which the setpoints move most.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         gains: gains to set, by the autopilot's names.
         in_wind: whether the twin hovers in wind too, for a second pair of flights.
 
@@ -218,7 +218,7 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
     """Predicts how closely roll and pitch would follow their setpoints with other gains, by flights of the twin.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         gains: gains to set, by the autopilot's names.
 
     Returns:

@@ -20,7 +20,7 @@ def hardware_facts(evidence: Evidence, lights: NamedFacts) -> NamedFacts:
     A fact whose level is unknown is not judged: no documentation has a limit for it.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         lights: the lights, of which the one on power is that part's fact.
     """
     facts = {

@@ -68,7 +68,7 @@ class CalibratedSensor(NamedTuple):
 
 
 def calibration_fact(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None where none is used.
+    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None if none is used.
 
     Args:
         telemetry: telemetry of the vehicle.
@@ -166,7 +166,7 @@ def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
 
 
 def bus_name(identifier: int) -> str:
-    """Returns the bus of a device id with its number: "SPI 1"; empty where the kind of bus is not known."""
+    """Returns the bus of a device id with its number: "SPI 1"; empty if the kind of bus is not known."""
     kind = BUSES.get(identifier & ((1 << BUS_BITS) - 1), "")
     number = identifier >> BUS_BITS & ((1 << BUS_NUMBER_BITS) - 1)
     return f"{kind} {number}" if kind else ""

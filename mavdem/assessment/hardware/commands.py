@@ -24,12 +24,12 @@ MIN_SWITCH_CHANGE = 100.0
 
 
 def command_facts(evidence: Evidence) -> NamedFacts:
-    """Returns facts on setpoints and sticks, by their names; nothing where they were not recorded in flight.
+    """Returns facts on setpoints and sticks, by their names; nothing if they were not recorded in flight.
 
     Neither is judged: how near a vehicle should keep to its position depends on gusts and on what is flown.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     facts = {
         CommandPart.TARGETS: _targets_fact(evidence),
@@ -42,7 +42,7 @@ def _targets_fact(evidence: Evidence) -> Fact | None:
     """Returns the errors (RMS) of the position in flight; None without a setpoint in flight.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     squares = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
     velocities = [
@@ -65,7 +65,7 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
     """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         axis: field of the position along one axis: "x", "y" or "z".
     """
     telemetry = evidence.signals.telemetry
@@ -81,10 +81,10 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on which sticks and switches moved in flight; None where none was recorded.
+    """Returns the fact on which sticks and switches moved in flight; None if none was recorded.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     inputs = pilot_input(evidence.signals)
     series_of_inputs = [*inputs.sticks.values(), *inputs.switches.values()]

@@ -34,10 +34,10 @@ def field_fact(evidence: Evidence) -> Fact | None:
     It is judged by its change from the ground to the flight; where the ground was not recorded, it is not.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact; None where no used compass was recorded in flight.
+        A fact; None if no used compass was recorded in flight.
     """
     facts = []
     for number, field in compass_fields(evidence.signals).items():
@@ -63,7 +63,7 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
     """Returns the correlation of the field's strength in flight with the mean command of the motors.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         field: magnetic field (N, 3) at a compass.
 
     Returns:

@@ -14,11 +14,11 @@ from mavdem.facts.hardware import HardwareFact
 def controllers_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact on what the speed controllers measured in flight; None without a flight or a report of theirs.
 
-    The level is to be watched where one of them counted more than ``MAX_ERROR_RATE`` errors per second, good where
-    all count errors and none did; without counts it is unknown.
+    The level is to be watched where one of them counted more than ``MAX_ERROR_RATE`` errors per second, good where all
+    count errors and none did; without counts it is unknown.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     controllers = speed_controllers(evidence.signals)
     speeds = _in_flight(evidence, [controller.speed for controller in controllers])

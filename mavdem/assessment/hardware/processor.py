@@ -27,13 +27,13 @@ LOOP_COUNT_FIELDS = ("NL", "NLoop")
 
 
 def processor_fact(evidence: Evidence) -> Fact | None:
-    """Returns load and memory of the processor in flight; None where the load was not recorded then.
+    """Returns load and memory of the processor in flight; None if the load was not recorded then.
 
     The load is that of the busiest 2 s (their mean), since PX4 itself waits so long before it complains. It is to be
     watched from the limit on that the autopilot has: PX4's parameters, or the full load of ArduPilot's main loop.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     signals = evidence.signals
     loads = evidence.averages_in_flight(recorded_quantity(signals, PROCESSOR_LOAD))
@@ -73,10 +73,10 @@ def _exceeds(value: float | None, limit: float | None) -> bool:
 
 
 def _share_of_long_loops(evidence: Evidence) -> float | None:
-    """Returns the share of ArduPilot's main loops in flight that took too long; None where they were not counted.
+    """Returns the share of ArduPilot's main loops in flight that took too long; None if they were not counted.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     for field in LOOP_COUNT_FIELDS:
         loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", field)

@@ -32,13 +32,13 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on how well the first satellite receiver measured; None where it was not recorded then.
+    """Returns the fact on how well the first satellite receiver measured; None if it was not recorded then.
 
     It is to be watched where it usually (by the median) had fewer satellites or was less accurate than the autopilot's
     filter asks for, or where its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     signals = evidence.signals
     counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")

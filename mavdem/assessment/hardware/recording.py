@@ -14,7 +14,7 @@ def recording_fact(evidence: Evidence) -> Fact | None:
     It is to be watched where the light on the log would be: a gap above ``MAX_GAP``, or messages that the logger lost.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     attitude = evidence.signals.attitude
     if attitude is None:

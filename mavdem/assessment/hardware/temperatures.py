@@ -7,10 +7,10 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def temperatures_fact(evidence: Evidence) -> Fact | None:
-    """Returns the lowest and highest temperatures in flight of each sensor that has one; None where none has.
+    """Returns the lowest and highest temperatures in flight of each sensor that has one; None if none has.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     names = []
     lowest = []

@@ -97,7 +97,7 @@ def estimator_light(evidence: Evidence) -> Fact:
     rest, reports of the autopilot, a height or position that was lost, and a barometer that drifted.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
@@ -210,11 +210,11 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
 
     Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
     exceeded the limit without a break. Of a filter that only the failsafe doubts, the duration is the failsafe's, and
-    the fact has its ``failsafe_limit``. Where the log has several instances, the subject is the one that flew. Where
-    only others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
+    the fact has its ``failsafe_limit``. If the log has several instances, the subject is the one that flew. Where only
+    others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     failsafe_limit = failsafe_limit_of(telemetry)
@@ -260,7 +260,7 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
         Such as "core 1"; empty if no instance was logged during the flight.
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
-    # Where the instance that flew was not logged, the ratios are those of another one.
+    # If the instance that flew was not logged, the ratios are those of another one.
     is_source = instances["is_primary"] > 0
     if not is_source.any():
         is_source = ~is_source
@@ -277,7 +277,7 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
     fewer can take over.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
@@ -304,11 +304,11 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight in which the filter flagged GPS (a "glitch"), by whether its position jumped.
 
     The flag counts only while a receiver has a position fix: without one, there is no position to jump. It says that
-    the filter does not agree with GPS. That the position jumped is said where the receiver's positions show it.
-    Without a jump the flag must last for ``FAILSAFE_SECONDS``, as an innovation must.
+    the filter does not agree with GPS. That the position jumped is said where the receiver's positions show it. Without
+    a jump the flag must last for ``FAILSAFE_SECONDS``, as an innovation must.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Yields:
         Facts with the time of the first jump or flag, s since boot, and as ``duration`` the longest time, s, that the
@@ -380,7 +380,7 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
     satellites is judged: autopilots switch to it, or weigh it most.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     for flight in evidence.in_flight(_best_receiver(evidence)):
         has_fix = flight.values[:, 0] >= FIX_3D
@@ -404,10 +404,10 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
     """Returns the samples of the GPS receiver that had the most satellites in flight, on average with a 3D fix.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        (N, 3) fix type, number of satellites, and horizontal dilution (HDOP) in hundredths; None where no receiver was
+        (N, 3) fix type, number of satellites, and horizontal dilution (HDOP) in hundredths; None if no receiver was
         recorded.
     """
     best = None
@@ -435,7 +435,7 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     Only the first compass that the parameters do not exclude is judged.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Yields:
         At most one fact, with the relative ``change`` of the strength, and the compass as subject if there are several.
@@ -459,7 +459,7 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     first; another one is judged where a core of the estimator has it.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Yields:
         Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject where there are several.

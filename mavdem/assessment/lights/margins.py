@@ -18,7 +18,7 @@ def margins_light(evidence: Evidence) -> Fact:
     the margins are unknown.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
@@ -53,7 +53,7 @@ def _facts_by_margin(evidence: Evidence) -> list[Fact]:
     margin over the one to have; a fact without it, such as that of a resonance, comes last.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     facts = list[Fact]()
     for axis_margins in evidence.margins:
@@ -66,7 +66,7 @@ def _unknown_margins(evidence: Evidence) -> Fact:
     """Returns the fact that the stability margins are not known, with the reason.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose reason is why the first axis has no identified loop, or else why the log allows no model. Its

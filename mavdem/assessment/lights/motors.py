@@ -40,7 +40,7 @@ def motors_light(evidence: Evidence) -> Fact:
     hover was measured, a fact that says so takes the place of the latter two.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
@@ -82,7 +82,7 @@ def _has_full_throttle(evidence: Evidence) -> bool:
     recovery from a dive.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     for event in evidence.events:
         if event.code is MotionEvent.DIVED:
@@ -99,7 +99,7 @@ def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
     hovers there lacks thrust all the time, and does not count.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         hover: outputs of its motors in the hover.
     """
     motors = evidence.signals.motors
@@ -126,10 +126,10 @@ def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
     """Returns the reason why recorded outputs are not those of motors, such as that none of them ever changes.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The obstacle; None where there is none, or the log has no outputs at all.
+        The obstacle; None if there is none, or the log has no outputs at all.
     """
     obstacle = motor_outputs_or_obstacle(evidence.signals.telemetry)
     if isinstance(obstacle, Fact) and obstacle.code is not MotorObstacle.NO_MOTOR_MESSAGE:
@@ -145,7 +145,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     autopilot reports of a motor; and, if no hover was measured, the longest moment at a limit.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
@@ -179,7 +179,7 @@ def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     (:func:`mavdem.motors.saturation.most_limited_motors`) and named together: then no single motor is weak.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         names: names of its motors.
 
     Returns:
@@ -214,7 +214,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     to be watched goes before a small headroom, since it may be the reason for it.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         hover: outputs of its motors in the hover.
 
     Returns:

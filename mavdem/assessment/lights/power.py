@@ -53,11 +53,11 @@ POWER_REPORTS = {
 def power_light(evidence: Evidence) -> Fact:
     """Returns the worst of batteries, their charge, and board voltage in flight; unknown if none of them was measured.
 
-    Where several batteries were measured, the fact names the one that it is about, and has the voltages of the others
-    as the figure ``batteries``: a tuple of facts, the worst first.
+    If several batteries were measured, the fact names the one that it is about, and has the voltages of the others as
+    the figure ``batteries``: a tuple of facts, the worst first.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
@@ -98,7 +98,7 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
     """Yields a fact for each battery that was recorded but not measured in flight: its sensor is not connected.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         batteries: those that were measured in flight, which are left out.
 
     Yields:
@@ -123,7 +123,7 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
     A battery whose sensor is not connected shows a constant voltage, and is left out (``is_measured``).
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     parameters = evidence.signals.telemetry.parameters
     batteries = []
@@ -149,7 +149,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     and of one that is not the first, it has the number as ``battery`` too.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         battery: measured in flight.
     """
     voltage = battery.voltage
@@ -198,7 +198,7 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
     """Returns the first time in flight at which the average of a voltage over 2 s was below a limit, s since boot.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         voltage: (N,) V.
         limit: V.
 
@@ -219,7 +219,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
     a share of the full charge. Vehicles without that parameter are not judged by their charge.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         batteries: measured in flight, the emptiest first.
     """
     low_share = evidence.signals.telemetry.parameters.get("BAT_LOW_THR", 0.0)
@@ -246,7 +246,7 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     The fact has the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the limit, all in V.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     # A voltage that is constant was not measured.
     measured = None
@@ -281,7 +281,7 @@ def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:
     """Yields the supply voltages (N,) of the autopilot's board, V, for each message that has plausible ones.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     lowest_possible, highest_possible = POSSIBLE_BOARD_VOLTAGE
     for message in ("POWER_STATUS", "HWSTATUS"):

@@ -16,7 +16,7 @@ def tracking_light(evidence: Evidence) -> Fact:
     watched at least.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.

@@ -36,12 +36,12 @@ def vibration_light(evidence: Evidence) -> Fact:
     """Judges the vibration that the autopilot itself measured; unknown if it was not recorded.
 
     Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
-    autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU,
-    which are samples outside its range. They are of settled flight or, without any, of all free flight. A flight ends
-    when the vehicle was lost, since an impact clips every accelerometer.
+    autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU, which are samples outside its
+    range. They are of settled flight or, without any, of all free flight. A flight ends when the vehicle was lost,
+    since an impact clips every accelerometer.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.

@@ -28,7 +28,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     the ``share`` of the lean.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         estimator: the fact of the light on the state estimator.
 
     Returns:
@@ -61,8 +61,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 def _other_core(telemetry: Telemetry) -> dict[str, Any]:
     """Returns a further figure of the wind, where the velocity behind it is of another core than the primary one.
 
-    ArduPilot runs several instances ("cores") of its estimator. Where the log lacks the primary one, another was read,
-    and the reader of the light should know.
+    ArduPilot runs several instances ("cores") of its estimator. If the log lacks the primary one, another was read, and
+    the reader of the light should know.
 
     Args:
         telemetry: messages of the vehicle, and the repairs that were made as they were read.

@@ -217,10 +217,10 @@ def initial_iterate(
 def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     """Runs rounds of D, E and M steps until F̄ converges.
 
-    Where the states and θ are strongly coupled, plain rounds converge slowly. So a round starts from θ and λ that are
-    extrapolated along their last change, ever further as long as F̄ᵒ increases; a round that gains nothing is discarded,
-    and the next one starts without extrapolation (Salakhutdinov and Roweis, "Adaptive overrelaxed bound optimization
-    methods", ICML 2003).
+    If the states and θ are strongly coupled, plain rounds converge slowly. So a round starts from θ and λ that are
+    extrapolated along their last change, ever further as long as F̄ᵒ increases; a round that gains nothing is
+    discarded, and the next one starts without extrapolation (Salakhutdinov and Roweis, "Adaptive overrelaxed bound
+    optimization methods", ICML 2003).
 
     Args:
         start: the first iterate.

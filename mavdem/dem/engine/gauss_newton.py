@@ -120,8 +120,8 @@ def gauss_newton(
 
     Returns:
         The expansions about all iterates, ``start`` first, and the gain of the last step, nats: below
-        ``CONVERGED_STEP_NATS`` where the search has converged. Where no attempt at a step increased the function, the
-        gain that the last expansion still predicts.
+        ``CONVERGED_STEP_NATS`` where the search has converged. If no attempt at a step increased the function, the gain
+        that the last expansion still predicts.
     """
     trace = [start]
     damping_now = damping.initial

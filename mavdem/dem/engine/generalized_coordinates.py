@@ -59,8 +59,8 @@ def embed(
         position: sample of the window at which the derivatives are taken.
 
     Returns:
-        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample
-        i + ``position``; there are none where the window would reach beyond the samples.
+        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample i +
+        ``position``; there are none if the window would reach beyond the samples.
     """
     weights = taylor_weights(order, dt, window, position)
     # The correlation centres its window on window // 2 and pads the ends; the padded rows are cut off again.

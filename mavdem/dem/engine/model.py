@@ -138,7 +138,7 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     """Runs the recursion x_t = F x_{t−1} + g_t over all samples, vectorized over time.
 
     With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, which runs over all samples
-    at once. Where the eigenvectors are too ill conditioned, as of a defective F, the recursion runs sample by sample.
+    at once. If the eigenvectors are too ill conditioned, as of a defective F, the recursion runs sample by sample.
 
     Args:
         F: (n, n) state transition matrix.

@@ -215,7 +215,7 @@ class StateSpace:
         inputs: Array,
         outputs: Array,
     ) -> Array:
-        """Forecasts a segment with known inputs, starting anew at every ``steps``-th sample.
+        """Forecasts a segment with known inputs, starting again at every ``steps``-th sample.
 
         Each forecast starts from the state that the filter predicts from all samples before it, and continues without
         measurements until the next one starts.
@@ -282,7 +282,7 @@ def filter_gain(
     # ∫ exp(−τ²/4s²) dτ: power density at low frequency of a smooth noise of variance 1, s.
     power_density = 2 * smoothness * np.sqrt(np.pi)
     # A white noise of that power density, sampled every dt, has the variance of the smooth one times the ratio
-    # power_density / dt. Where the correlation is shorter than a step, the samples are independent already, and keep
+    # power_density / dt. If the correlation is shorter than a step, the samples are independent already, and keep
     # their variance.
     R = np.diag(measurement_variances) * max(power_density / dt, 1.0)
     # Over one step the white process noise adds its power density times dt to the covariance of the states.

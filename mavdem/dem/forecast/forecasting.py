@@ -12,7 +12,7 @@ from mavdem.dem.validation import MAX_STEPS, validated_count
 class ForecasterBase:
     """Base class of models with the methods of :class:`mavdem.Forecaster`; a subclass implements three forecasts.
 
-    Rolling forecasts start anew at every ``steps``-th sample after the training data, each from all samples before it.
+    Rolling forecasts start again at every ``steps``-th sample after the training data, each from all samples before it.
     A single forecast is one whose ``steps`` are as many as its samples. Outputs and inputs are in physical units.
 
     Raises:
@@ -25,7 +25,7 @@ class ForecasterBase:
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts the samples after the training data with known inputs, starting anew at every ``steps``-th one.
+        """Forecasts the samples after the training data with known inputs, starting again at every ``steps``-th one.
 
         Args:
             steps: number of samples from the start of one forecast to the next.
@@ -42,7 +42,7 @@ class ForecasterBase:
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> Forecast:
-        """Forecasts the samples after the training data with unknown inputs, starting anew at every ``steps``-th one.
+        """Forecasts the samples after the training data with unknown inputs, starting again at every ``steps``-th one.
 
         Args:
             steps: number of samples from the start of one forecast to the next.
@@ -95,7 +95,7 @@ class ForecasterBase:
         return self.rolling_forecast_unknown_inputs(horizon, unused_inputs, unused_outputs)
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Predicts the samples after the training data, inputs unknown, starting anew at every ``steps``-th sample.
+        """Predicts the samples after the training data, inputs unknown, starting again at every ``steps``-th sample.
 
         Nothing is fitted again.
 
@@ -148,7 +148,7 @@ class ForecasterBase:
         return self.rolling_forecast_known_inputs(horizon, inputs, unused_outputs, smooth)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Forecasts the samples after the training data, inputs known, starting anew at every ``steps``-th sample.
+        """Forecasts the samples after the training data, inputs known, starting again at every ``steps``-th sample.
 
         Each forecast is as :meth:`forecast`'s, from the state that the filter has after all samples before its start.
         Nothing is fitted again.

@@ -103,7 +103,7 @@ def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | No
 def axis_mixer(record: Record) -> Array:
     """Returns the combinations of the inputs that turn the axis, which become channels of the joint model.
 
-    Where the mixer is not known, the motors' effects are estimated by a regression of the last output. Four motors may
+    If the mixer is not known, the motors' effects are estimated by a regression of the last output. Four motors may
     also have a mixer row of a quadrotor X. Of these candidates, that with the largest mutual information with the
     outputs is used. The estimated effects cost ½ ln N nats for each of their r − 1 free numbers, N being the number of
     samples (the BIC; Schwarz, "Estimating the dimension of a model", 1978).
@@ -277,7 +277,7 @@ class JointModel(ImmutableResult):
         outputs: Array,
         smooth: bool = False,
     ) -> var.Forecast:
-        """Forecasts the outputs given the inputs, which it takes as measurements, anew from every ``steps``-th sample.
+        """Forecasts the outputs given the inputs, which it takes as measurements, again from every ``steps``-th sample.
 
         Args:
             steps: number of samples from the start of one forecast to the next.
@@ -295,7 +295,7 @@ class JointModel(ImmutableResult):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> var.Forecast:
-        """Forecasts the outputs without knowing the inputs to come, anew from every ``steps``-th sample.
+        """Forecasts the outputs without knowing the inputs to come, again from every ``steps``-th sample.
 
         Args:
             steps: number of samples from the start of one forecast to the next.

@@ -156,7 +156,7 @@ class SimulationPieces(NamedTuple):
             for start in _piece_starts(len(outputs), horizon):
                 end = start + piece_length
                 all_pieces.append((inputs[start:end], outputs[start:end]))
-        # Where there are fewer pieces than MAX_PIECES, each is selected once.
+        # If there are fewer pieces than MAX_PIECES, each is selected once.
         selection = np.unique(np.linspace(0, len(all_pieces) - 1, MAX_PIECES).astype(int))
         input_pieces = [all_pieces[index][0] for index in selection]
         output_pieces = [all_pieces[index][1] for index in selection]
@@ -178,7 +178,7 @@ def _piece_starts(length: int, horizon: int) -> range:
         horizon: number of samples of each simulation; a piece has twice as many and one more.
 
     Returns:
-        The first sample of each piece; none where the segment is too short for a piece.
+        The first sample of each piece; none if the segment is too short for a piece.
     """
     samples_between_starts = max(1, horizon // STARTS_PER_HORIZON)
     end_of_starts = length - 2 * horizon

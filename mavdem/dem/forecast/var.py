@@ -426,7 +426,7 @@ class VectorAutoregression(NamedTuple):
             steps: number of samples to forecast.
 
         Returns:
-            Means (…, steps, k) and variances (steps, k) of the channels, outputs first. Where a mean overflows it is
+            Means (…, steps, k) and variances (steps, k) of the channels, outputs first. If a mean overflows it is
             replaced by the mean of the training data, with infinite variance.
         """
         # Step h of the forecast is the h-th map of the past, plus the h-th constant.
@@ -580,7 +580,7 @@ class VectorAutoregression(NamedTuple):
         outputs: Array,
         smooth: bool = False,
     ) -> Forecast:
-        """Forecasts outputs given the inputs, starting anew at every ``steps``-th sample.
+        """Forecasts outputs given the inputs, starting again at every ``steps``-th sample.
 
         Args:
             past: (L or more, k) samples before the first one.
@@ -611,7 +611,7 @@ class VectorAutoregression(NamedTuple):
         inputs: Array,
         outputs: Array,
     ) -> Forecast:
-        """Forecasts outputs without knowing the inputs to come, starting anew at every ``steps``-th sample.
+        """Forecasts outputs without knowing the inputs to come, starting again at every ``steps``-th sample.
 
         Args:
             past: (L or more, k) samples before the first one.
@@ -663,7 +663,7 @@ class VectorAutoregression(NamedTuple):
             variance: (…, H, c) variances, or an array that broadcasts to that shape.
 
         Returns:
-            The forecast. Where a mean is not finite it is that of the training data, with infinite variance.
+            The forecast. If a mean is not finite it is that of the training data, with infinite variance.
         """
         columns = mean.shape[-1]
         # In scaled channels, the mean of the training data is 0.

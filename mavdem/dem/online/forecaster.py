@@ -209,7 +209,7 @@ class OnlineForecaster:
             statistics = self._count_samples(new_block, self.axis_mixer, self._scaling)
         is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
         if may_fit and is_due:
-            # Where the regression fails, it is tried again with the next samples.
+            # If the regression fails, it is tried again with the next samples.
             with one_thread(wait=False) as is_free, suppress(LinAlgError):
                 if is_free:
                     self._samples_since_fit = 0

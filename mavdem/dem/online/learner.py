@@ -285,7 +285,7 @@ class OnlineLearner:
     def forget_since(self, time: float) -> None:
         """Forgets the samples since a time, because they turned out not to be of flight, as of a vehicle on the ground.
 
-        The forecasts are learned anew from the samples before. A running call of ``learn`` is cancelled, and another
+        The forecasts are learned again from the samples before. A running call of ``learn`` is cancelled, and another
         begins, since these samples may be the last ones (:meth:`adopt_finished_fit`).
 
         Args:
@@ -468,7 +468,7 @@ class OnlineLearner:
             learned: The model that was surprised.
 
         Returns:
-            The cause; None where it is undecided, or it is not known how the motors turn the vehicle.
+            The cause; None if it is undecided, or it is not known how the motors turn the vehicle.
         """
         directions = self._memory.effect_directions
         if directions is None:
@@ -531,7 +531,7 @@ class OnlineLearner:
         self.obstacle = None
         self._surprise = Surprise(self._dt, monitor.past_values)
         self._monitor = monitor
-        # The joint model of the fit shows the axis mixer. Where the forecaster had none, or another, it learns anew.
+        # The joint model of the fit shows the axis mixer. If the forecaster had none, or another, it learns again.
         mixer = self._forecaster.axis_mixer
         fitted_mixer = monitor.learned.joint.mixer
         if mixer is None or not _is_same_mixer(mixer, fitted_mixer):
@@ -540,8 +540,8 @@ class OnlineLearner:
     def _retry_later(self, error: BaseException) -> None:
         """States why a fit failed, and lets it be tried again after as many samples as before the first fit.
 
-        Where the samples have not supported any model yet, the older half of the memory is dropped: a vehicle that
-        stood on the ground may have taken off. A failure of the executor drops nothing.
+        If the samples have not supported any model yet, the older half of the memory is dropped: a vehicle that stood
+        on the ground may have taken off. A failure of the executor drops nothing.
 
         Args:
             error: The error of the fit or of the executor.

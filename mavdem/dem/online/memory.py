@@ -16,7 +16,7 @@ class MemoryBlock(NamedTuple):
     Attributes:
         inputs: (b, r) motor outputs, in the unit of the stream.
         outputs: (b, m) measured motion of the same samples: angle (rad) and rate (rad/s).
-        starts_segment: Whether a gap lies before the first sample; else it follows the block before.
+        starts_segment: Whether a gap lies before the first sample; otherwise it follows the block before.
         end_time: Time of the last sample, s.
     """
 
@@ -102,7 +102,7 @@ class SampleMemory:
         self.dt = dt
         self.block_size = block_size
         # Inputs and outputs of the samples since the last gap, also of those within blocks: (2N, r) and (2N, m) for the
-        # N latest, so that they lie in one piece. Where the tables are full, the latest N move to their beginning.
+        # N latest, so that they lie in one piece. If the tables are full, the latest N move to their beginning.
         self._max_samples = max_blocks * block_size
         self._inputs: Array = np.empty((0, 0))
         self._outputs: Array = np.empty((0, 0))
@@ -189,7 +189,7 @@ class SampleMemory:
     def _complete_block(self) -> None:
         """Moves the samples that belong to no block yet to a new block, the last of ``blocks``.
 
-        Where there are ``max_blocks`` already, the oldest one is dropped.
+        If there are ``max_blocks`` already, the oldest one is dropped.
         """
         inputs, outputs = self.latest_samples(self._open_samples)
         # The tables of the memory are written over: a block has samples of its own.

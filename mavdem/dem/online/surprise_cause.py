@@ -59,7 +59,7 @@ def cause_of_surprise(
         settings: Settings of the model, whose embedding window gives the acceleration.
 
     Returns:
-        The cause; None where there are too few samples, or nothing varies.
+        The cause; None if there are too few samples, or nothing varies.
     """
     share = explained_share(command, outputs, dt, settings)
     if share is None:
@@ -105,7 +105,7 @@ def explained_share(
         settings: Settings of the model.
 
     Returns:
-        The share; None where there are too few samples, or nothing varies.
+        The share; None if there are too few samples, or nothing varies.
     """
     latest = round(CAUSE_SECONDS / dt)
     window = settings.window

@@ -54,7 +54,7 @@ class Baseline(ForecasterBase):
 
     @property
     def cautions(self) -> Facts:
-        """Limits of the model that a user of its forecasts must know, as facts; empty where there are none.
+        """Limits of the model that a user of its forecasts must know, as facts; empty if there are none.
 
         An unstable model is one whose forecasts grow without bound: the largest eigenvalue of its step from sample to
         sample is beyond the unit circle, here by ``growth``. A method may also have stopped at its limit of iterations.

@@ -70,7 +70,7 @@ def pem_fit(segments: Segments, order: int) -> NormalizedFit:
     """Runs PEM (prediction error method) on segments in normalized units.
 
     Args:
-        segments: inputs (T, k) and outputs (T, m) of each.
+        segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
 
     Returns:
@@ -328,7 +328,7 @@ def maximize_expected_likelihood(
     Args:
         model: of the last iteration, for its shapes: n states, k inputs, m outputs.
         smoothed: the states of each segment under that model.
-        segments: inputs (T, k) and outputs (T, m) of each.
+        segments: inputs (T, k) and outputs (T, m) of each segment.
     """
     n, k = model.B.shape
     m = len(model.C)

@@ -102,7 +102,7 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
 
 
 def turning_sense(record: Record, mixer: Array) -> float:
-    """Returns 1 where a combination of the motors accelerates the axis in the positive sense of its rate, else −1.
+    """Returns 1 where a combination of the motors accelerates the axis in the positive sense of its rate, otherwise −1.
 
     A vector autoregression of the outputs and the combination is fitted. The sign is that of the sum, over all lags, of
     the coefficients with which the rate follows the combination.

@@ -66,7 +66,7 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
     3. The covariances of w and e give the steady Kalman gain K of the innovation form.
 
     Args:
-        segments: inputs (T, k) and outputs (T, m) of each.
+        segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
 
     Raises:
@@ -138,7 +138,7 @@ def choose_horizon(segments: Segments, order: int) -> int:
     or else the smallest that can show all states.
 
     Args:
-        segments: inputs (T, k) and outputs (T, m) of each.
+        segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
 
     Raises:
@@ -259,7 +259,7 @@ def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
     """Returns the first state (n,) of a segment with the least squared one-step prediction errors.
 
     The predictions are linear in the first state: those from state 0 plus the effect of each of its n entries, which is
-    the difference that a unit entry makes. So the state is found by linear regression. Where the segment does not
+    the difference that a unit entry makes. So the state is found by linear regression. If the segment does not
     determine it, the smallest one is taken.
 
     Args:

@@ -128,7 +128,7 @@ def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
 
     Returns:
         Columns of ATTITUDE (N,): angles, rad, within half a turn of zero, and body rates, rad/s; NaN in gaps of the
-        faster message. There are none where angles or rates were not logged.
+        faster message. There are none if angles or rates were not logged.
     """
     angle_message = _faster_angle_message(tables, ANGLE_FIELDS)
     angles = messages_with_fields(tables, angle_message, ANGLE_FIELDS)
@@ -225,7 +225,7 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
 
     Returns:
         Three messages per row of RATE, degrees/s: setpoint (``desired``) and body rate (``achieved``) about roll, pitch
-        and yaw, whose ``axis`` is 1, 2 and 3. They come one axis after the other. Empty where it is not made.
+        and yaw, whose ``axis`` is 1, 2 and 3. They come one axis after the other. Empty if it is not made.
     """
     logged = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
     if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged):

@@ -93,7 +93,7 @@ class FormatDefinition:
 
     @cached_property
     def wire(self) -> np.dtype[Any] | None:
-        """The bytes after the header as a structured type; None where characters or names are inconsistent.
+        """The bytes after the header as a structured type; None if characters or names are inconsistent.
 
         Its fields are called "0", "1" and so on: NumPy may change a name that damage has made.
         """
@@ -177,7 +177,7 @@ def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | Non
         values: The fields of the FMT, texts as bytes that zeros may fill up.
 
     Returns:
-        The message id and the definition; None where the name is not one, or a text is not printable ASCII: damage.
+        The message id and the definition; None if the name is not one, or a text is not printable ASCII: damage.
     """
     name, characters, field_names = (
         _padded_text(value) for value in (values.name, values.characters, values.field_names)
@@ -330,8 +330,8 @@ class _MessageScan:
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
 
-        From message to message the length in the definition says where the next header must be. Where none is, or its
-        id has no definition, the search goes on byte by byte.
+        From message to message the length in the definition says where the next header must be. If none is, or its id
+        has no definition, the search goes on byte by byte.
         """
         size = len(self.content)
         offset = 0
@@ -470,7 +470,7 @@ class _MessageScan:
             )
 
     def _definition_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
-        """Returns id and definition in the FMT at an offset; None where it is cut off or damaged."""
+        """Returns id and definition in the FMT at an offset; None if it is cut off or damaged."""
         if offset + FORMAT.length > len(self.content):
             return None
         values = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
@@ -507,8 +507,8 @@ class _MessageScan:
 
         A message that ends at ``offset`` should have been followed by a header. Since it is not, some of its own bytes
         are missing, or its header was a chance pattern. It is removed, and the search goes on inside of it, where the
-        true next header may be. Where no header follows at all, the log may just have been cut off behind a sound
-        message, which stays.
+        true next header may be. If no header follows at all, the log may just have been cut off behind a sound message,
+        which stays.
 
         Args:
             offset: Where a header should be.
@@ -535,7 +535,7 @@ def _decoded(data: Bytes, definition: FormatDefinition, starts: Integers) -> Mes
         starts: Offset (N,) of each message.
 
     Returns:
-        The messages, in the units of their fields; none where the definition is inconsistent.
+        The messages, in the units of their fields; none if the definition is inconsistent.
     """
     wire = definition.wire
     if wire is None or definition.length != definition.wire_length or not wire.itemsize:

@@ -77,7 +77,7 @@ class FlownEstimates(NamedTuple):
 def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
     """Selects the messages of the core that flew at each time.
 
-    Where the log has no row of that core, another core stands in for it: that with most rows.
+    If the log has no row of that core, another core stands in for it: that with most rows.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -118,7 +118,7 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
 
 
 def _with_cores(tables: Tables, name: str) -> Columns:
-    """Returns the messages of all cores with the number of each as ``C``; empty where there are none.
+    """Returns the messages of all cores with the number of each as ``C``; empty if there are none.
 
     Args:
         tables: DataFlash's messages by name.
@@ -146,7 +146,7 @@ def _primary_cores(logged: Columns, status: Columns) -> Integers:
 
     Args:
         logged: The message (N rows).
-        status: The message with the primary core (``PI``), of all cores. Where it has none, core 0 is primary.
+        status: The message with the primary core (``PI``), of all cores. If it has none, core 0 is primary.
     """
     count = message_count(logged)
     named = status.get("PI", np.zeros(0))

@@ -423,7 +423,7 @@ def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
 
 
 def _lost_messages(recording: DataflashRecording) -> int:
-    """Returns how many messages the logger had no room for: DSF counts them, anew with each boot."""
+    """Returns how many messages the logger had no room for: DSF counts them, again with each boot."""
     counter = usable_fields(recording.decode("DSF")).columns.get("Dp", np.zeros(0))
     increases = np.maximum(np.diff(counter.astype(np.float64)), 0)
     return int(np.nansum(increases))
@@ -519,7 +519,7 @@ def _placed_by_neighbours(
     Args:
         name: Name of the messages.
         table: The messages (N,).
-        stamps: Their stamps (N,), s; None where they have none.
+        stamps: Their stamps (N,), s; None if they have none.
         next_rows: Row (N,) of the first stamped message behind each, in the order of the log.
         time: Times (S,) of all stamped messages on the boot clock, s.
         boot: Numbers (S,) of their boots.

@@ -106,8 +106,8 @@ def _instance_of_stage(
 ) -> dict[str, int]:
     """Returns the instance numbers under which the log has the first sensor's samples before and after the filters.
 
-    ArduPilot numbers the sensors from 0. Where it logs both stages, filtered samples have the numbers behind those of
-    all sensors: with 3 gyros, instance 3 is the first gyro after its filters.
+    ArduPilot numbers the sensors from 0. If it logs both stages, filtered samples have the numbers behind those of all
+    sensors: with 3 gyros, instance 3 is the first gyro after its filters.
 
     Args:
         option: The parameter that says which stages are logged.
@@ -135,8 +135,8 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
         instance: Number of the sensor.
 
     Returns:
-        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are none. Times are those
-        of the samples (SampleUS) where they are logged, else those of the messages.
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. Times are those of
+        the samples (SampleUS) where they are logged, otherwise those of the messages.
     """
     logged = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
     if not logged:
@@ -180,7 +180,7 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
         instance: Number of the sensor, as in ISBH.instance.
 
     Returns:
-        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty where there are no complete batches.
+        ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are no complete batches.
     """
     header_fields = ("N", "type", "instance", "mul", "smp_cnt", "smp_rate", "SampleUS")
     headers = messages_with_fields(tables, "ISBH", header_fields)

@@ -77,7 +77,7 @@ INSTANCE_FIELD = "I"
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
-    """Returns the messages of one sensor; empty where it was not logged.
+    """Returns the messages of one sensor; empty if it was not logged.
 
     Args:
         tables: DataFlash's messages by name.

@@ -8,7 +8,7 @@ from mavdem.ingest.telemetry import Columns, Tables, interpolated, selected_rows
 
 
 def messages_with_fields(tables: Tables, name: str, fields: Names) -> Columns:
-    """Returns the messages of a name; empty where there are none, or one of the fields is missing."""
+    """Returns the messages of a name; empty if there are none, or one of the fields is missing."""
     columns = tables.get(name, {})
     if not message_count(columns) or not all(field in columns for field in fields):
         return {}
@@ -24,7 +24,7 @@ def rows_of_instance(columns: Columns, field: str, number: float) -> Columns:
         number: The number.
 
     Returns:
-        Its messages, empty where there are none; all messages where they do not have the field.
+        Its messages, empty if there are none; all messages where they do not have the field.
     """
     if field not in columns:
         return columns

@@ -79,7 +79,7 @@ def read_text(content: bytes) -> DataflashRecording:
             lines_skipped += 1
 
     def decode(name: str) -> MessageTable:
-        """Decodes the messages of one name; none where the log has none."""
+        """Decodes the messages of one name; none if the log has none."""
         if name not in lines:
             return EMPTY_TABLE
         return _decoded(definitions[name], lines[name])
@@ -96,7 +96,7 @@ def _definition(values: bytes) -> FormatDefinition | None:
         values: What follows "FMT,": id, length, name, format characters, and then the names of all fields.
 
     Returns:
-        The definition; None where it is damaged.
+        The definition; None if it is damaged.
     """
     # The fifth part has the names of the fields, with the commas between them.
     parts = values.split(b",", 4)
@@ -114,7 +114,7 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
     """Decodes the lines of the messages of one name into columns.
 
     Args:
-        definition: The definition of the message.
+        definition: Definition of the message.
         lines: Its lines in the order of the file.
 
     Returns:
@@ -160,7 +160,7 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
         is_numeric: For each field whether it is a number.
 
     Returns:
-        Numbers, and texts without the spaces around them; None where there are fewer or more values than fields, or a
+        Numbers, and texts without the spaces around them; None if there are fewer or more values than fields, or a
         number is none.
     """
     if len(texts) != len(is_numeric):
@@ -182,10 +182,10 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
 
     Args:
         values: The values of the line.
-        definition: The definition of the message.
+        definition: Definition of the message.
 
     Returns:
-        The values, with decimal points; none where they cannot be told apart.
+        The values, with decimal points; none if they cannot be told apart.
     """
     field_count = len(definition.fields)
     texts = values.strip().split(b", ", field_count - 1)

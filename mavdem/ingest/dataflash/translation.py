@@ -436,7 +436,7 @@ def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Arr
 
     Returns:
         Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Damaged values are clipped to the 16
-        bits of the field. Empty where no output has a pulse.
+        bits of the field. Empty if no output has a pulse.
     """
     logged = tables.get(name, {})
     first_output = 1 + PORT_OUTPUTS * port
@@ -494,7 +494,7 @@ MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"]
 def _vibration(tables: Tables) -> Columns:
     """Makes VIBRATION of VIBE, which comes as one message per IMU, or of the first IMU alone in older versions.
 
-    The messages of all IMUs are put side by side, row by row. Where the end of the log cut off the last message of some
+    The messages of all IMUs are put side by side, row by row. If the end of the log cut off the last message of some
     IMU, the others are cut to its length.
 
     Args:
@@ -502,8 +502,8 @@ def _vibration(tables: Tables) -> Columns:
 
     Returns:
         Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
-        clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels``
-        (N, 3 k), the deviations of all k IMUs. Empty where VIBE was not logged.
+        clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels`` (N, 3
+        k), the deviations of all k IMUs. Empty if VIBE was not logged.
     """
     logged = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
     if not logged:
@@ -562,7 +562,7 @@ def _calendar_time(tables: Tables) -> Columns:
         tables: DataFlash's messages by name.
 
     Returns:
-        Columns (N,) with ``time_unix_usec``; empty where there is no GPS.
+        Columns (N,) with ``time_unix_usec``; empty if there is no GPS.
     """
     logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
     if not logged:

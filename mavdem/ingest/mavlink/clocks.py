@@ -156,8 +156,8 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
 
     Returns:
         Times and boots of the messages of each type by its name, and the repairs. A message without a stamp has the
-        time of the last message before it; one before the first stamp has that stamp. Where an outlier was ignored,
-        the message has the time of the last one of its type. Without any stamp all times are NaN.
+        time of the last message before it; one before the first stamp has that stamp. If an outlier was ignored, the
+        message has the time of the last one of its type. Without any stamp all times are NaN.
     """
     boot_times = {}
     for message_type in message_types:
@@ -219,8 +219,8 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
         message_types: The messages of a component by type.
 
     Returns:
-        The first of ``REFERENCES`` with enough stamps; else the type with most stamps, one whose counter wraps
-        preferred, since 64-bit stamps may be UNIX time; None where no message has a stamp.
+        The first of ``REFERENCES`` with enough stamps; otherwise the type with most stamps, one whose counter wraps
+        preferred, since 64-bit stamps may be UNIX time; None if no message has a stamp.
     """
     by_name = {message_type.message: message_type for message_type in message_types}
     for name in REFERENCES:
@@ -342,9 +342,9 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     """Puts the reference type on the boot clock, time since boot and number of the boot, by its own stamps alone.
 
     Stamps rise, and fall for one of three reasons. A damaged stamp far from the others is an outlier; these are removed
-    first. The counter wrapped, that is began anew at 0 after its period: then the stamp plus one period follows the
+    first. The counter wrapped, that is began again at 0 after its period: then the stamp plus one period follows the
     stamp before it shortly. Else the autopilot restarted, which begins another boot. The steps are in this order:
-    outliers, wraps, restarts; then wraps are counted anew within each boot.
+    outliers, wraps, restarts; then wraps are counted again within each boot.
 
     Args:
         reference_type: The messages of the reference type and their stamps.
@@ -359,7 +359,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     positions = positions[~is_outlier]
     stamps = stamps[~is_outlier]
     steps = np.diff(stamps)
-    # Where the clock falls, but with one period added would have risen by a short time, it has wrapped.
+    # If the clock falls, but with one period added would have risen by a short time, it has wrapped.
     wrap_rows = 1 + np.flatnonzero((steps < 0) & (steps + period <= MAX_WRAP_GAP))
     # Number of wraps up to each row.
     wraps = np.cumsum(np.bincount(wrap_rows, minlength=len(stamps)))
@@ -367,7 +367,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     reboot_rows = _reboot_rows(time)
     boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
     if len(wrap_rows):
-        # Wraps count anew with each boot.
+        # Wraps count again with each boot.
         boot_start_rows = np.concatenate([[0], reboot_rows])
         wraps_before_boot = wraps[boot_start_rows][boot]
         time = stamps + period * (wraps - wraps_before_boot)
@@ -384,9 +384,9 @@ def _reboot_rows(time: Times) -> Rows:
     """Finds the rows at which a clock restarted: it fell, near to zero, and goes on from there.
 
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
-    ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. Where the clock
-    fell by less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of
-    another time may be mixed with those of the first. There the former clock must not come back for as long as
+    ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. If the clock fell by
+    less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of another
+    time may be mixed with those of the first. There the former clock must not come back for as long as
     ``MAX_LATE_SECONDS`` last. An autopilot that restarts seconds after its start may reach the former clock in this
     time, but step by step.
 
@@ -471,13 +471,13 @@ def _readings_by_reference(
     before and after it in the stream; its offset is how far it lies outside of this interval, s. The steps:
 
     1. Compare each stamp with the reference's, which also gives its boot and undoes wraps of the counter.
-    2. Where the median offset is large, the type counts from another epoch, such as that of UNIX time. The median
-       offset of each boot is subtracted.
+    2. If the median offset is large, the type counts from another epoch, such as that of UNIX time. The median offset
+       of each boot is subtracted.
     3. Drop stamps whose offset is far from all others.
 
     Args:
         reference: The reference type on the boot clock.
-        message_type: The other type; after ``period`` seconds its counter begins anew (wraps).
+        message_type: The other type; after ``period`` seconds its counter begins again (wraps).
         positions: Positions (m,) of those of its messages that have a stamp.
         stamps: Their stamps (m,), s.
 

@@ -74,7 +74,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         Args:
             data: The recording (B,).
             starts: Offset (n,) of the frame of each message.
-            definition: The definition of the message.
+            definition: Definition of the message.
             boot_times: When each was sent, on the boot clock.
             decoded: The columns of all messages that were decoded; own ones unless given.
         """

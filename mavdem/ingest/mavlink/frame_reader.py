@@ -66,10 +66,10 @@ class FrameReader:
         A frame begins with a marker byte, but the same byte may occur inside a payload. So the search tries each offset
         in turn: if the frame that its header announces has a matching checksum, it is taken, and the search goes on
         after it. Then the bytes between it and the good frame before it are decided: if a chain of frames, damaged or
-        of another dialect, fills them exactly, these are returned too; else they are no frames.
+        of another dialect, fills them exactly, these are returned too; otherwise they are no frames.
 
-        Where the announced frame has not come completely, the search stops, and the bytes from the last good frame on
-        wait for the next call. Frames with matching checksums do not depend on how the stream is cut into pieces.
+        If the announced frame has not come completely, the search stops, and the bytes from the last good frame on wait
+        for the next call. Frames with matching checksums do not depend on how the stream is cut into pieces.
 
         Args:
             piece: the next bytes of the stream, of any number.

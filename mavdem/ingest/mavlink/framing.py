@@ -116,7 +116,7 @@ def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
     """Returns the bytes of a whole frame.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         frames: Frames (N,) of it.
         row: Row of the frame.
     """
@@ -184,14 +184,14 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
     block:
 
     1. Linked frames are accepted, so that all bytes up to the end of the last one can be decided.
-    2. Frames whose checksum cannot match, of unknown messages or damaged, are accepted where a chain of them fills
-       the space between two linked frames exactly.
+    2. Frames whose checksum cannot match, of unknown messages or damaged, are accepted where a chain of them fills the
+       space between two linked frames exactly.
     3. Isolated frames are accepted where they fit into what is then left.
 
     Isolated candidates after the last linked frame wait for a later block, whose linked frames may rule them out.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         crc_extras: CRC_EXTRA by message id, -1 where the dialect has no such message.
         gap: Number of bytes between one frame and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
 
@@ -328,7 +328,7 @@ def frames_at(data: Bytes, start: Offsets) -> Frames:
     """Reads frames whose beginnings are known.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
 
     Returns:
@@ -405,7 +405,7 @@ def _filling_frames(
     ever chance.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         linked: Linked frames, in stream order.
         decided_end: Offset before which all bytes are decided.
         new_end: Offset up to which bytes are decided now: the end of the last linked frame, or that of the stream.
@@ -447,7 +447,7 @@ def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> S
         gap: Number of bytes between one frame and the next.
 
     Returns:
-        The offset of each frame of the chain; none where the lengths do not lead to the goal or the stream's end.
+        The offset of each frame of the chain; none if the lengths do not lead to the goal or the stream's end.
     """
     starts = array("q")
     size = len(content)

@@ -47,7 +47,7 @@ def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
     """Reads of frames where their payloads begin, and how long these are; needed for each field of them.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
     """
     headers = rows_of(data, start, LENGTH_BYTE + 1)
@@ -78,9 +78,9 @@ def decoded_field(
     definition, extensions newer than the dialect, are left out.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
-        definition: The definition of the message.
+        definition: Definition of the message.
         name: Name of the field.
         payloads: What was sent of the frames, where that was read before.
 

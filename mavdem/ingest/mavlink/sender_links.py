@@ -240,7 +240,7 @@ class SenderLinks:
             content: all bytes of the frame.
             message_id: number of its message.
             sequence: its sequence number.
-            reading: the time since boot in it; None where its message has none.
+            reading: the time since boot in it; None if its message has none.
 
         Returns:
             True if it is a copy.
@@ -289,10 +289,10 @@ class SenderLinks:
 
         Args:
             sequence: its sequence number.
-            reading: the reading in it; None where it has none.
+            reading: the reading in it; None if it has none.
         """
         former_counter = self._counters.latest
-        # The number before it on the same counter; None where it begins a counter.
+        # The number before it on the same counter; None if it begins a counter.
         number_before = self._counters.take(sequence)
         if self._counters.latest != former_counter:
             self._note_change_of_counter()
@@ -323,7 +323,7 @@ class SenderLinks:
 
         Args:
             sequence: the sequence number of a new frame.
-            reading: the reading in it; None where it has none.
+            reading: the reading in it; None if it has none.
         """
         if reading is None:
             is_late = self._follows_late_link(sequence)

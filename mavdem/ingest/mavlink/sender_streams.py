@@ -72,7 +72,7 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     those before it, which takes much longer.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders, in stream order.
         rows: Rows (n,) of the frames of one sender, ascending.
 
@@ -137,7 +137,7 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
     taken in runs.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         frames: The frames (n,) of one sender, in stream order.
         possible_copies: Rows of frames with a boot clock that may be copies of frames before them, ascending.
 
@@ -191,7 +191,7 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
     """Yields the frames of a sender one by one.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         frames: The frames (n,) of the sender.
         first: Row of the first one.
     """
@@ -215,7 +215,7 @@ def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> b
     """Returns whether the first frame with a boot clock comes again, as where a whole recording is repeated.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
     """
@@ -243,7 +243,7 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
     with equal keys are compared byte by byte.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of frames of one sender.
     """
@@ -261,10 +261,10 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
     """Returns whether a frame with a boot clock comes twice among the frames of a sender.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
-        keys: Their keys (n,), or none where there cannot be copies.
+        keys: Their keys (n,), or none if there cannot be copies.
     """
     sorted_keys = np.sort(keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
@@ -293,7 +293,7 @@ def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
     repeated_rows = order[1:][is_repeated]
     frames_since = np.full(len(keys), np.inf)
     frames_since[repeated_rows] = repeated_rows - order[:-1][is_repeated]
-    # Where the latest frames repeat each other, fewer of them are different ones, and older ones are remembered too.
+    # If the latest frames repeat each other, fewer of them are different ones, and older ones are remembered too.
     repeats_until = np.cumsum(frames_since < RECENT_FRAMES)
     repeats_before = np.zeros(len(keys), dtype=np.int64)
     repeats_before[RECENT_FRAMES:] = repeats_until[:-RECENT_FRAMES]
@@ -312,7 +312,7 @@ class _RunTaker:
         """Decodes the readings of all frames.
 
         Args:
-            data: The stream (B,).
+            data: Bytes (B,) of the stream.
             frames: The frames (n,) of one sender, in stream order.
             links: What they are taken by.
         """
@@ -390,7 +390,7 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
     """Decodes the boot clock, heading and position in all frames at once, as ``clock_reading`` does for one.
 
     Args:
-        data: The stream (B,).
+        data: Bytes (B,) of the stream.
         frames: The frames (n,) of one sender, in stream order.
         is_readable: Whether the checksum of each (n,) matches.
 

@@ -92,7 +92,7 @@ class AttitudeReading(NamedTuple):
 class SequenceCounters:
     """Recognises whether the frames of one sender are numbered by one counter or by two.
 
-    A frame belongs to the counter that it follows most closely. One that follows neither begins a counter anew.
+    A frame belongs to the counter that it follows most closely. One that follows neither begins a counter again.
 
     Attributes:
         latest: which of both counters numbered the latest frame, 0 or 1.
@@ -143,7 +143,7 @@ class SequenceCounters:
             sequence: its sequence number, 0 to 255.
 
         Returns:
-            The number of the frame before it on the same counter; None where it begins a counter.
+            The number of the frame before it on the same counter; None if it begins a counter.
         """
         self._frame_count += 1
         latest = self.latest

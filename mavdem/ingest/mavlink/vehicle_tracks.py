@@ -132,7 +132,7 @@ class _VehicleTrack:
         """Adds the next reading of the vehicle, and counts it if its clock goes on.
 
         Args:
-            reading: clock, and heading or position where they were sent; else they are NaN.
+            reading: clock, and heading or position where they were sent; otherwise they are NaN.
         """
         if reading.clock > self.latest.clock:
             self.steps += 1
@@ -143,7 +143,7 @@ class _VehicleTrack:
             self.position = reading
 
     def contradiction(self, reading: Reading) -> Contradiction | None:
-        """Returns the contradiction between a reading and this vehicle; None where it can be.
+        """Returns the contradiction between a reading and this vehicle; None if it can be.
 
         Args:
             reading: the next reading under the same ids.
@@ -203,9 +203,9 @@ class VehicleTracks:
     def add(self, reading: Reading) -> None:
         """Adds the next reading under the ids, to the track of the vehicle that it fits.
 
-        Tracks are tried from that of the latest reading on. Where the reading contradicts that one but fits a former
-        one, the messages have switched back to the former vehicle, which is counted. Where it fits none, a new track
-        begins. Tracks whose clock does not go on, as of forged messages, do not count.
+        Tracks are tried from that of the latest reading on. If the reading contradicts that one but fits a former one,
+        the messages have switched back to the former vehicle, which is counted. If it fits none, a new track begins.
+        Tracks whose clock does not go on, as of forged messages, do not count.
 
         Args:
             reading: what a vehicle reports.

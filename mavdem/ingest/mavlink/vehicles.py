@@ -232,9 +232,9 @@ def _unread_frames(
     was damaged, or its sender uses another dialect. They are distinguished like this:
 
     - The message is not in the dialect. If its sender sent readable frames too, the sender is real, and the message is
-      another dialect's; else the frame is damaged, and the ids in it are wrong.
+      another dialect's; otherwise the frame is damaged, and the ids in it are wrong.
     - The message is in the dialect, but checksums do not match. If all of its frames from this sender fail, at least
-      ``MIN_FOREIGN_FRAMES``, the sender has another definition of it; else single frames are damaged.
+      ``MIN_FOREIGN_FRAMES``, the sender has another definition of it; otherwise single frames are damaged.
 
     Args:
         frames: Frames (N,) in stream order.
@@ -469,7 +469,7 @@ def _message_stamps(
 
     Args:
         data: The recording (B,).
-        definition: The definition of the message.
+        definition: Definition of the message.
         starts: Offset (n,) of each frame in the recording.
 
     Returns:

@@ -71,7 +71,7 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
 
 
 def _sequence_number(header: Any) -> int | None:
-    """Returns the sequence number in the header of BlueOS's layout; None where it has none."""
+    """Returns the sequence number in the header of BlueOS's layout; None if it has none."""
     number = header.get("sequence") if isinstance(header, dict) else None
     # A bool is an int in Python, but no number in JSON.
     return number if type(number) is int and 0 <= number <= MAX_SEQUENCE else None
@@ -84,7 +84,7 @@ def _message_without_fields(definition: MessageDefinition) -> NDArray[Any]:
     It is cached, since it is needed for each message of a recording; callers must copy it.
 
     Args:
-        definition: The definition of the message.
+        definition: Definition of the message.
     """
     message = np.zeros(1, dtype=definition.wire)
     for name in definition.fields:

@@ -236,7 +236,7 @@ _JSON_TOPIC = re.compile(r"/?mavlink/(?P<system>\d{1,3})/(?P<component>\d{1,3})/
 def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
     """Finds the channels whose messages are MAVLink as JSON; each has one message type of one sender.
 
-    Where both bridges were recorded, the same message is in two topics, ``mavlink/...`` of BlueOS and ``/mavlink/...``.
+    If both bridges were recorded, the same message is in two topics, ``mavlink/...`` of BlueOS and ``/mavlink/...``.
     BlueOS's is read, because only it has headers with sequence numbers.
 
     Args:
@@ -264,7 +264,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
     """Reads the JSON messages of a recording, and encodes them as frames, so that one path decodes all messages.
 
     Args:
-        content: The bytes of the recording, which is read anew.
+        content: The bytes of the recording, which is read again.
         topics: The topics to read, by number of the channel.
 
     Returns:

@@ -139,9 +139,9 @@ class McapRecording:
     def _record_locations(self) -> Iterator[RecordLocation]:
         """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records.
 
-        Records are followed from one to the next by the lengths in their heads. Where no record can be, as after
-        damage, the next place where one probably begins is searched. The last record of a complete file is a footer; a
-        file without it was cut off.
+        Records are followed from one to the next by the lengths in their heads. If no record can be, as after damage,
+        the next place where one probably begins is searched. The last record of a complete file is a footer; a file
+        without it was cut off.
         """
         file_end = len(self.content)
         offset = 0
@@ -164,7 +164,7 @@ class McapRecording:
         self.cut = last_opcode != Opcode.FOOTER
 
     def _decoded(self, location: RecordLocation) -> McapRecord | None:
-        """Decodes the record at a location; None where it is damaged."""
+        """Decodes the record at a location; None if it is damaged."""
         record_bytes = self.content[location.start - RECORD_HEAD.size : location.end]
         with suppress(*DAMAGE_ERRORS):
             reader = StreamReader(BytesIO(record_bytes), skip_magic=True, emit_chunks=True)
@@ -188,7 +188,7 @@ class McapRecording:
                 yield self._decoded(location)
 
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
-        """Returns the records of a chunk; none where it is damaged, whose size and duration are counted.
+        """Returns the records of a chunk; none if it is damaged, whose size and duration are counted.
 
         What a damaged chunk unpacks to before the damage is not used: no checksum shows that it is right.
 
@@ -223,7 +223,7 @@ class McapRecording:
 
 
 def _record_end(content: bytes, offset: int) -> int | None:
-    """Returns the offset after the record at an offset; None where no record can be there."""
+    """Returns the offset after the record at an offset; None if no record can be there."""
     if offset + RECORD_HEAD.size > len(content):
         return None
     opcode, length = RECORD_HEAD.unpack_from(content, offset)
@@ -238,7 +238,7 @@ def _next_record(content: bytes, offset: int) -> int:
     the end of the file, where its length says that it ends.
 
     Args:
-        content: The file.
+        content: Bytes of the file.
         offset: Where the search begins.
 
     Returns:
@@ -302,7 +302,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     cannot hold, becomes that of the frame before.
 
     Args:
-        file: Where to write.
+        file: Open file to write to.
         stream: The frames with their receive stamps.
 
     Returns:
@@ -354,7 +354,7 @@ def start_writer(file: BinaryIO, chunk_bytes: int = CHUNK_BYTES) -> Writer:
     """Returns a writer of messages, which must be ended by its method ``finish``.
 
     Args:
-        file: Where to write.
+        file: Open file to write to.
         chunk_bytes: Number of bytes of a chunk, which is written when it is full.
     """
     writer = Writer(file, chunk_size=chunk_bytes)

@@ -95,7 +95,7 @@ def write_series(
     """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
 
     Args:
-        file: Where to write.
+        file: Open file to write to.
         series: Times (T,), s, from 0 on, and columns (T,), by topic. Messages of all topics are written in the order of
             time.
         chunk_bytes: A chunk ends with the message that makes it larger than this, bytes.

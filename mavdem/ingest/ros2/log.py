@@ -58,7 +58,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     reported.
 
     Args:
-        recording: The recording, which was read once, so that its channels and schemas are known; it is read anew.
+        recording: The recording, which was read once, so that its channels and schemas are known; it is read again.
         source: Name of the file.
 
     Returns:
@@ -178,7 +178,7 @@ def _telemetry(
         source: Name of the file.
 
     Returns:
-        The vehicle, whose ``system`` is 0 where no topic has the system id; None where no topic makes a flight.
+        The vehicle, whose ``system`` is 0 where no topic has the system id; None if no topic makes a flight.
     """
     px4_tables: dict[str, TopicColumns] = {}
     mavros_tables: dict[str, TopicColumns] = {}
@@ -226,8 +226,8 @@ def _px4_telemetry(
     """Translates the topics that PX4 publishes to ROS 2 to MAVLink messages, by the translation for PX4's own logs.
 
     That translation knows only one boot, as a log of PX4 has. A recording may have several, in each of which the clock
-    begins anew. So the steps are: put all boots on one clock, ``BOOT_INTERVAL`` seconds apart; translate; and find each
-    row's boot again as its time divided by that interval.
+    begins again. So the steps are: put all boots on one clock, ``BOOT_INTERVAL`` seconds apart; translate; and find
+    each row's boot again as its time divided by that interval.
 
     Args:
         tables: PX4's topics by name.
@@ -235,7 +235,7 @@ def _px4_telemetry(
         source: Name of the file.
 
     Returns:
-        The vehicle with its messages; None where the topics hold no flight.
+        The vehicle with its messages; None if the topics hold no flight.
     """
     topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[PX4_BRIDGE])
     instances = {}
@@ -277,7 +277,7 @@ def _mavros_telemetry(
         source: Name of the file.
 
     Returns:
-        The vehicle with its messages, times in s since boot; None where no topic gives one.
+        The vehicle with its messages, times in s since boot; None if no topic gives one.
     """
     topics, repairs = _on_boot_clock(tables, receive_times, STAMP_UNITS[MAVROS])
     modes = tables["state"].columns["mode"] if "state" in tables else ()

@@ -45,7 +45,7 @@ class TopicColumns(NamedTuple):
 
 
 def decoder(schema: Schema) -> Decoder | None:
-    """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language.
+    """Returns the decoder of a type; None if its definition is damaged, malicious, or in another language.
 
     The recording has the definition of each type as a text, which the library compiles. It makes Python code of it and
     runs it, so that a bad definition may do and raise anything. Definitions that are very long, or announce very long
@@ -87,7 +87,7 @@ def columns_of(
         optional: Fields of which one must be there at least, if any are given.
 
     Returns:
-        The columns; None where there are no messages, or they are of another type.
+        The columns; None if there are no messages, or they are of another type.
     """
     columns: Fields = {}
     available = set()

@@ -209,8 +209,8 @@ class DensityModel:
 
         If a quantity is sampled t seconds later than another, its content at f + k f_s gets a phase that is larger by
         2πj k f_s t than that of the content at f. The phase factor exp(2πj k f_s t) between two quantities (C, C, 1, F)
-        is the mean over all messages, since t varies. Where it varies much, the magnitude of the mean is below 1, and
-        the alias adds little coherence.
+        is the mean over all messages, since t varies. If it varies much, the magnitude of the mean is below 1, and the
+        alias adds little coherence.
 
         Args:
             spectra: estimated spectra, with the stamps of each quantity relative to the first.

@@ -123,7 +123,7 @@ def _response_charts(
         advised_step: (N,) predicted response to a step with the advised gains, at the times of the measured one; None
             if the gains are kept.
     """
-    # Where the messages are too slow to measure a step, the step is that of the identified loop.
+    # If the messages are too slow to measure a step, the step is that of the identified loop.
     step_name = "identified" if measured.is_identified else "measured"
     steps = [Line.with_band(step_name, MEASURED, measured.time, measured.step, measured.step_half)]
     # On the logarithmic axis the lower end of the band must stay above zero.

@@ -67,10 +67,10 @@ def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> P
 
     Args:
         timeline: timeline of the flight, with its position and modes; None without one.
-        wind: the wind of the flight; None where it is not known.
+        wind: the wind of the flight; None if it is not known.
 
     Returns:
-        The drawing, with what the page needs to show the place at a time; None where the position is not known.
+        The drawing, with what the page needs to show the place at a time; None if the position is not known.
     """
     position = None if timeline is None else timeline.position
     if timeline is None or position is None:
@@ -158,7 +158,7 @@ def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> I
 
 
 def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
-    """Returns the arrow of the mean wind; None where its direction is not known.
+    """Returns the arrow of the mean wind; None if its direction is not known.
 
     Args:
         wind: wind of the flight.
@@ -179,7 +179,7 @@ def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
 
     Args:
         time: times (N,), s since boot.
-        wind: wind of the flight; None where it is not known.
+        wind: wind of the flight; None if it is not known.
     """
     if wind is None or not wind.direction_identifiable:
         return {}

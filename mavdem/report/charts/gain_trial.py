@@ -46,16 +46,16 @@ def gain_trial_groups(
 
     Each axis has the step responses of its loops, computed from the identified plant, and the motion of the twin, which
     is a simulation of the vehicle with the plants of all axes. The twin flies with the new gains of all axes at once.
-    Where it cannot fly, there are step responses alone.
+    If it cannot fly, there are step responses alone.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         advice_by_axis: advice on each axis, or why there is none.
         responses: measured responses, beside which the page shows the steps with the advised gains already.
         in_wind: whether the twin hovers in wind too, which takes as long as the flight on the recorded setpoints.
 
     Returns:
-        A group of charts for each axis whose gains change; none where there is nothing to draw.
+        A group of charts for each axis whose gains change; none if there is nothing to draw.
     """
     advice_on_changes = dict[str, Advice]()
     new_gains = dict[str, float]()

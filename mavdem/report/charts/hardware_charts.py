@@ -52,7 +52,7 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
     """Returns the charts of each part of the hardware, and of setpoints and sticks, by the name of the part.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: charts of the flight over the same time, whose events are marked.
     """
     makers = {
@@ -85,7 +85,7 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
     """Yields speed, current, temperature and error count of the speed controllers, speeds beside the commands.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     speeds, currents, temperatures, errors = {}, {}, {}, {}
@@ -108,7 +108,7 @@ def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     """Yields satellites, dilution, accuracy, noise and jamming of the satellite receivers.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     satellites: dict[str, TimeSeries | None] = {}
@@ -130,7 +130,7 @@ def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     The earth's field has one size wherever the vehicle points: what follows the motors comes from their currents.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     sizes: dict[str, TimeSeries | None] = {}
@@ -152,7 +152,7 @@ def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
     """Yields the time between two samples of the attitude, ms, drawn at the later one.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     attitude = evidence.signals.attitude
@@ -172,7 +172,7 @@ def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     """Yields position and velocity along each axis with their setpoints, where these were recorded.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     telemetry = evidence.signals.telemetry
@@ -204,7 +204,7 @@ def _quantity_chart(
     Args:
         title: title of the chart.
         quantities: the quantities, which have one unit.
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
     unit = ""
@@ -220,7 +220,7 @@ def _with_motor_command(chart: Chart, evidence: Evidence) -> Chart:
 
     Args:
         chart: the chart.
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     history = evidence.time_history
     if not chart.lines or history is None or history.motors is None:

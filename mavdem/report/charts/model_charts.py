@@ -71,7 +71,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
     The response is that of the physical plant or, where its parameters are not identifiable, of DEM's model.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         output: index of the output; the last one, a rate, unless given.
     """
     command = AxisCommand.of(learned)
@@ -111,7 +111,7 @@ def residual_charts(learned: Learned, output: int = -1) -> Charts:
     Identification, 2nd ed., sec. 16.6).
 
     Args:
-        learned: the model.
+        learned: the learned model.
         output: index of the output; the last one, a rate, unless given.
     """
     labels = Labels.of(learned)
@@ -146,7 +146,7 @@ def wind_torque_charts(learned: Learned) -> Charts:
     The wind torque is the angular acceleration that the model does not explain by the motors, shown in °/s².
 
     Args:
-        learned: the model.
+        learned: the learned model.
 
     Raises:
         ValueError: the wind torque is not identifiable.
@@ -183,10 +183,10 @@ def wind_torque_charts(learned: Learned) -> Charts:
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
-    """Returns the wind torque of a model over time, °/s², with its 90 % band; None where it is not identifiable.
+    """Returns the wind torque of a model over time, °/s², with its 90 % band; None if it is not identifiable.
 
     Args:
-        learned: the model.
+        learned: the learned model.
         name: name of the line in the legend.
         colour: its colour.
     """
@@ -201,7 +201,7 @@ def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
 def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Charts:
     """Returns an output beside its forecasts in the first held-out windows, and the RMSE in every window.
 
-    The forecast begins anew in each window. With a single window there is no chart of the RMSE.
+    The forecast begins again in each window. With a single window there is no chart of the RMSE.
 
     Args:
         held_out: W windows that no model was trained on.

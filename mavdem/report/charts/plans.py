@@ -51,12 +51,12 @@ def frame_plan(
     """Returns the vehicle from above: each motor at its position, with trim deviation and headroom.
 
     Args:
-        motors: outputs with the geometry of the motors; None where they were not logged.
-        condition: condition of the vehicle with its hover, the outputs in steady flight; None where it is not known.
+        motors: outputs with the geometry of the motors; None if they were not logged.
+        condition: condition of the vehicle with its hover, the outputs in steady flight; None if it is not known.
         light: the fact of the light of the motors.
 
     Returns:
-        The drawing; None where the positions or the hover of all motors are not known.
+        The drawing; None if the positions or the hover of all motors are not known.
     """
     hover = None if condition is None else condition.hover
     if motors is None or condition is None or hover is None:
@@ -184,7 +184,7 @@ def _wind_rose(
             if outer > inner:
                 petals.append(_Petal(number, scale * inner, scale * outer, opacity))
     unit = " %" if weight != 1.0 else ""
-    # Where the outer ring stands for more than 1, the labels are whole numbers.
+    # If the outer ring stands for more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
     svg = svg_of("rose", petals=petals, rings=rings, arrow=mean_direction)

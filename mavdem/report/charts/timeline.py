@@ -115,7 +115,7 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
         assessment: all that was found out about the log.
 
     Returns:
-        The timeline; None where nothing was analysed, or the boot has less than two samples of the attitude.
+        The timeline; None if nothing was analysed, or the boot has less than two samples of the attitude.
     """
     analysis = assessment.analysis
     evidence = assessment.evidence
@@ -218,7 +218,7 @@ def _lines(
     """Yields a line for each column of a signal.
 
     Args:
-        signal: samples (N,) or (N, k); None where it was not recorded, which yields nothing.
+        signal: samples (N,) or (N, k); None if it was not recorded, which yields nothing.
         names: names of the k lines.
         colours: colours that the lines get in turn.
     """

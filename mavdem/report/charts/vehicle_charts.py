@@ -134,7 +134,7 @@ def _quantities(flights: Sequence[AxisRows]) -> Iterator[tuple[str, Estimates]]:
 
 
 def _motor_names(flights: Sequence[AxisRows]) -> list[str]:
-    """Returns the names of the motors, without their positions, in the latest flight that has them; else none."""
+    """Returns the names of the motors, without their positions, in the latest flight that has them; otherwise none."""
     for flight in reversed(flights):
         for row in flight:
             if row.motors:

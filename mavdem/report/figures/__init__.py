@@ -22,7 +22,7 @@ class Plots:
     Notebooks show them, and ``savefig`` writes them: as PNG or, with text that stays text, as SVG.
 
     Attributes:
-        learned: the model.
+        learned: the learned model.
     """
 
     learned: Learned

@@ -74,7 +74,7 @@ def comparison_page(
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
         back: the page that leads here, if any.
-        vehicles: messages of the vehicle in each log, for the time series; None where there are only figures.
+        vehicles: messages of the vehicle in each log, for the time series; None if there are only figures.
     """
     sides = dict(zip(SIDE_COLOURS, reviews, strict=True))
     legend = {

@@ -61,7 +61,7 @@ def environment() -> Environment:
 def _prose(text: str) -> Markup:
     """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign.
 
-    The text is escaped first, since it may come from a log. Where a backquote has no partner, all stay as they are.
+    The text is escaped first, since it may come from a log. If a backquote has no partner, all stay as they are.
 
     Args:
         text: plain text of one sentence or more.

@@ -154,7 +154,7 @@ def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
     """Returns the lines of all flights, the newest first and those without a date last.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
     """
     dated = []
     undated = []
@@ -270,7 +270,7 @@ def _vehicle_parts(
     needs a look.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
         changes: what changed since a baseline, by name of the vehicle.
         charts: returns the charts of a vehicle.
         names: names that were given to vehicles.
@@ -354,7 +354,7 @@ def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
         lines: the lines of all flights; those without a date are left out.
 
     Returns:
-        The columns; None where flights have dates of less than two days.
+        The columns; None if flights have dates of less than two days.
     """
     health_column = [*COLUMNS].index("health")
     flown = []
@@ -406,7 +406,7 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
     The list is empty without a flight.
 
     Args:
-        summaries: what is known of the flights under each name.
+        summaries: summary of the flights under each name.
     """
     if not any(summary.vehicle for summary in summaries):
         return []

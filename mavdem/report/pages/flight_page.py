@@ -238,7 +238,7 @@ def _numbered_events(events: Facts, timeline: Timeline | None) -> list[PageEvent
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
-    """Returns the label of each event of the timeline: its number in the list of events; empty where it has none.
+    """Returns the label of each event of the timeline: its number in the list of events; empty if it has none.
 
     Args:
         events: the numbered list of events on the page.
@@ -286,7 +286,7 @@ def _flight_chapters(
     Args:
         name: title of the page.
         assessment: assessment of the log.
-        timeline: charts over time; None where the attitude has too few samples.
+        timeline: charts over time; None if the attitude has too few samples.
         advice: gains that are advised by axis, or why there are none; empty without advice.
         is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
     """
@@ -387,7 +387,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     Args:
         name: name of the log.
         assessment: assessment of the log.
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
@@ -409,7 +409,7 @@ def _other_sensors_chapter(
 
     Args:
         noise: spectra of all sensors.
-        timeline: timeline of the flight; None where no vehicle flew.
+        timeline: timeline of the flight; None if no vehicle flew.
         is_full: whether there are spectrograms, which take much of a page.
     """
     groups: list[Group] = []
@@ -455,7 +455,7 @@ def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> C
 
     Args:
         analysis: analysis of the axis that was asked for.
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         light: the fact of the light of the motors, which colours the drawing.
     """
     is_full_tier = analysis.tier.tier == "a"

@@ -26,7 +26,7 @@ def hardware_chapters(
     """Returns the chapters on the hardware, and on setpoints and sticks, folded; their sections open where not good.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
         lights: the lights by name.
         timeline: charts of the flight; None without, so that the sections have no charts.
     """
@@ -69,7 +69,7 @@ def _sensor_table(evidence: Evidence) -> Table:
     """Returns the sensors that the parameters name: the bus, whether each is used, and whether it is calibrated.
 
     Args:
-        evidence: what the log shows of the vehicle.
+        evidence: signals, events and measurements of the vehicle.
     """
     rows = []
     for sensor in sensors_of(evidence.signals.telemetry):

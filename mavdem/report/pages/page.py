@@ -130,7 +130,7 @@ class PageEvent(NamedTuple):
 
     @property
     def boot(self) -> int | None:
-        """The boot of the autopilot, from 0, on whose clock its time is; None where that is not known."""
+        """The boot of the autopilot, from 0, on whose clock its time is; None if that is not known."""
         boot = self.event.fact.figures.get("boot")
         return None if boot is None else int(boot)
 

@@ -32,7 +32,7 @@ MEANINGS = {
 
 @cache
 def meaning_of(name: str) -> str:
-    """Returns the meaning of a parameter, in a few words; empty where ``parameter_meanings.toml`` does not have it."""
+    """Returns the meaning of a parameter, in a few words; empty if ``parameter_meanings.toml`` does not have it."""
     for pattern, meaning in MEANINGS.items():
         if pattern.fullmatch(name):
             return meaning
