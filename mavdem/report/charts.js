@@ -179,7 +179,7 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
-    return (isForPaper ? (isFlat ? 60 : 95) : (isFlat ? 104 : 190)) + (isBare ? 0 : 34);
+    return isForPaper ? (isFlat ? 60 : 95) + (isBare ? 0 : 26) : (isFlat ? 104 : 190) + (isBare ? 0 : 34);
   };
 
   const draw = figure => {
@@ -215,7 +215,7 @@
       padding: [strip ? 2 : 6, rightPadding, bare ? (strip ? 0 : 6) : 0, 0],
       scales: { x: scale(data.x, false), y: scale(data.y, true), ...(data.beside ? { beside: scale(data.beside, true) } : {}) },
       axes: [
-        { ...base, ...shown(data.x), size: bare ? 0 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
+        { ...base, ...shown(data.x), size: bare ? 0 : () => root.classList.contains("printing") ? 32 : 40, show: !strip, label: bare ? undefined : data.x.label, ...(bare ? { values: noLabels } : {}) },
         { ...base, ...(strip ? { values: noLabels, grid: { show: false }, ticks: { show: false } } : shown(data.y)), size: width, space },
         ...(data.beside ? [{ ...base, ...shown(data.beside), scale: "beside", side: 1, size: 52, space, grid: { show: false }, label: data.beside.label }] : []),
       ],

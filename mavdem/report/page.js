@@ -103,18 +103,22 @@
     for (const row of document.getElementById(search.dataset.table).tBodies[0].rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
   });
 
-  // On a phone the list of contents is closed until it is wanted, and after it was used.
+  // On a phone the list of contents is closed until it is wanted, and after it was used; and the plots of all axes but
+  // the one that decides.
   const contents = document.querySelector(".contents > details"), phone = matchMedia("(max-width: 600px)");
   const foldContents = () => { if (contents) contents.open = !phone.matches; };
-  phone.addEventListener("change", foldContents);
+  const foldAll = () => {
+    foldContents();
+    for (const column of document.querySelectorAll(".fold:not(.first)")) column.open = !phone.matches;
+  };
+  phone.addEventListener("change", foldAll);
   contents?.addEventListener("click", event => event.target.closest("a") && foldContents());
-  foldContents();
+  foldAll();
 
-  // On paper is what is open, every chapter that is not good, and all events; what only serves a screen stays closed, and
-  // a list that is fetched as it opens is not fetched.
+  // On paper all is open but what only serves a screen: a list that is fetched as it opens is not fetched.
   let closedParts = [];
   addEventListener("beforeprint", () => {
-    closedParts = parts.filter(part => !part.open && part.matches(".chapter > :has(> summary > :is(.watch, .bad, .unknown)), #vehicle > details, .events"));
+    closedParts = parts.filter(part => !part.open && !part.matches(".on-screen"));
     for (const part of closedParts) part.open = true;
   }, true); // before the charts are drawn for paper
   addEventListener("afterprint", () => { for (const part of closedParts) part.open = false; });

@@ -8,7 +8,7 @@ above. A :class:`Group` arranges both in columns of a page.
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from markupsafe import Markup
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names, Numbers
+from mavdem.facts import Fact
 from mavdem.report.numbers import name_with_unit, rounded
 from mavdem.report.palette import MEASURED
 
@@ -393,6 +394,34 @@ class Group(NamedTuple):
 
     caption: str = ""
     """What stands below."""
+
+    names: Names = ()
+    """Names of the columns, such as axes. A phone, which has room for one column, opens one and closes the others to
+    these names. Empty where all stay open."""
+
+    first: str = ""
+    """Name of the column that a phone opens and shows first; where none has this name it is the first column."""
+
+    @property
+    def first_name(self) -> str:
+        """Name of the column that a phone opens; empty where it opens all."""
+        if self.first in self.names:
+            return self.first
+        return self.names[0] if len(self.names) > 1 else ""
+
+    @classmethod
+    def of_axes(
+        cls, columns: Mapping[str, Sequence[Panel]], light: Fact | None = None, caption: str = ""
+    ) -> Group:
+        """Returns a group with one column for each axis.
+
+        Args:
+            columns: the panels of each axis, by axis.
+            light: a fact that names the axis which decides, by its figure "axis"; None where no axis does.
+            caption: what stands below.
+        """
+        deciding_axis = "" if light is None else str(light.figures.get("axis", ""))
+        return cls(tuple(map(tuple, columns.values())), caption, tuple(columns), deciding_axis)
 
     @classmethod
     def side_by_side(cls, panels: Iterable[Panel | None], caption: str = "") -> Group:

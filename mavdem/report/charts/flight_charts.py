@@ -81,20 +81,20 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 """Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
 
 
-def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> tuple[Charts, ...]:
-    """Returns charts of the closed-loop responses, measured and predicted.
+def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> dict[str, Charts]:
+    """Returns charts of the closed-loop responses of each axis, measured and predicted.
 
-    Each axis with a measured response has a column: the step responses of rate and angle, and the gain |T| of the rate
-    loop.
+    An axis has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
+    response are left out.
 
     Args:
         responses: by axis and loop.
         advised: predicted step responses with the advised gains, by axis and loop.
 
     Returns:
-        Columns of charts, one for each axis.
+        The charts by axis.
     """
-    columns = []
+    charts_of_axes = {}
     for axis, loops in responses.items():
         charts: list[Chart] = []
         for loop_name, response in loops.items():
@@ -103,8 +103,8 @@ def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> tuple[
                 advised_step = advised.get(axis, {}).get(loop_name)
                 charts += _response_charts(title, response, response.measured, advised_step)
         if charts:
-            columns.append(tuple(charts))
-    return tuple(columns)
+            charts_of_axes[axis] = tuple(charts)
+    return charts_of_axes
 
 
 def _response_charts(

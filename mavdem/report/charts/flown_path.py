@@ -26,6 +26,10 @@ MIN_HEIGHT_RANGE = 1.0
 """Smallest range of heights, m, that the colours are spread over: a hover does not show the noise of its height."""
 
 
+WHOLE_METRES = 4.0
+"""Least range of heights of one colour, m, whose ends are shown without decimals."""
+
+
 class _Key(NamedTuple):
     """An entry of the legend of the path's colours."""
 
@@ -120,9 +124,12 @@ def _height_classes(height: Array, lowest: float, height_range: float) -> Array:
 def _height_keys(lowest: float, height_range: float) -> list[_Key]:
     """Returns the legend of the colours by height: the range of each class, m."""
     edges = np.linspace(lowest, lowest + height_range, len(HEIGHT_COLOURS) + 1)
+    # Neighbouring edges differ by at least one of the last digit.
+    decimals = 0 if height_range >= len(HEIGHT_COLOURS) * WHOLE_METRES else 1
+    texts = [f"{edge + 0.0:.{decimals}f}".replace("-", "−") for edge in np.round(edges, decimals)]
     keys = []
-    for colour, (low, high) in zip(HEIGHT_COLOURS, pairwise(edges), strict=True):
-        keys.append(_Key(f"{rounded(low, 2)} to {rounded(high, 2)} m", colour))
+    for colour, (low, high) in zip(HEIGHT_COLOURS, pairwise(texts), strict=True):
+        keys.append(_Key(f"{low} to {high} m", colour))
     return keys
 
 

@@ -81,11 +81,11 @@ def comparison_page(
         side: _legend_name(side, name, review)
         for (side, review), name in zip(sides.items(), names, strict=True)
     }
-    step_columns = []
+    steps_of_axes = {}
     for axis in AXES:
         charts = tuple(_step_charts(sides, legend, axis))
         if charts:
-            step_columns.append(charts)
+            steps_of_axes[axis] = charts
     telemetry = {
         side: vehicle
         for side, vehicle in zip(SIDE_COLOURS, vehicles, strict=True)
@@ -106,7 +106,7 @@ def comparison_page(
             sentences.append(block)
     chapters = [
         Chapter("What changed", (), [] if plan is None else [changed_group]),
-        Chapter("Step response", (), [Group(tuple(step_columns))] if step_columns else []),
+        Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter("Motors", (), _chart_group(_trim_chart(sides, legend))),
         Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
         Chapter("Time series", (), histories),

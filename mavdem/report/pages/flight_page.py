@@ -296,7 +296,8 @@ def _flight_chapters(
         return
     if timeline is not None:
         yield _axes_chapter(assessment, timeline)
-    yield responses_chapter(assessment.responses, advised_steps(assessment.responses, advice))
+    steps = advised_steps(assessment.responses, advice)
+    yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
     yield from loops_chapters(assessment, evidence, advice)
     gyro_chapter = _gyro_chapter(assessment, timeline, is_full)
     if is_full:
@@ -325,12 +326,13 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
         assessment: assessment of the log.
         timeline: timeline of the flight.
     """
-    columns = []
-    for charts in timeline.axis_charts.values():
+    columns = {}
+    for axis, charts in timeline.axis_charts.items():
         if charts:
-            columns.append(tuple(timeline.marked(chart) for chart in charts))
-    blocks = [*_tracking_blocks(assessment.lights["tracking"], assessment.tracking)]
-    return Chapter("Three axes", blocks, [Group(tuple(columns))])
+            columns[axis] = tuple(timeline.marked(chart) for chart in charts)
+    light = assessment.lights["tracking"]
+    blocks = [*_tracking_blocks(light, assessment.tracking)]
+    return Chapter("Three axes", blocks, [Group.of_axes(columns, light)])
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:

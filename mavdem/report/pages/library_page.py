@@ -119,12 +119,12 @@ def first_plots(history: TimeHistory) -> str:
         Part of a page as HTML.
     """
     timeline = timeline_of_history(history)
-    axis_columns = tuple(
-        tuple(timeline.marked(chart) for chart in charts)
-        for charts in timeline.axis_charts.values()
+    axis_columns = {
+        axis: [timeline.marked(chart) for chart in charts]
+        for axis, charts in timeline.axis_charts.items()
         if charts
-    )
-    groups = [Group((timeline.overview,)), Group(axis_columns)]
+    }
+    groups = [Group((timeline.overview,)), Group.of_axes(axis_columns)]
     return render_server_page(
         "first_plots",
         groups=[group for group in groups if any(group.columns)],

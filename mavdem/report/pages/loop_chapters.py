@@ -9,6 +9,7 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopVerdict
 from mavdem.assessment.axis.responses import NO_STEPS, Responses, StepsByLoop
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
+from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.step_figures import IntervalEstimate
@@ -53,13 +54,16 @@ STEP_FIGURES = {
 """Columns of the table of step responses, by the field of ``StepResponse``."""
 
 
-def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> Chapter:
+def responses_chapter(
+    responses: Responses, advised: StepsByLoop = NO_STEPS, light: Fact | None = None
+) -> Chapter:
     """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
 
     Args:
         responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
             without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
         advised: predicted step responses with the advised gains, by axis and loop.
+        light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
     """
     rows = []
     doubts = Blocks()
@@ -99,7 +103,7 @@ def responses_chapter(responses: Responses, advised: StepsByLoop = NO_STEPS) -> 
         for attitude in attitudes
     ):
         text += " Attitudes follow their setpoint with ArduPilot's feedforward (ATC_RATE_FF_ENAB), as flown."
-    return Chapter("Step response", blocks, [Group(columns, text)])
+    return Chapter("Step response", blocks, [Group.of_axes(columns, light, text)])
 
 
 def _step_figure_text(response: StepResponse, key: str) -> str:
@@ -156,11 +160,12 @@ def loops_chapters(
             loops_by_axis[axis] = compared_loops(axis_advice)
     figures += gain_limits(advice)
     # Each axis has a column of charts, in which the loop now and the loop with advised gains are drawn together.
-    columns = [loop_charts(axis_loops) for axis_loops in loops_by_axis.values()]
+    columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     if any(len(compared) > 1 for compared in loops_by_axis.values()):
         text += " Blue: with the gains that flew; green: with the advised ones."
-    yield Chapter("Control loops", summary, [Group(tuple(columns), text)])
+    group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
+    yield Chapter("Control loops", summary, [group])
     groups: list[Group] = []
     # The page of a flight is waited for; that of `mavdem tune` has the hover in wind too.
     trials = gain_trial_groups(evidence, advice, assessment.responses, in_wind=False)

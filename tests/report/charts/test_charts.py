@@ -116,7 +116,7 @@ def test_steps_of_known_loops_have_band_and_prediction():
     measured = response()
     found = LoopResponse(measured, measured.step, measured.gain)
     none = LoopResponse(Fact(StepResponses.NO_SETPOINT, subject="yaw rate"))
-    ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}})
+    ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}}).values()
     seen, predicted = step.lines
     assert_allclose(seen.upper_edge - seen.lower_edge, 0.1)
     assert (
@@ -124,7 +124,7 @@ def test_steps_of_known_loops_have_band_and_prediction():
         and gain.y.is_logarithmic
         and (gain.lines[0].lower_edge > 0).all()
     )
-    assert step_charts({"yaw": {"rate": none}}) == ()
+    assert step_charts({"yaw": {"rate": none}}) == {}
     never = replace(
         measured, settling=IntervalEstimate(0.5, 0.5, 0.5), delay=IntervalEstimate(0.1, 0.05, 0.5)
     )
