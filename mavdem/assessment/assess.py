@@ -54,7 +54,7 @@ def ignore_findings(findings: FirstFindings) -> None:
 
 
 def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
-    """Returns the assessment of a log: what happened, what its vehicle is, and what the figures are good for.
+    """Returns the assessment of a log: what happened, the state of its vehicle, and what its data are good for.
 
     >>> a = mavdem.review("flight.tlog")
     >>> [*a.lights][:4], [*a.loops], a.model is not None
@@ -62,11 +62,15 @@ def review(path: AnyPath, vehicle: str | None = None) -> Assessment:
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
-        vehicle: "system" or "system:component", where the log holds several; without, the headline lists them.
+        vehicle: "system" or "system:component"; None for the only vehicle. If the log contains several, the headline
+            then lists them.
+
+    Returns:
+        The assessment.
 
     Raises:
         Unreadable: the log cannot be read.
-        ValueError: ``path`` is no path.
+        ValueError: ``path`` is not a path.
     """
     return assess(read_log(path), vehicle)
 
@@ -158,20 +162,23 @@ def assess_signals(
 def _evidence_without_loops(
     log: Log, signals: Signals, analysis: LogAnalysis, wind: WindEvidence
 ) -> Evidence:
-    """Returns all that a log shows of a vehicle except its control loops: events, the ending, and the wind.
+    """Collects the evidence of a log about a vehicle, except its control loops: events, the ending, and the wind.
 
     Args:
         log: the log.
         signals: signals of the vehicle.
         analysis: analysis of the vehicle, without a model.
-        wind: the wind in m/s, or why it is not known.
+        wind: the wind in m/s, or the reason why it is not known.
+
+    Returns:
+        The evidence, to which the loops are added later.
     """
-    # 1. What the autopilot reports, and what the motion shows. A reported crash counts only if sensors confirm it.
+    # 1. Reports of the autopilot, and events in the motion. A reported crash counts only if sensors confirm it.
     reports = reported_events(signals)
     events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
-    # 2. How the flight was lost, if it was.
+    # 2. The ending, if the flight was lost.
     ending = ending_of(signals, events, analysis.condition.collective)
-    # 3. What the motors lost until then. A motor that lost thrust may be the cause of the loss.
+    # 3. Losses of motor thrust until then, one of which may have caused the loss of the flight.
     changes = _motor_changes(analysis, _first_loss(events, ending))
     events += with_motor_witnesses(signals, changes, reports)
     saturated = saturation_losses(signals, events, ending)

@@ -128,17 +128,17 @@ def reported_problems(telemetry: Telemetry) -> list[Fact]:
 
 
 def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
-    """Returns the facts in which battery failsafes are only warnings where a text calls the battery low, not critical.
+    """Turns battery failsafes into warnings if a text at the time calls the battery low, not critical.
 
     ArduPilot reports the same failsafe, by an ERR message or a text, for a low and for a critical battery. A text about
-    the battery near it (:func:`_is_close`) says which it was; without one it counts as critical.
+    the battery near it (:func:`_is_close`) says which of the two it was; without a text it counts as critical.
 
     Args:
-        facts: what the autopilot reports.
+        facts: facts from the autopilot's reports.
 
     Returns:
-        The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` in place of
-        ``BATTERY_ALARMED``, and the usual level of that.
+        The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` instead of
+        ``BATTERY_ALARMED``, and the level of that code.
     """
     warnings = [fact for fact in facts if fact.code is Reported.BATTERY_WARNED]
     corrected = []

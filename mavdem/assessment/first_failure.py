@@ -325,15 +325,16 @@ def _reports_failsafe(alarm: Fact) -> bool:
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
     """Returns whether a battery was low before a time, by its median voltage over ``RECOVERY_SECONDS``.
 
-    The autopilot's critical voltage may be anywhere below the low one: what it is set to is not known from most logs.
+    The low level is the limit, since most logs do not contain the autopilot's critical voltage, which may be anywhere
+    below it.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        time: when the motors stopped, s since boot. What the voltage does afterwards is no cause.
+        time: time when the motors stopped, s since boot.
 
     Returns:
-        False too if no voltage or no limit is known.
+        Whether it was low; False if no voltage or no limit is known.
     """
     parameters = signals.telemetry.parameters
     for battery in signals.batteries:

@@ -52,14 +52,14 @@ FULL_THROTTLE_COMMAND = 0.9
 def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
     """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
-    If the pilot sets the throttle, the autopilot does not act on its height, so that an error does no harm.
+    If the pilot sets the throttle, the autopilot does not control the height, so an error does no harm.
 
     Args:
-        scene: what all sensors measured in the boot, with the intervals in which their heights contradict each other.
+        scene: sensors of the boot, with the intervals in which their heights contradict each other.
         flight: start and end of the flight, s since boot.
 
     Yields:
-        An event for each interval in which the estimate diverged; the others are contradictions for another reason.
+        Events of the intervals in which the estimate diverged; other contradictions have other causes.
     """
     manual = mode_intervals(scene.signals, scene.boot, MANUAL_THROTTLE_MODES)
     automatic = intersection([flight], complement(manual))

@@ -231,10 +231,10 @@ def _receivers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _barometers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the barometers with their altitude, m, or where the log has none, their pressure, hPa.
+    """Yields the barometers with their altitude, m, or their pressure, hPa, if the log has no altitude.
 
-    ArduPilot's ``BAROMETER_PARAMETER`` says which one is used; without it, that is not known. The altitude of each
-    other one is compared with that of the used one, or of the first.
+    ArduPilot's ``BAROMETER_PARAMETER`` names the one in use; without it, that is not known. The altitude of every other
+    barometer is compared with the one in use, or with the first one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -367,12 +367,15 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
-    """Returns the vibration of each IMU in flight (N,), m/s², by its number from 1; none if it is not reported.
+    """Returns the vibration of each IMU in flight.
 
-    The levels have the columns of the axes of the first IMU, then those of the second, and so on.
+    The reported levels have a column for each axis of the first IMU, then those of the second, and so on.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        By the number of the IMU, from 1, its largest level of all axes (N,), m/s²; empty if vibration was not reported.
     """
     vibration = reported_vibration(evidence.signals)
     if vibration is None:
@@ -387,10 +390,10 @@ def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:
 
 
 def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the speed controllers with the speed of their motor, 1/min, in flight.
+    """Yields the speed controllers with the speed of their motor in flight, 1/min.
 
-    The state is that the motor stood still although it was commanded to turn, as the event says; otherwise that the
-    controller counted errors; otherwise whether it measures.
+    The state of a controller is the first of these that applies: its motor stood still although it was commanded to
+    turn; the controller counted errors; or whether it measured anything.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -440,10 +443,9 @@ def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
     """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
 
-    Of a vehicle that is no multirotor they are the outputs that move, such as of its control surfaces.
-
-    The commands are in the unit in which the log has them, such as µs of a pulse; "1" stands for none. The autopilot
-    uses all of these outputs throughout, so that their share of use is 1.
+    For a vehicle that is not a multirotor they are the outputs that move, such as those of control surfaces. The
+    commands are in the unit of the log, such as µs of a pulse; "1" stands for no unit. The autopilot uses all of these
+    outputs all the time, so their share of use is 1.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -283,11 +283,14 @@ def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:
     """Returns the events of ``URGENT_EVENTS`` with the level "watch", the most important first.
 
-    Events that the motion shows count at any time, since a vehicle that hit the ground is no longer in flight. Events
-    that the autopilot reports count in flight only.
+    Events in the motion count at any time, since a vehicle that hit the ground is no longer in flight. Events that the
+    autopilot reports count in flight only.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        Events in the order of ``URGENT_EVENTS``.
     """
     reported = list(evidence.warnings_in_flight(URGENT_EVENTS))
     motion = [event for event in evidence.events if isinstance(event.code, MotionEvent)]
@@ -297,14 +300,14 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
 
 
 def _nothing_wrong(lights: NamedFacts) -> Fact:
-    """Returns the fact that nothing is wrong with what was checked, or the reason why nothing could be checked.
+    """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
 
     Args:
-        lights: by name; none of the vehicle is bad or to be watched.
+        lights: the lights by name; none of those of the vehicle is bad or to be watched.
 
     Returns:
-        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked. Of
-        a vehicle that is no multirotor it has the ``kind``.
+        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked. For
+        a vehicle that is not a multirotor it has the ``kind``.
     """
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
@@ -327,14 +330,17 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
 
 
 def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) -> Fact:
-    """Returns the fact on what to do next: repair what is wrong; else log what is missing; else improve the model.
+    """Returns the next step: repair what is wrong, otherwise log what is missing, otherwise improve the model.
 
     Args:
-        headline: headline of the judgement. If something is wrong, the next step is what it advises.
-        lights: by name. If nothing is wrong, the next step is what would show more: the advice of the first light that
-            is not good.
-        model_step: what the model of the vehicle asks for, if there is a model: the next step of a vehicle that is
-            sound and fully judged.
+        headline: headline of the judgement. If something is wrong, its advice is the next step.
+        lights: the lights by name. If nothing is wrong, the next step is the advice of the first light that is not
+            good.
+        model_step: step that improves the model, for a vehicle without fault whose lights are all good; None without a
+            model.
+
+    Returns:
+        The fact that advises the step.
     """
     if headline.code is not Headline.NOTHING_WRONG:
         return _next_step_against(headline, lights)
@@ -351,15 +357,18 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
 
 
 def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
-    """Returns the next step against what the ``headline`` says is wrong, with the advice of other bad lights.
+    """Returns the next step against the fault in the ``headline``, with the advice of other bad lights.
 
-    One next step is shown, so that advice is added only where the headline does not explain it. Bad power always has
-    causes of its own. After a loss every bad light of the vehicle may be the reason for it, and a bad motor is named as
-    the suspect.
+    Only one next step is shown, so the advice of a light is added only if the headline does not explain it. Bad power
+    always has causes of its own. After a loss, every bad light of the vehicle may be the reason for it, and a bad motor
+    is named as the suspect.
 
     Args:
-        headline: headline of the judgement, which is not that nothing is wrong.
+        headline: headline of the judgement, with a fault.
         lights: the facts of all lights, by name.
+
+    Returns:
+        The fact that advises the step.
     """
     related_lights = [Light.POWER]
     if headline.code in Ending:

@@ -242,19 +242,22 @@ def _falls_of_flight(
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
-    The time in which a fall is sought depends on what else is known, so that a quick descent of an intact vehicle, or
-    an estimate that runs away after an impact, is not taken for one:
+    The interval in which a fall is searched depends on the other events. So a quick descent of an intact vehicle, or an
+    estimate that runs away after an impact, is not mistaken for a fall:
 
-    - from a loss of attitude to the contact with the ground;
-    - without a loss, in the ``RECOVERY_SECONDS`` before the contact, and until after the flight where the contact was
-      high above the ground, since the vehicle fell from there;
-    - without both, around the end of a record that has no landing.
+    - With a loss of attitude: from the loss to the contact with the ground.
+    - With a contact only: the ``RECOVERY_SECONDS`` before it. If the contact was high above the ground, the search goes
+      on until after the flight, since the vehicle fell from there.
+    - Without both: around the end of a record that has no landing.
 
     Args:
         scene: sensors of the boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
         contact: how the flight met the ground; None for an ordinary landing.
+
+    Yields:
+        The fall, at most one.
     """
     flight_end = min(flight[1], scene.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
@@ -264,11 +267,11 @@ def _falls_of_flight(
             end = contact.time or end
     elif contact is not None:
         start, end = (contact.time or start) - RECOVERY_SECONDS, contact.time or end
-        # A vehicle that fell from something that it hit falls after that.
+        # A vehicle that hit something high above the ground falls after that.
         if (contact.figures["height"] or 0.0) >= MAX_GROUND_HEIGHT:
             end = flight_end + RECOVERY_SECONDS
     elif np.isfinite(flight[1]):
-        # An ordinary landing: what its estimate does afterwards is no fall.
+        # The flight ended in an ordinary landing, after which the estimate may run away.
         return
     yield from falls(scene, (max(flight[0], start), end))
 

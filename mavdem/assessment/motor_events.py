@@ -35,21 +35,21 @@ FULL_THROTTLE_SHARE = 0.5
 
 
 def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
-    """Returns the intervals in which a condition holds for ``LASTING_SECONDS`` at least once.
+    """Returns the intervals in which a condition holds for ``LASTING_SECONDS`` without a break at least once.
 
-    A run is a time in which the condition holds in every sample. Runs that are close become one interval. An interval
-    without a run of ``LASTING_SECONDS`` is left out: there the condition holds for single moments only.
+    A run is a sequence of samples in which the condition holds. Runs that are close together become one interval. An
+    interval without a run of ``LASTING_SECONDS`` is left out.
 
     Args:
-        time: (N,) s, ascending.
+        time: (N,) times of the samples, s, ascending.
         is_true: (N,) whether the condition holds.
-        gap: runs that follow each other within this time, s, are one interval.
+        gap: shortest time between two runs, s, that separates intervals.
 
     Returns:
         (start, end) of each interval, s; infinite where the condition holds at the first or the last sample.
     """
     runs = true_intervals(time, is_true)
-    # A run lasts until the sample after its last one. The last sample of all has none after it, and stands for it.
+    # A run lasts until the sample after its last one, or until the end of the record.
     next_time = np.append(time, time[-1])
     lasting_run_starts = []
     for start, end in runs:
@@ -194,14 +194,17 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
 def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) -> Flags:
     """Returns whether each of k motors is off while the others carry the vehicle, at each of N samples.
 
-    The range of ArduPilot's outputs begins below the idle in flight, so that its lower end is off. That of PX4 begins
-    at the idle, so that only what is below it by ``STOP_MARGIN`` is off.
+    The range of ArduPilot's outputs begins below the idle in flight, so its lower end means off. The range of PX4
+    begins at the idle, so only an output that is lower by ``STOP_MARGIN`` means off.
 
     Args:
         signals: signals of the vehicle.
-        motors: its motors, k of them.
+        motors: outputs of the k motors, with their scale.
         boot: number of the boot.
         commands: (N, k) outputs of the motors in this boot, as shares of their range.
+
+    Returns:
+        (N, k) flags.
     """
     is_ardupilot = signals.telemetry.autopilot == "ARDUPILOTMEGA"
     off_command = 0.0 if is_ardupilot else -STOP_MARGIN

@@ -68,12 +68,15 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
 
 
 def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Facts:
-    """Returns the rise of the motor's command, or its excess over the others, as a witness; none if it was off.
+    """Returns the witness of a lost motor in its command: the excess over the other motors, or the rise.
 
     Args:
         signals: signals of the vehicle.
-        loss: that a motor was lost.
-        interval: start and end, s since boot.
+        loss: event in which a motor lost thrust.
+        interval: start and end of the loss, s since boot.
+
+    Returns:
+        One statement; empty if the command hardly rose.
     """
     motors = signals.motors
     assert motors is not None
@@ -86,7 +89,7 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     if not len(before) or not len(after):
         return ()
     usual, later = float(np.median(before)), float(np.median(after))
-    # A slow loss has most of its rise later; what is small beside the trims of sound motors is no witness.
+    # A slow loss has most of its rise later. A rise as small as the trims of sound motors is no witness.
     if later - usual < MIN_COMMAND_RISE / 2:
         return ()
     return (supporting_statement(Witness.COMMAND_ROSE, share=later, share_before=usual),)

@@ -134,8 +134,8 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The noise, with samples in flight only. Without an attitude there are no spectra, and without a known controller
-        there is no advice.
+        The noise, of samples in flight only. Without an attitude there are no spectra, and without a known controller
+        no advice.
     """
     signals = evidence.signals
     if signals.attitude is None:

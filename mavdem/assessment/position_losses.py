@@ -36,13 +36,16 @@ REACTION_SECONDS = 3.0
 def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
     """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
-    If nothing shows what the estimator had, the position counts as lost while no GPS receiver has a fix. It is bad
-    where the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
+    If the log does not show the estimator's position, the position counts as lost while no GPS receiver has a fix. The
+    loss is bad if the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
 
     Args:
         scene: sensors of the boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
+
+    Yields:
+        Events with start, end and duration of the loss, s, and witnesses.
     """
     position = scene.trust.position
     validity, fix = position.validity, position.fix
@@ -116,11 +119,11 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
 def _is_reaction(report: Fact) -> bool:
     """Returns whether a report says that the autopilot acted on a lost position.
 
-    ``GPS_LOST`` is such a report only where the autopilot itself sent it, as an error code or a text. If it was
-    concluded from the receiver's messages, it is no second witness beside ``NO_FIX``, which states the same.
+    ``GPS_LOST`` is such a report only if the autopilot itself sent it, as an error code or a text. If it was derived
+    from the receiver's messages, it states the same as ``NO_FIX``, and is no second witness.
 
     Args:
-        report: an event that the autopilot reported, or that was concluded from messages.
+        report: event that the autopilot reported, or that was derived from messages.
     """
     if report.code is Reported.GPS_LOST:
         return "error_code" in report.figures or "text" in report.figures

@@ -281,14 +281,14 @@ def _can_be(problem: Fact, signals: Signals) -> bool:
 def _without_contradicted_claim(
     problem: Fact, faults: Sequence[FaultSignal], signals: Signals
 ) -> Fact:
-    """Returns what a text reports or, where the recorded state contradicts it, a quotation of the text.
+    """Returns the fact that a text reports, or a quotation of the text if the recorded state contradicts it.
 
-    PX4 writes "Failsafe activated" also where it only warns, while its state says that it is in no failsafe. The state
-    is what the autopilot acts by, so that it counts. It contradicts a text if it was recorded after the text, and is
-    sound in all samples within ``CONFIRMATION_SECONDS``.
+    PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The autopilot acts
+    by its state, so the state is believed. It contradicts a text if it was recorded after the text, and no sample
+    within ``CONFIRMATION_SECONDS`` of it shows the fault.
 
     Args:
-        problem: what the autopilot reports.
+        problem: fact that was made from the text.
         faults: the recorded states, of all boots.
         signals: signals of the vehicle.
 

@@ -29,15 +29,15 @@ AssessRows = Callable[[FlightRows, FlightRows], FlightRows]
 
 
 def publish(store: Store, assess: AssessRows) -> None:
-    """Judges the vehicles of which anything is new, or whose baseline is, and writes what changed in the table.
+    """Judges the vehicles that have new flights or a new baseline, and writes the changes to the fleet's table.
 
-    Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are to be
-    judged again. A changed vehicle is noted in the table ``unpublished`` within the same transaction, so that a run
-    that is killed before it writes the Parquet file leaves this to the next one.
+    Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
+    judged again. A changed vehicle is stored in the table ``unpublished`` within the same transaction, so that a run
+    that is killed before it writes the Parquet file leaves this to the next run.
 
     Args:
         store: the open store of the fleet.
-        assess: judges all rows of a vehicle.
+        assess: function that judges all rows of a vehicle.
     """
     with judgement_lock(store.folder), store.transaction():
         # Another run may have set the baseline while this one waited for the lock.

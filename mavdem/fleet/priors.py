@@ -35,17 +35,20 @@ def earlier_flight(path: Path, axis: str) -> Learned:
 def earlier_drag(path: Path, wind_speed: float | None = None) -> Drag:
     """Returns the drag of an earlier flight as a prior for the next one.
 
-    A vehicle keeps its drag coefficients from flight to flight, more or less, so that the next flight need not estimate
-    them from nothing.
+    A vehicle roughly keeps its drag coefficients from flight to flight, so the next flight need not estimate them from
+    nothing.
 
     Args:
-        path: what ``mavdem learn`` or ``mavdem wind --json`` wrote. In a folder, and beside a ``model.json``, it is the
-            report.
-        wind_speed: m/s, that of the flight which the prior is for. A report with exactly this speed is of the same
-            flight, which cannot be a prior of itself.
+        path: document of ``mavdem learn`` or ``mavdem wind --json``. For a folder, or a ``model.json``, the report in
+            the same folder is read.
+        wind_speed: wind speed of the flight that the prior is for, m/s. A report with exactly this speed is of the same
+            flight, which cannot be its own prior.
+
+    Returns:
+        The drag, with an uncertainty for the next flight.
 
     Raises:
-        Unreadable: it cannot be read, holds no drag, or is of the same flight.
+        Unreadable: the document cannot be read, contains no drag, or is of the same flight.
     """
     if path.is_dir():
         file = path / REPORT

@@ -223,13 +223,13 @@ def variance_between_flights(kind: str, states: Sequence[StateEstimates], freedo
 
 
 def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
-    """Decides for each quantity whether it changed, by a test of all together (Benjamini and Hochberg, 1995).
+    """Decides which quantities changed, by a joint test of all of them (Benjamini and Hochberg, 1995).
 
-    Each quantity that is tested by itself adds its own chance of a false alarm. The procedure bounds the false
-    discovery rate, the expected share of false ones among those that are called changed, at ``SIGNIFICANCE``: of m
-    quantities in the order of their p-values, the first k are called changed, with the largest k whose p is at most
-    k / m · ``SIGNIFICANCE``. The others are the same if their interval lies within ``EQUIVALENCE_LIMITS``, else
-    uncertain.
+    Testing each quantity by itself would add up the chances of a false alarm. The procedure bounds the false discovery
+    rate, the expected share of false ones among the quantities called changed, at ``SIGNIFICANCE``: of m quantities in
+    the order of their p-values, the first k are called changed, with the largest k whose p is at most k / m ·
+    ``SIGNIFICANCE``. The others are called the same if their interval lies within ``EQUIVALENCE_LIMITS``, and uncertain
+    otherwise.
 
     Args:
         changes: the differences with their p-values.
@@ -239,7 +239,7 @@ def with_outcomes(changes: Sequence[QuantityChange]) -> list[QuantityChange]:
     """
     changes_with_outcomes = []
     changes_by_p_value = sorted(changes, key=lambda change: change.p)
-    # The largest count whose last p-value passes its threshold counts, also if a smaller count fails.
+    # The largest count whose last p-value passes its threshold is taken, even if a smaller count fails.
     changed_count = 0
     for count, change in enumerate(changes_by_p_value, start=1):
         if change.p <= count / len(changes) * SIGNIFICANCE:

@@ -572,13 +572,16 @@ def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues
 
 
 def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns on what makes a flight doubtful, as sentences and as codes.
+    """Returns the columns with the doubts about a flight, as sentences and as codes.
 
     Facts that make the figures of the flight invalid ("overrides"), such as an oscillation, come first. Then follow the
     cautions about the model or, without a model, those about the log.
 
     Args:
         report: the document ``report.json``, in which facts are still objects.
+
+    Returns:
+        ``overrides``, ``warnings`` and ``warning_codes``.
     """
     overrides = report.get("overrides", ())
     path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"

@@ -59,16 +59,16 @@ def is_url(name: str) -> bool:
 def find_logs(
     names: Sequence[str], excluded_folder: Path | None = None
 ) -> tuple[list[LogSource], list[Fact]]:
-    """Finds the logs that names on the command line stand for.
+    """Finds the logs that names on the command line refer to.
 
-    A file is a log, whatever its content. Of a folder and all folders in it, the files that look like logs are taken.
+    A file is a log, whatever its content. In a folder and its subfolders, the files that look like logs are taken.
 
     Args:
         names: files, folders, patterns such as ``logs/**/*.bin``, and URLs of all these.
         excluded_folder: a folder whose files are left out, such as that of the results.
 
     Returns:
-        The logs, each once, in the order of their paths; and a fact for each name that stands for no log.
+        The logs, each once, in the order of their paths; and a fact for each name that refers to no log.
     """
     logs: dict[str, LogSource] = {}
     problems = []
@@ -140,13 +140,16 @@ def source_of(path: str) -> LogSource:
 
 
 def remote_logs(url: str) -> Iterator[LogSource]:
-    """Yields the logs that a URL stands for: a file, the logs in a folder, or what a pattern matches.
+    """Yields the logs that a URL refers to: a file, the logs in a folder, or the files that match a pattern.
 
-    fsspec knows the file system of the URL. Files in a folder are chosen by the endings of their names, since their
+    fsspec reads the file system of the URL. Files in a folder are chosen by the endings of their names, since their
     first bytes would have to be fetched.
 
     Args:
-        url: the URL, of any protocol that fsspec knows.
+        url: the URL, of any protocol that fsspec supports.
+
+    Yields:
+        The logs, with size and version if the server reports them.
 
     Raises:
         MissingExtra: fsspec is not installed.

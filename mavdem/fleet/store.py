@@ -242,10 +242,10 @@ class Store:
                 file.write(html.encode(errors="replace"))
 
     def _add_name(self, path: str, version: str, tracked: int | None, content: str) -> None:
-        """Adds a name of a log whose content is known, and removes those of its names that no longer exist.
+        """Adds a name of a log whose content is known, and removes names of that content that no longer exist.
 
-        The new entry is a copy of another one of the same content, so that it says how the reading ended. A file that
-        was moved is thus known by its new path without being read again.
+        The new entry is a copy of another one of the same content, including how the reading ended. So a file that was
+        moved is known by its new path without being read again.
 
         Args:
             path: the new name.

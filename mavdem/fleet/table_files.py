@@ -48,11 +48,11 @@ def table_path(folder: Path, number: int = 0) -> Path:
 
 
 def update_table(store: Store) -> None:
-    """Writes those files of a fleet's table in which a row has changed since they were written.
+    """Writes those files of a fleet's table in which a row has changed since they were last written.
 
-    The table ``unpublished`` of the store has a number and a vehicle for each change. Those up to the last number are
+    The table ``unpublished`` of the store has a number and a vehicle for each change. Changes up to the last number are
     deleted after the files are written; later ones stay for the next run. Without pyarrow the files of an earlier table
-    are removed, since they are no longer true.
+    are removed, since they are out of date.
 
     Args:
         store: the open store of the fleet.

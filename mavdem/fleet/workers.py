@@ -498,17 +498,20 @@ def reading_failure(error: Exception) -> Fact:
 
 @contextmanager
 def _local_file(path: str) -> Iterator[Path]:
-    """Yields a log as a plain file of this machine; the file behind a URL is copied for as long as it is read.
+    """Provides a log as a plain file of this machine for a block; a log behind a URL is copied for that time.
 
-    The name of the folder of copies has the number of this process, by which the copies are found and removed if the
-    process is killed.
+    The name of the folder with the copy contains the number of this process, so that the copy is found and removed if
+    the process is killed.
 
     Args:
         path: path or URL of the log.
 
+    Yields:
+        Path of the file.
+
     Raises:
-        Unreadable: it is no plain file, or it cannot be fetched.
-        OSError: there is no room for the copy.
+        Unreadable: the path is not a plain file, or the URL cannot be fetched.
+        OSError: the disk has no space for the copy.
     """
     if not is_url(path):
         # Opening a pipe may wait for ever.

@@ -94,16 +94,16 @@ class Backlog:
     def update(self, dropped_datagrams: int) -> Fact | None:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
-        A task that is put off waits until the delay is half of its limit: with one limit for both, tasks would be
-        stopped and resumed all the time. That the computer keeps up again is reported only after ``REPEAT_SECONDS``
-        without a long delay, for the same reason.
+        A postponed task waits until the delay is half of its limit: with one limit for both, tasks would be stopped and
+        resumed all the time. For the same reason, recovery is reported only after ``REPEAT_SECONDS`` without a long
+        delay.
 
         Args:
-            dropped_datagrams: number of datagrams that were lost so far, since nobody read them in time.
+            dropped_datagrams: number of datagrams lost so far, because they were not read in time.
 
         Returns:
-            That the computer is too slow, once; that it keeps up again, ``REPEAT_SECONDS`` after it last was too slow;
-            else None.
+            The fact that the computer is too slow, once; the fact that it keeps up again, ``REPEAT_SECONDS`` after it
+            was last too slow; otherwise None.
         """
         now = clock.monotonic()
         # ``self.now`` is the time of arrival up to which all frames are analysed.

@@ -160,17 +160,17 @@ class BootClock:
         return rises_steadily(np.array([*stamps, stamp]), self.now, self._mean_step)
 
     def _is_new_clock(self, stamps: list[float]) -> bool:
-        """Returns whether successive stamps prove that the clock has changed, and the former one has ended.
+        """Returns whether successive stamps prove that the vehicle's clock has changed.
 
         A stamp of the former clock empties the list. So delayed messages of the same vehicle, or another vehicle with
-        the same ids, do not fill it while the former clock goes on.
+        the same ids, do not fill it while the former clock continues.
 
-        ``MIN_RESET_STAMPS`` are enough where the clock jumped ahead, or fell far to a time near zero, as in a restart.
-        Otherwise the stamps may come from a second link with a delay. Then they must go on for ``MAX_LATE_SECONDS``,
+        ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, or fell far to a time near zero, as in a restart.
+        Otherwise the stamps may come from a second link with a delay. Then they must continue for ``MAX_LATE_SECONDS``,
         which is longer than any such delay.
 
         Args:
-            stamps: times on the new clock, s, that continue each other; at least one.
+            stamps: stamps of a possible new clock, s, that continue each other; at least one.
         """
         if len(stamps) < MIN_RESET_STAMPS:
             return False
@@ -212,16 +212,16 @@ class BootClock:
             self._report(Fact(VehicleFact.CLOCK_JUMPED, offset=offset, clock=former_now))
 
     def _time_near_now(self, message: Message) -> float | None:
-        """Places a message that is no attitude on the clock, by the latest attitude.
+        """Returns the time of a message that is not an attitude, by the latest attitude.
 
-        Its stamp is taken at the multiple of its wrap period that brings it nearest to the latest attitude.
+        Whole wrap periods are added to its stamp, so that it is nearest to the latest attitude.
 
         Args:
-            message: the message, with a stamp of the boot clock.
+            message: message with a stamp of the boot clock.
 
         Returns:
-            The time, s of the boot clock; None before any attitude, or where the stamp is farther off than
-            ``MAX_STAMP_DEVIATION``, as that of another clock is.
+            Time on the boot clock, s; None before the first attitude, or if the stamp differs by more than
+            ``MAX_STAMP_DEVIATION``, as stamps of other clocks do.
         """
         if isnan(self.now):
             return None

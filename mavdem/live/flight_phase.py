@@ -235,13 +235,14 @@ class FlightPhase:
             self._free_climb_start = min(self._free_climb_start, free_time)
 
     def _withdraw_landing(self, touchdown_time: float) -> None:
-        """Notes that the last ``TRANSIENT_SECONDS`` before a touch-down were a landing, not settled flight.
+        """Marks the last ``TRANSIENT_SECONDS`` before a touch-down as landing, since they are not settled flight.
 
-        The caller asks for the beginning of the landing by ``pop_landing_time``, and withdraws what was learned since
-        then. If it has not asked since an earlier landing, the earlier time stays, so that both are withdrawn.
+        The caller gets the beginning of the landing by ``pop_landing_time``, and withdraws the samples that were
+        learned since then. If it did not do so after an earlier landing, the earlier time is kept, so that both are
+        withdrawn.
 
         Args:
-            touchdown_time: s of the boot clock.
+            touchdown_time: time of the touch-down on the boot clock, s.
         """
         landing_time = touchdown_time - TRANSIENT_SECONDS
         if self._landing_time is not None:

@@ -141,16 +141,15 @@ class GainAdviser:
 
 
 def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
-    """Advises gains for all axes by a recording, as ``mavdem tune`` does, and writes them into new files beside it.
+    """Advises gains for all axes from a recording, as ``mavdem tune`` does, and writes them to files next to it.
 
     Args:
-        recording: the file; it may still grow.
+        recording: the recording, which may still grow.
         vehicle: "system:component" of the vehicle in it.
 
     Returns:
-        The gains of each axis, what the vehicle's twin does with them, and the files; or why no gains are advised. Of
-        axes without new gains, what was decided on their loops, if anything is to be done. With them comes the
-        judgement of the vehicle that they belong to.
+        The gains of each axis, their effect on the vehicle's twin, and the files; or the reason why no gains are
+        advised. For axes without new gains, the decision on their loops. With them comes the judgement of the vehicle.
 
     Raises:
         OSError: the files cannot be written.

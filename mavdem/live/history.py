@@ -154,14 +154,15 @@ class LiveHistory:
         self._error_sums: dict[float, _ErrorSums] = {}
 
     def advance(self, time: float, boot: int) -> None:
-        """Advances the timeline to a time of the vehicle's clock; it never goes back.
+        """Advances the timeline to a time on the vehicle's clock; the timeline never goes back.
 
-        After a reboot the clock begins again. The timeline then goes on ``GAP_SECONDS`` after where it was, so that
+        After a reboot the clock begins again. The timeline then continues ``GAP_SECONDS`` after its last time, so that
         events of two boots keep their order.
 
         Args:
-            time: s of the boot clock; NaN, a time that is not known yet, does not move a timeline that has begun.
-            boot: number of the boot; with another one the clock has begun again, and the timeline goes on.
+            time: time on the boot clock, s; NaN, for a time that is not known yet, does not move a timeline that has
+                begun.
+            boot: number of the boot; another number than before means that the clock has begun again.
         """
         if boot != self._boot:
             self._boot = boot
@@ -250,14 +251,14 @@ class LiveHistory:
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
     def _compare(self, time: float, outputs: list[float]) -> Interval:
-        """Compares the predictions of one time with what was measured then, and adds the errors to the sums.
+        """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
 
-        A horizon is how far ahead a prediction was made, s. Each horizon has a queue in which its predictions wait
-        until their time comes, in the order of their times, so those that are due stand at the front.
-        Predictions of a time that was never measured, and those that are not finite, are dropped.
+        The horizon of a prediction is how far ahead it was made, s. Each horizon has a queue in which its predictions
+        wait until their time comes, in the order of their times, so those that are due are at its front. Predictions
+        for a time that was never measured, and those that are not finite, are dropped.
 
         Args:
-            time: s of the timeline.
+            time: time on the timeline, s.
             outputs: the m measured outputs.
 
         Returns:

@@ -63,16 +63,15 @@ class LinkIntake:
         """Receives and records what has arrived, or waits until something arrives; opens a lost link again.
 
         The link stamps arrivals by the wall clock, which recordings need. The analysis needs the monotonic clock, which
-        nobody sets, so that arrivals are converted here. If the wall clock is set meanwhile, the conversion is wrong.
-        So the result is limited to what is possible: a piece arrived after the link was empty for the last time
+        nobody sets, so the stamps are converted here. If the wall clock is set at this moment, the conversion is wrong.
+        So the result is limited to the possible times: a piece arrived after the link was last empty
         (``_emptied_time``), and not in the future.
 
         Args:
             timeout: longest time to wait, s.
 
         Returns:
-            One batch for each piece of the link, in the order of arrival; none after a timeout, or while the link is
-            lost.
+            One batch for each received piece, in the order of arrival; none after a timeout, or while the link is lost.
         """
         start_time = clock.monotonic()
         try:

@@ -99,13 +99,13 @@ class FlightLearning:
     def begin(self, row_format: RowFormat) -> None:
         """Prepares for the rows of another segment.
 
-        With the same motors and time step the learner goes on, across the gap between the segments. With others its
-        matrices no longer fit, and a new one begins. It starts from the model of an earlier flight (``prior``), if that
-        has inputs in the same unit. If the positions of the motors are known, it also gets the directions of their
-        effects. Kept models of another boot are dated minus infinity: a landing of this boot never withdraws them.
+        If motors and time step are the same, the learner continues across the gap between the segments. Otherwise its
+        matrices no longer fit, and a new learner begins. It starts from the model of an earlier flight (``prior``), if
+        that has inputs in the same unit. If the positions of the motors are known, it also gets the directions of their
+        effects. Models of another boot are dated minus infinity: a landing in this boot never withdraws them.
 
         Args:
-            row_format: what the next rows are.
+            row_format: format of the next rows.
         """
         # The format of the rows of the segment before; None before the first one.
         former = self._row_format
@@ -142,14 +142,14 @@ class FlightLearning:
         self.estimate = None
 
     def set_load(self, fits_physical: bool, refits: bool) -> None:
-        """Sets which of its two slow fits the learner may start, so that a busy computer can go without them.
+        """Sets which of its two slow fits the learner may start, so that a busy computer can do without them.
 
-        Estimates go on with the latest model meanwhile. Before any row there is no learner, and nothing is set.
+        Estimates continue with the latest model. Before the first row there is no learner, and nothing is set.
 
         Args:
             fits_physical: whether the physical parameters may be fitted again.
-            refits: whether the model may be learned again. A first model is learned even if not, since without one
-                there are no estimates at all.
+            refits: whether the model may be learned again. A first model is learned in any case, since there are no
+                estimates without one.
         """
         if self.learner is None:
             return
@@ -289,15 +289,17 @@ class FlightLearning:
         return self.named_model(self._models[-1].learned, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:
-        """Returns a learner's model with what the learner does not know: what its columns of numbers are.
+        """Completes a learner's model with the meaning of its columns: names, units and range of the inputs, and gains.
 
-        That is names and units of inputs and outputs, the range of the inputs, and the controllers' gains; and the
-        latest physical parameters, which are fitted apart from the model. All this makes it a model that can be judged
-        and written to a file.
+        It also gets the latest physical parameters, which are fitted separately. So the model can be judged and written
+        to a file.
 
         Args:
-            learned: a model of the latest rows' inputs; one of another number of inputs is returned as it is.
+            learned: model of the latest rows' inputs; a model with another number of inputs is returned unchanged.
             parameters: all parameters of the autopilot, by name; the control parameters among them are kept.
+
+        Returns:
+            The completed model.
         """
         row_format = self._row_format
         if row_format is None:

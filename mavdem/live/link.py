@@ -247,12 +247,12 @@ class Link:
         return received
 
     def receive_rest(self) -> list[tuple[float, bytes]]:
-        """Receives everything that waits at the end of a session, and counts what was dropped before.
+        """Receives everything that waits at the end of a session, and counts the datagrams that were dropped before.
 
-        The count of dropped datagrams comes with a later datagram only, so that those at the end are counted here.
+        The kernel reports dropped datagrams only with a later one, so those at the end are counted here.
 
         Returns:
-            As :meth:`receive`. What comes meanwhile ends the call after ``MAX_REST_SECONDS``.
+            The same as :meth:`receive`. The call ends after ``MAX_REST_SECONDS`` even if more arrives.
         """
         received = []
         end_time = time.monotonic() + MAX_REST_SECONDS
@@ -263,7 +263,7 @@ class Link:
                 if len(pieces) < MAX_PIECES:
                     break
         except LinkLost:
-            # What came before is returned; nothing more is to come at the end.
+            # What was received before the loss is returned. At the end of a session the link is not opened again.
             pass
         if self.has_datagrams and self._socket is not None and SO_MEMINFO:
             # An old kernel does not know the option.
@@ -279,11 +279,11 @@ class Link:
         return events
 
     def send(self, frame: bytes) -> None:
-        """Sends whole frames, with ``udpin`` to all addresses that sent something in the last ``SENDER_SECONDS``.
+        """Sends whole frames; a ``udpin`` link sends them to all addresses it heard in the last ``SENDER_SECONDS``.
 
-        A ``udpin`` link has no other side of its own, so it replies to whoever speaks to it. The call never waits:
-        where the other side is too slow, or nobody listens to datagrams, the frames are dropped, and the caller must
-        send them again if no reply comes.
+        A ``udpin`` link has no fixed peer, so it replies to all senders. The call never waits. If the other side is too
+        slow, or nobody listens to datagrams, the frames are dropped, and the caller must send them again if no reply
+        comes.
 
         Args:
             frame: bytes of one or more MAVLink frames.
@@ -535,7 +535,7 @@ class Link:
     def _raise_unreadable(self, error: OSError) -> NoReturn:
         """Raises ``Unreadable`` with the reason for which the system could not open the link.
 
-        A name that cannot be resolved and a connection that times out have error classes of their own; all else is
+        A name that cannot be resolved and a connection that times out have error classes of their own; other causes are
         distinguished by the error number.
 
         Args:

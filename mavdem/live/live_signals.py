@@ -60,16 +60,20 @@ class RecentMotion(NamedTuple):
 def attitude_from_samples(
     message: str, time: Array, boot: int, angle: Array, body_rate: Array
 ) -> Attitude:
-    """Returns live samples of one axis in the form of a log (``Attitude``), so that the rules for logs judge them.
+    """Converts live samples of one axis to the form of a log (``Attitude``), so that the rules for logs judge them.
 
-    Samples that cannot be used were dropped before, so that all of them count as used.
+    Unusable samples were dropped before, so all of these count as used.
 
     Args:
         message: name of the MAVLink message of the samples.
-        time: (N,) s of the boot clock.
+        time: (N,) times on the boot clock, s.
         boot: number of the boot.
-        angle: (N,) rad.
-        body_rate: (N,) rad/s; it also stands for the derivative of the angle, which is the same near level flight.
+        angle: (N,) angle, rad.
+        body_rate: (N,) body rate, rad/s; it also serves as the derivative of the angle, which is the same near level
+            flight.
+
+    Returns:
+        The attitude.
     """
     count = len(time)
     boots = np.full(count, boot)
@@ -100,14 +104,17 @@ class LiveFindings:
 def live_evidence(
     signals: Signals, condition: Condition, findings: LiveFindings | None = None
 ) -> Evidence:
-    """Returns live signals and figures in the form in which a log is judged, so that the same rules judge both.
+    """Converts live signals and figures to the evidence of a log, so that the same rules judge both.
 
-    What only a whole log can show counts as not judged.
+    Parts that only a whole log can show count as not judged.
 
     Args:
         signals: signals of the vehicle.
-        condition: its figures; it counts as armed and airborne for as long as their duration.
-        findings: events and loops; none unless given.
+        condition: figures of the vehicle; their duration counts as armed and airborne time.
+        findings: events and loops; None for none.
+
+    Returns:
+        The evidence.
     """
     findings = findings or LiveFindings()
     learnability = Learnability(

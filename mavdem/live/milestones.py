@@ -88,14 +88,14 @@ class Milestones:
     def report_end(
         self, learning: FlightLearning, status: SessionStatus, now: float, model: Learned | None
     ) -> None:
-        """Reports at the end of the session what its flight has shown, unless that was reported at its landing.
+        """Reports the results of the flight at the end of the session, unless they were reported at its landing.
 
         Args:
-            learning: has the latest estimates.
+            learning: the learning, with the latest estimates.
             status: status of the session, with the judgement of the final model and the wind.
             now: present time on the boot clock, s.
-            model: the final model, whose parameters are fitted where there was no time for that in flight; None without
-                one.
+            model: final model, whose physical parameters are reported if there was no time to fit any in flight; None
+                without one.
         """
         physical = _latest_physical(learning)
         if physical is None and model is not None:

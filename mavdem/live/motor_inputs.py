@@ -99,15 +99,15 @@ class InputSelector:
     def select(
         self, messages: dict[str, Fields], vehicle: Telemetry, now: float
     ) -> MotorInputs | None:
-        """Returns the motors among the output channels, by the rules for logs (``Signals.motors``).
+        """Selects the motors among the output channels, by the rules for logs (``Signals.motors``).
 
-        The rules also see the extremes of earlier samples, which show the range in which each channel moves. What is
-        returned has the recent samples only, and the port and offset of each motor's channel.
+        The rules also get the extremes of earlier samples, which show the range in which each channel moves. The result
+        contains only the recent samples, and the port and offset of each motor's channel.
 
         Args:
-            messages: the candidates.
-            vehicle: identity and parameters.
-            now: s of the boot clock; of the outputs only the last ``MEMORY_SECONDS`` are returned.
+            messages: columns of the messages with motor outputs, by name.
+            vehicle: identity and parameters of the vehicle.
+            now: present time on the boot clock, s; samples of the last ``MEMORY_SECONDS`` are returned.
 
         Returns:
             The inputs; None if no motors are found.
@@ -139,10 +139,10 @@ class InputSelector:
         """Returns the outputs of one port as the columns that a log would have, and updates the port's extremes.
 
         The rules for logs find the motors by which channels move, and over which range. The last seconds alone may not
-        show that, as in a steady hover. So for each channel the sample with its lowest and the one with its highest
-        output since boot are kept as well: its extremes. The table has R rows: first the extremes of earlier calls,
-        then the latest samples; of a fast stream only every second, third … sample, so that no call takes long. From
-        these R rows the new extremes are picked, two for each channel at most, so that the memory is bounded.
+        show that, as in a steady hover. So for each channel the samples with its lowest and its highest output since
+        boot are kept as well: its extremes. The table has R rows: first the extremes of earlier calls, then the latest
+        samples; of a fast stream only every second, third … sample, so that no call takes long. The new extremes are
+        picked from these R rows, at most two for each channel, so that the memory is bounded.
 
         Args:
             name: name of the message.

@@ -150,13 +150,14 @@ class Presentation:
     ) -> None:
         """Displays the latest sample while there are no rows.
 
-        In flight, rows begin only once messages come fast enough and the flight is free. A user who wonders what is
-        wrong must see the motion until then.
+        In flight, rows begin only once messages come fast enough and the flight is free. Until then the user must see
+        the motion, to find out what is wrong.
 
         Args:
-            latest: the sample as a row of its own format; None without one, or while there are rows.
-            pose: the latest.
-            displayed: the format of the rows so far; None before any. Samples of other inputs cannot be displayed.
+            latest: the sample as a row, with its format; None without a sample, or while there are rows.
+            pose: latest pose of the vehicle; None if it is not known.
+            displayed: format of the rows so far; None before the first row. Samples of other inputs cannot be
+                displayed.
         """
         if latest is None:
             return

@@ -70,19 +70,19 @@ class RateCheck:
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Returns the reason why there are no rows, as a fact, without reporting it.
+        """Returns the reason why there are no rows, without reporting it.
 
-        The reasons are checked in this order, and the first one that holds is returned: the vehicle is no multirotor;
-        no attitude comes; no motor outputs come; or one of both comes too slowly.
+        The first of these that applies is returned: the vehicle is not a multirotor; no attitude comes; no motor
+        outputs come; or one of the two comes too slowly.
 
         Args:
             vehicle_type: name of the MAV_TYPE.
             attitude_message: name of the message that attitude is read from; None if none comes.
-            motor_message: name of the message of the model's inputs; None if they are not chosen.
-            rates: Hz by message name, of all messages of attitude and motor outputs that come.
+            motor_message: name of the message with the model's inputs; None if they are not chosen yet.
+            rates: rates, Hz, of all messages of attitude and motor outputs that come, by name.
 
         Returns:
-            The reason; None if nothing is missing.
+            The reason as a fact; None if nothing is missing.
         """
         if vehicle_type not in POSSIBLE_MULTIROTORS:
             return Fact(VehicleFact.NOT_A_MULTIROTOR, vehicle_type=vehicle_type, axis=self._axis)

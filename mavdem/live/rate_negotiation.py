@@ -50,18 +50,18 @@ class RateNegotiation:
     def update(
         self, now: float, message_time: float, is_busy: bool, clock_speed: float = 1.0
     ) -> None:
-        """Sends what is due: a greeting where one is needed, then requests to the vehicle once it is known.
+        """Sends what is due: a greeting if the link needs one, then requests to the vehicle once it is known.
 
         It is called with each step of the session. Some links (``udpout``) stay silent until they have received
-        something, hence the greeting. The vehicle's replies must be taken before the next frames are made, which depend
-        on them. Nothing is sent while the link is lost or silent, or the analysis is late: measured rates would be
-        wrong, and their measurement begins again afterwards.
+        something, hence the greeting. The vehicle's replies are processed before the next frames are made, which depend
+        on them. Nothing is sent while the link is lost or silent, or the analysis is late: measured rates would then be
+        wrong, so their measurement restarts afterwards.
 
         Args:
-            now: until when all that arrived is analysed, s of the monotonic clock.
-            message_time: when a message came last, s of that clock.
-            is_busy: whether the analysis is late; then messages seem to come as fast as the analysis.
-            clock_speed: seconds of the vehicle's clock in one of this computer's; above 0.
+            now: time up to which everything that arrived is analysed, s of the monotonic clock.
+            message_time: time of the last message, s of that clock.
+            is_busy: whether the analysis is late, so that messages seem to come only as fast as they are analysed.
+            clock_speed: seconds of the vehicle's clock in one second of this computer's clock; above 0.
         """
         if self._requested_rate is None or self._intake.is_lost or is_busy:
             # A new measurement, which begins with the next call.
@@ -72,7 +72,7 @@ class RateNegotiation:
             self._greeting_time = now
             self._intake.send([greeting()])
         vehicle = self._stream.followed_vehicle
-        # Requests into a silence would only use up their tries, and rates that fall with it are nobody's doing.
+        # Without a reply from the vehicle, requests would only use up their tries, and rates would seem to fall.
         if vehicle is None or now - message_time > RETRY_SECONDS:
             return
         if self._request is None:
@@ -111,8 +111,8 @@ class RateNegotiation:
     def restore(self) -> None:
         """Restores the vehicle's own message rates at the end of a session, and waits for its confirmation.
 
-        What the vehicle does not confirm is sent again, ``MAX_TRIES`` times in all, since frames get lost on radios. If
-        some rate remains unconfirmed, a fact tells the user, as the vehicle may go on with the requested rates.
+        Rates that the vehicle does not confirm are sent again, ``MAX_TRIES`` times in all, since radios lose frames. If
+        some rate remains unconfirmed, a fact tells the user, as the vehicle may keep the requested rates.
         """
         request = self._request
         if request is None:
@@ -128,13 +128,13 @@ class RateNegotiation:
             self._log(Fact(RateFact.RATES_NOT_RESTORED))
 
     def _await_confirmations(self, request: RateRequest) -> None:
-        """Receives until all restorations are confirmed, for ``RETRY_SECONDS`` at most.
+        """Receives messages until all restored rates are confirmed, for ``RETRY_SECONDS`` at most.
 
-        What comes meanwhile is recorded as always, and read for the vehicle's replies; its rows are not needed any
-        more. A fast link could keep the analysis busy for longer, so it stops when the time is over.
+        Messages are recorded as always, and searched for the vehicle's replies; their rows are no longer needed. A fast
+        link could keep the analysis busy for longer, so it stops when the time is over.
 
         Args:
-            request: what has sent the restorations; it is given the replies.
+            request: the request that sent the restored rates, and gets the replies.
         """
         end_time = clock.monotonic() + RETRY_SECONDS
         while request.unconfirmed and not self._intake.is_lost:

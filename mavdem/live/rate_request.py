@@ -441,15 +441,15 @@ class RateRequest:
             self._take_confirmation(result)
 
     def _note_former_interval(self, message_id: int, microseconds: int) -> None:
-        """Notes the interval at which the vehicle sent a message by itself, so that it can be restored at the end.
+        """Stores the interval at which the vehicle sent a message by itself, so that it can be restored at the end.
 
-        It is noted once for each message, and only before this program has set an interval of its own. From then on the
-        message's interval may be set at once.
+        It is stored once for each message, and only before this program has set an interval of its own. From then on
+        the message's interval may be set at once.
 
         Args:
             message_id: id of the message.
-            microseconds: the interval that the vehicle has reported, or ``STOPPED``. Shorter ones than
-                ``SHORTEST_INTERVAL`` are no real intervals, and are ignored.
+            microseconds: interval that the vehicle reported, µs, or ``STOPPED``. Intervals below ``SHORTEST_INTERVAL``
+                are not real, and are ignored.
         """
         if microseconds != STOPPED and microseconds < SHORTEST_INTERVAL:
             return

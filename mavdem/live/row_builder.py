@@ -144,15 +144,18 @@ class RowBuilder:
         return outputs
 
     def completed_rows(self, name: str, stream: SampleStream) -> list[AlignedRow]:
-        """Returns the rows that the latest sample of a stream completes.
+        """Makes the rows that the latest sample of a stream completes.
 
-        First the segment of rows ends where this sample follows a gap, or shows that a rate has changed. Then, if no
-        segment runs, one begins as soon as the flight and the streams allow it. At last all points of the time grid
-        that every stream has passed become rows.
+        First the segment of rows ends if this sample follows a gap, or shows that a rate has changed. Then, if no
+        segment is running, one begins as soon as the flight and the streams allow it. Finally every point of the time
+        grid that all streams have passed becomes a row.
 
         Args:
-            name: name of the stream's message, for what is reported.
-            stream: one that rows are made of.
+            name: name of the stream's message, for the reported facts.
+            stream: stream of attitude or motor outputs that rows are made of.
+
+        Returns:
+            Rows in the order of time.
         """
         inputs = self.inputs
         assert inputs is not None

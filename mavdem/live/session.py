@@ -209,13 +209,13 @@ class LiveSession:
     def _take_row(self, row: AlignedRow, arrival_time: float) -> None:
         """Learns from one row of the flight, and shows it.
 
-        All rows are shown. Learned from are those of free flight, in which the vehicle is in the air and nothing holds
-        it, unless this computer is so far behind that estimates are postponed. The latency is the time from the
-        packet's arrival to the estimate, without the time for drawing.
+        All rows are shown. The learner gets those of free flight, in which the vehicle is in the air and nothing holds
+        it, unless this computer is so late that estimates are postponed. The latency is the time from the packet's
+        arrival to the estimate, without the time for drawing.
 
         Args:
-            row: motor outputs and motion at one time of the boot clock.
-            arrival_time: when the packet that completed it arrived, s of the monotonic clock.
+            row: motor outputs and motion at one time on the boot clock.
+            arrival_time: arrival of the packet that completed the row, s of the monotonic clock.
         """
         row_format = self.stream.row_format
         assert row_format is not None
@@ -251,13 +251,13 @@ class LiveSession:
             self.gain_adviser.is_due = self._learning.has_settled
 
     def _update_status(self, now: float) -> SessionStatus:
-        """Reports the status, once in ``STATUS_PERIOD``, and an obstacle to learning that is new or over.
+        """Reports the status, once in ``STATUS_PERIOD``, and an obstacle to learning that is new or gone.
 
-        In flight it also displays the latest sample where there are no rows yet: a display must not stay empty while
-        messages come too slowly for rows. The status is left out while even estimates are put off.
+        In flight it also displays the latest sample if there are no rows yet: a display must not stay empty while
+        messages come too slowly for rows. The status is left out while even estimates are postponed.
 
         Args:
-            now: s of the monotonic clock.
+            now: present time, s of the monotonic clock.
 
         Returns:
             The status.
@@ -292,12 +292,15 @@ class LiveSession:
         return self._report.account_for(self.backlog.now)
 
     def final_model(self) -> Learned:
-        """Returns the last model before the last landing; in flight, one of the latest samples.
+        """Returns the last model before the last landing; in flight, a model of the latest samples.
 
-        Nothing is analysed any more, so that the process that learns goes on.
+        Nothing is analysed any more, so the learning process, which a busy computer suspends, is resumed.
+
+        Returns:
+            The final model.
 
         Raises:
-            NotLearnable: there is none.
+            NotLearnable: no model was learned.
         """
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(False)
@@ -318,14 +321,14 @@ class LiveSession:
         self._milestones.report_end(self._learning, status, self.stream.now, model)
 
     def report_gain_advice(self, is_at_end: bool = False) -> None:
-        """Has gains advised where that is due, and reports advice that is ready.
+        """Starts the advice of gains when it is due, and reports advice that is ready.
 
-        It is called once in ``STATUS_PERIOD``, and at the end. With the advice comes the judgement of the recording,
-        which takes the place of that by the model; where gains were written into files, its next step is to load them.
+        It is called once in ``STATUS_PERIOD``, and at the end. The advice comes with the judgement of the recording,
+        which replaces that by the model; if gains were written to files, its next step is to load them.
 
         Args:
-            is_at_end: whether the session ends. Then a settled flight without a landing gets advice, too, and the call
-                waits until the advice is ready, for ``MAX_WAIT_SECONDS`` at most, which it reports first.
+            is_at_end: whether the session ends. Then a settled flight without a landing gets advice too, and the call
+                waits for the advice, at most ``MAX_WAIT_SECONDS``; it reports first that it waits.
         """
         adviser = self.gain_adviser
         vehicle = self.stream.followed_vehicle

@@ -135,9 +135,9 @@ class SessionStatus(ImmutableResult):
 
     @property
     def overall_judgement(self) -> Judgement:
-        """Headline, lights and next step of the flight, by the model and by what needs no model.
+        """Headline, lights and next step of the flight, from the model and from the checks that need no model.
 
-        Before a model is judged, all that needs one is unknown. Of each light the worse of the two facts counts. A bad
+        Before a model is judged, everything that needs one is unknown. Each light is the worse of its two facts. A bad
         light becomes the headline unless the headline is bad already, and in flight a bad headline makes landing the
         next step.
         """

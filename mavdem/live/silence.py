@@ -39,16 +39,16 @@ class SilenceMonitor:
         return silence_before
 
     def note_samples(self, sample_count: int) -> float:
-        """Notes whether the latest messages, which ``note_messages`` was called with, had samples of the motion.
+        """Records whether the latest messages, passed to ``note_messages`` before, contained samples of the motion.
 
-        The motion is attitude and motor outputs. A vehicle may go on with slow messages, such as HEARTBEAT, while these
-        have stopped. That there are new ones shows in their total number, which the caller counts.
+        The motion is attitude and motor outputs. A vehicle may continue to send slow messages, such as HEARTBEAT, after
+        these have stopped. New samples are recognised by their total number, which the caller counts.
 
         Args:
-            sample_count: number of samples of attitude and motors so far.
+            sample_count: number of samples of attitude and motors since the start.
 
         Returns:
-            How long none had come before them, s; 0 where there is no new one.
+            Time without samples before these, s; 0 without new ones.
         """
         if sample_count == self._sample_count:
             return 0.0
@@ -58,16 +58,16 @@ class SilenceMonitor:
         return silence_before
 
     def silence(self, now: float) -> Fact | None:
-        """Returns a fact if the link is silent now: if something has not come for ``SILENCE_SECONDS``.
+        """Returns a fact if the link is silent: if messages or motion have not come for ``SILENCE_SECONDS``.
 
-        Two things may be missing: all messages, as when the radio is lost; or only the motion, that is attitude and
-        motor outputs, while slow messages such as HEARTBEAT go on. All messages are tested first, since without them
-        the motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts say
+        Either all messages are missing, as when the radio is lost; or only the motion is, that is attitude and motor
+        outputs, while slow messages such as HEARTBEAT continue. All messages are tested first, since without them the
+        motion is missing anyway. Motion counts as missing only after it has come once; before that, other facts report
         what the vehicle does not send.
 
         Args:
             now: time up to which every received byte has been analysed, s of the monotonic clock. It is not the present
-                time: while the analysis lags behind, messages that wait for it must not count as missing.
+                time: while the analysis is late, messages that wait for it must not count as missing.
 
         Returns:
             The fact NOTHING_RECEIVED, with what is missing and the duration, s; None if nothing is missing.

@@ -103,13 +103,13 @@ class StatusReport:
         return None if learner is None else learner.obstacle
 
     def account_for(self, now: float) -> dict[Spent, float]:
-        """Adds the session's time since the last call to one entry of the time account, by the session's present state.
+        """Adds the session's time since the last call to the time account, by the session's present state.
 
         Args:
-            now: until when everything that arrived is analysed, s of the monotonic clock.
+            now: time up to which everything that arrived is analysed, s of the monotonic clock.
 
         Returns:
-            Seconds of the session by what they were spent on.
+            Seconds of the session by activity.
         """
         row_format = self.learning.row_format
         state = AccountedState(

@@ -185,14 +185,14 @@ class LiveStream:
             pass
 
     def _watch_other_vehicle(self, name: str, frame: Frame) -> None:
-        """Watches a vehicle that is not followed: it has a stream of its own, whose alarms are reported here.
+        """Analyses a frame of a vehicle that is not followed, and reports alarms of that vehicle.
 
-        A pilot of several vehicles must not miss what goes wrong with one of them. Only alarms and warnings are passed
-        on, not what else its stream reports, such as rates.
+        A pilot of several vehicles must not miss a failure of one of them. Each other vehicle has a stream of its own,
+        of whose reports only alarms and warnings are passed on.
 
         Args:
-            name: "system:component" of the vehicle, which the reported facts are about.
-            frame: a frame that it sent.
+            name: "system:component" of the vehicle, the subject of the reported facts.
+            frame: frame that it sent.
         """
         if name not in self.other_vehicles:
             # This stream requests nothing from it, so facts must not advise rates: hence ``rates_requested``.
@@ -238,10 +238,10 @@ class LiveStream:
         return events
 
     def status(self) -> SessionStatus:
-        """Returns the status of the link and the vehicle, as of the latest frame.
+        """Returns the status of the link and the vehicle after the latest frame.
 
-        What concerns learning is filled in by the session. The obstacle is the first thing that is missing: a vehicle
-        to follow, then its attitude, which gives the boot clock, then what the latest review found.
+        The session adds the status of learning. The obstacle is the first missing thing: a vehicle to follow, then its
+        attitude, which gives the boot clock, then the obstacle that the latest review found.
         """
         vehicle = self.followed_vehicle
         now = self._clock.now
@@ -270,9 +270,9 @@ class LiveStream:
 
     @property
     def watch_facts(self) -> Facts:
-        """What is watched of each vehicle on the link, such as vibration or battery, one fact for each.
+        """What is monitored on each vehicle of the link, such as vibration or battery: one fact for each.
 
-        A fact says since when the thing is watched, s of that vehicle's boot clock, or why it is not, for example
+        A fact states since when something is monitored, s on that vehicle's boot clock, or why it is not, for example
         because a message is missing. The followed vehicle comes first. Each other vehicle has a stream of its own,
         whose facts get the vehicle's name here, since the user sees all of them in one list.
         """

@@ -75,18 +75,18 @@ class TimeAccount:
         return now - self.entry_time >= ENTRY_SECONDS
 
     def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
-        """Counts the time since the last entry: first what was learned from, and the rest by the present state.
+        """Assigns the time since the last entry to activities: learning by its rows, the rest by the present state.
 
-        The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed later
-        than they came, so that they can span more than the time since the last entry. No entry can hold more than its
-        own time; up to ``ENTRY_SECONDS`` of what is too much are carried over to the next entry.
+        The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed some
+        time after their arrival, so they can span more than the time since the last entry. An entry cannot contain more
+        than its own time; up to ``ENTRY_SECONDS`` of the excess are carried over to the next entry.
 
         Args:
-            now: until when everything that arrived is analysed, s of the monotonic clock.
-            state: what the session does now.
+            now: time up to which everything that arrived is analysed, s of the monotonic clock.
+            state: present state of the session.
 
         Returns:
-            Seconds of the session by what they were spent on; those after ``now`` are left out.
+            Seconds of the session by activity; those after ``now`` are left out.
         """
         # Arrivals are converted from the wall clock, which may be set back: time is never counted backwards.
         now = max(now, self.entry_time)

@@ -67,9 +67,9 @@ class VehicleReview:
         self.restart(0)
 
     def restart(self, boot: int) -> None:
-        """Forgets messages, phase and alarms, at a reboot, after which the clock begins again.
+        """Discards messages, phase and alarms at a reboot, after which the clock begins again.
 
-        What is left of the present review is dropped, too: it would judge the former boot by the new one's times.
+        The rest of the present review is dropped too: it would judge the former boot by times of the new one.
 
         Args:
             boot: number of the new boot.
@@ -85,17 +85,17 @@ class VehicleReview:
         self._review_time = -inf
         self._part_time = -inf
         self._connection_start = inf
-        # What a part leaves for later ones.
+        # Results of a part that later parts use.
         self._candidate_messages: dict[str, Fields] = {}
         self._telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
 
     def proceed(self, now: float, rows: RowBuilder) -> None:
-        """Begins a review when one is due, and does its next part when that is due.
+        """Begins a review when one is due, and performs its next part when that is due.
 
-        It is called with each message, and does one part at most, except where a new review is due before the last one
-        is done, as after a pause of the link. Then the rest is done at once, so that no part is ever left out. The
-        times depend on the boot clock alone, so that a recorded flight gives the same reviews.
+        It is called with each message, and performs at most one part. If a new review is due before the last one is
+        done, as after a pause of the link, the remaining parts are performed at once, so that no part is ever left out.
+        The times depend only on the boot clock, so a recorded flight gives the same reviews.
 
         Args:
             now: present time on the boot clock, s.
@@ -263,10 +263,10 @@ class VehicleReview:
         self.watchdog.review_lights()
 
     def _finish_watchdog_review(self, _: RowBuilder) -> None:
-        """Does the last part of a review: reports alarms that begin or end, and why the motors are not watched, if so.
+        """Performs the last part of a review: reports alarms that begin or end, and whether the motors are monitored.
 
         The balance of the motors is tested with each of their samples (``MotorAlarms``), not by this review. But the
-        user sees in one list what is watched and what is not, which the watchdog keeps.
+        user sees in one list what is monitored and what is not, and the watchdog keeps that list.
 
         Args:
             _: unused; all parts of a review have the same arguments.

@@ -130,19 +130,19 @@ class Component:
         return f"{self.name} ({self.vehicle_type}, {self.autopilot})"
 
     def count_frame(self, frame: Frame, now: float) -> bool:
-        """Counts a frame of this component, unless it is a copy, and the messages that are missing before it.
+        """Counts a frame of this component and the messages that are missing before it, unless it is a copy.
 
-        Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers says how many
-        messages are missing, but not after a long gap, in which the numbers may have gone round once or more. A gap
-        counts as long if 128 messages or more would usually come in it, by the mean interval between frames. Then only
-        its duration is counted.
+        Each sender numbers its messages from 0 to 255 and then from 0 again. The step between two numbers is the number
+        of missing messages plus one, but not after a long gap, in which the numbers may have wrapped once or more. A
+        gap counts as long if 128 messages or more would usually come in it, by the mean interval between frames. Then
+        only its duration is counted.
 
         Args:
             frame: the frame, in the order of arrival.
-            now: when it was received, s; only differences count, so that any clock will do.
+            now: reception time, s of any clock, since only differences are used.
 
         Returns:
-            False for a copy of a frame that came already, as a second link sends; it is to be ignored.
+            False for a copy of an earlier frame, which a second link delivers and the caller ignores.
         """
         self.frame_count += 1
         missing_before = self._links.missing

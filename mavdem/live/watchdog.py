@@ -139,20 +139,20 @@ class Watchdog:
     def begin_review(
         self, now: float, vehicle: Telemetry, is_flying: bool, settled_start: float | None
     ) -> list[Fact]:
-        """Begins a review: notes the phase of flight, collects the messages so far, and finds new reports in them.
+        """Begins a review: stores the phase of flight, collects the messages so far, and finds new reports in them.
 
-        Every ``THOROUGH_PERIOD`` a review is thorough: all is judged again. In between only messages that cannot wait
-        are looked at, and only where one of them has changed.
+        Every ``THOROUGH_PERIOD`` a review is thorough: everything is judged again. Other reviews only examine urgent
+        messages, and only if one of them has changed.
 
         Args:
             now: present time on the boot clock, s.
-            vehicle: identity and parameters, without messages.
+            vehicle: identity and parameters of the vehicle, without messages.
             is_flying: whether it is airborne and armed.
-            settled_start: since when the flight is settled, s; None if it is not. Vibration is judged of settled flight
-                only, since a touch-down shakes the vehicle too.
+            settled_start: beginning of the settled flight, s; None if it is not settled. Vibration is judged in settled
+                flight only, since a touch-down shakes the vehicle too.
 
         Returns:
-            What the autopilot has reported since the last review.
+            Facts that the autopilot has reported since the last review.
         """
         self._note_landed_state(now, IN_AIR if is_flying else ON_GROUND)
         self.is_thorough = now - self._thorough_time >= THOROUGH_PERIOD
@@ -427,14 +427,14 @@ class Watchdog:
         self.worst_lights.setdefault(str(Light.MOTORS), Fact(InFlight.NO_LOSS_FOUND, clock=now))
 
     def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
-        """Notes whether a thing is watched, and since when.
+        """Records whether something is monitored, and since when.
 
-        It is called at each review. Only a change gets the time ``now``: where the same was noted before, with the same
-        reason, the earlier fact stays, whose time says since when it is so.
+        It is called at each review. A fact gets the time ``now`` only if something has changed. Otherwise the earlier
+        fact is kept, whose time says since when it is valid.
 
         Args:
-            kind: what is watched.
-            obstacle: why it is not; None if it is.
+            kind: what is monitored.
+            obstacle: reason why it is not monitored; None if it is.
             now: present time on the boot clock, s.
         """
         code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED

@@ -181,9 +181,9 @@ class WindEstimate:
     def light(self) -> Fact:
         """The fact for the wind's light in the judgement of a flight, where this estimate is the flight's mean wind.
 
-        Wind is estimated by the vehicle's drag: how strongly the air pushes it at a speed. If the drag is known too
-        badly to tell the speed, the light says that the wind is not known, and why. Else it gives the speed with its 90
-        % interval, m/s, and the direction that the wind comes from, degrees; None if that is not known.
+        Wind is estimated by the vehicle's drag: the force of the air at a speed. If the drag is known too badly to give
+        the speed, the light says that the wind is not known, and why. Otherwise it gives the speed with its 90 %
+        interval, m/s, and the direction that the wind comes from, degrees; None if that is not known.
         """
         # The first fact is on the speed; a second one, on the direction, is there only where that is known.
         facts = self.facts
@@ -403,12 +403,16 @@ class LiveWind:
 
     @staticmethod
     def _require_measured(motion: _Motion) -> None:
-        """Raises ``NotLearnable`` where yaw or a horizontal velocity never changes: then nothing measures it.
+        """Checks that yaw and horizontal velocity are measured: that they change at all.
 
-        Measured values always have some noise; a constant, mostly 0, takes the place of what an autopilot lacks.
+        Measured values always have some noise. An autopilot sends a constant, mostly 0, for a quantity that it does not
+        measure.
 
         Args:
-            motion: attitude and velocity over ground, by which the wind is to be estimated.
+            motion: attitude and velocity over ground, from which the wind is to be estimated.
+
+        Raises:
+            NotLearnable: one of them is constant.
         """
         yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
         velocity_is_constant = (np.ptp(motion.velocity[:, :2], axis=0) == 0).any()

@@ -321,20 +321,20 @@ class Library:
         offset: int = 0,
         order: Order = Order.UPLOAD,
     ) -> tuple[list[Entry], int]:
-        """Finds the entries for which a condition holds.
+        """Finds the entries that satisfy a condition.
 
-        The condition is evaluated once for each entry: the ids of all that match are found first, which also counts
-        them, and then the wanted entries are fetched.
+        The condition is evaluated once for each entry: the ids of all matches are found first, which also counts them,
+        and then the wanted entries are fetched.
 
         Args:
             where: SQL expression on the table ``entries``, with a ``?`` for each value.
             values: values of the condition.
-            limit: number of entries that are returned, at most.
+            limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
             order: the order in which entries are returned and skipped.
 
         Returns:
-            The entries, the newest first, and the number of all for which the condition holds.
+            The entries, the newest first, and the number of all that satisfy the condition.
         """
         id_query = f"select rowid from entries where {where} order by {SQL_ORDERS[order]}"
         ids = [id for (id,) in self.db.execute(id_query, list(values))]

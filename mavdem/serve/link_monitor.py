@@ -158,7 +158,7 @@ class LinkMonitor:
         return self._is_stopping.is_set() or self._silent_pages >= MAX_SILENT_PAGES
 
     def _update_page(self, session: LiveSession) -> None:
-        """Makes the page of a session again, and counts the successive pages between which nothing was received.
+        """Renders the page of a session again, and counts successive pages between which nothing was received.
 
         The caller ends the session when this count, ``_silent_pages``, shows that the vehicle is gone.
 
@@ -166,7 +166,7 @@ class LinkMonitor:
             session: the running session, which records what it receives.
 
         Raises:
-            Refusal: the library has no room, so that the session should end while its recording can still be kept.
+            Refusal: the disk is nearly full, so the session should end while its recording can still be kept.
         """
         self._library.check_space(0)
         recording = session.intake.recording

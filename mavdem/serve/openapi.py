@@ -51,7 +51,10 @@ STATUS_BY_REFUSAL: dict[str, int] = TABLE["status"]
 def openapi() -> JsonValues:
     """Returns the OpenAPI description as plain JSON values: the operations, the schemas of documents, and the token.
 
-    Schemas are made by pydantic from the models by which the documents are written, so that they cannot differ.
+    Pydantic makes the schemas from the models by which the documents are written, so the two cannot differ.
+
+    Returns:
+        The description.
     """
     _, schemas = models_json_schema(
         [(model, "serialization") for model in ANSWERS],

@@ -143,8 +143,8 @@ class Pages:
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
 
-        While the log is being read, or where it cannot be read, the answer is a page that says so, with the plots that
-        are drawn so far. The query ``vehicle`` chooses another vehicle of the log.
+        While the log is being read, or if it cannot be read, a page says so, with the plots that are ready. The query
+        ``vehicle`` chooses another vehicle of the log.
 
         Args:
             request: the request, with the id of the flight in its path.

@@ -167,13 +167,13 @@ class ReadingThreads:
             self.store_persistently(lambda: self._recordings.finish(entry, outcome))
 
     def store_persistently(self, change: Callable[[], object]) -> None:
-        """Makes a change of the index, again and again while that fails by an error that may pass.
+        """Makes a change of the index, and repeats it while it fails by an error that may pass.
 
-        A log would stay claimed for ever otherwise, where the disk is full just then. When the server ends meanwhile,
-        it releases what it has claimed.
+        Otherwise a log would stay claimed for ever if the disk is full at that moment. A server that ends during this
+        releases the logs that it has claimed.
 
         Args:
-            change: makes the change.
+            change: function that makes the change.
         """
         while True:
             try:

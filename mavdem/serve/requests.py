@@ -66,10 +66,13 @@ def query_decimal(request: HttpRequest, name: str, default: float) -> float:
     Args:
         request: the request with the URL.
         name: key of the number in the query.
-        default: what is returned where the query does not have this key.
+        default: value if the query does not have this key.
+
+    Returns:
+        The number, finite.
 
     Raises:
-        Refusal: what is there is no finite number.
+        Refusal: the value is not a finite number.
     """
     text = request.query_params.get(name, "")
     if not text:
@@ -84,14 +87,17 @@ def query_decimal(request: HttpRequest, name: str, default: float) -> float:
 
 
 def query_integer(request: HttpRequest, name: str) -> int | None:
-    """Returns a whole number in the query of a URL; None if there is none.
+    """Returns a whole number in the query of a URL.
 
     Args:
-        request: the request.
-        name: name of the number in the query.
+        request: the request with the URL.
+        name: key of the number in the query.
+
+    Returns:
+        The number; None if the query does not have this key.
 
     Raises:
-        Refusal: what is there is no whole number.
+        Refusal: the value is not a whole number.
     """
     text = request.query_params.get(name, "")
     if not text:

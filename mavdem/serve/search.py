@@ -86,18 +86,19 @@ def search_condition(text: str) -> SqlCondition:
 
 
 def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
-    """Translates the comparison of one property to SQL, in the order: list, number, parameter, text.
+    """Translates the comparison of one property in a search to SQL.
 
-    Names of columns come from the tables of this module, and operators from the pattern of terms. Only values come from
-    the user, and these are passed beside the SQL.
+    The kinds of properties are tried in this order: lists, numbers, parameters, texts. Names of columns come from the
+    tables of this module, and operators from the pattern of terms. Only values come from the user, and these are passed
+    separately from the SQL.
 
     Args:
         name: the property: a column's name in a search, or an autopilot's parameter in capitals.
         operator: ``<``, ``>``, ``<=``, ``>=``, ``=`` or ``:``, which means ``=``.
-        value: what the property is compared with.
+        value: value to compare the property with.
 
     Returns:
-        The condition; None if there is no such property, or the value is no number where one is needed.
+        The condition; None if there is no such property, or the value is not a number although the property is one.
     """
     column = name.lower()
     operator = operator.replace(":", "=")
@@ -107,7 +108,7 @@ def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
     with suppress(ValueError):
         number = float(value)
         if column == "motor" and operator == "=":
-            # A headline may name further motors than the one that is suspected.
+            # A headline may name other motors besides the suspected one.
             named_motor = f"*motor {number:g}[^0-9]*"
             return SqlCondition("((motor=?)or(lower(headline)glob(?)))", (number, named_motor))
         if column in NUMBER_COLUMNS:

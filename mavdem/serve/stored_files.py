@@ -138,7 +138,8 @@ class ServerLock:
 def register_server(path: Path) -> ServerLock:
     """Creates the file that shows a running server to other servers, and takes its lock.
 
-    The lock is taken before the file is created: a file without a lock counts as that of a dead server.
+    The lock is taken before the file is created: other servers take a file without a lock for the file of a dead
+    server.
 
     Args:
         path: path of the server's file; the lock file is beside it.

@@ -57,15 +57,18 @@ class VisibleLibrary:
     """The access rights."""
 
     def entry(self, request: HttpRequest, id: str) -> Entry:
-        """Returns the flight with this id.
+        """Returns the entry of a flight, if the sender may see it.
 
         Args:
             request: the request, for the sender's rights.
             id: id of the flight.
 
+        Returns:
+            The entry.
+
         Raises:
-            Refusal: there is none, or the sender may not see it. The reason is the same, so that nobody can find out
-                which flights there are.
+            Refusal: there is no such flight, or the sender may not see it. The reason is the same in both cases, so
+                that nobody can find out which flights exist.
         """
         entry = self.library.entry(id)
         if not self.rights.allows_viewing(request, entry):
@@ -196,13 +199,16 @@ class VisibleLibrary:
         )
 
     def visitor_values(self, request: HttpRequest) -> JsonValues:
-        """Returns the values that the templates of all pages need: what the visitor may do, and the server's URL.
+        """Returns the values that the templates of all pages need: the visitor's rights, and the server's URL.
 
-        A visitor who may read all flights also gets two keys: one by which the page's own script changes flights, and
-        one in the address to which a ground station uploads logs.
+        A visitor who may read all flights also gets two keys: one with which the page's script changes flights, and one
+        in the address to which a ground station uploads logs.
 
         Args:
             request: the request, for the sender's rights.
+
+        Returns:
+            Values by the names in the templates.
         """
         may_read = self.rights.allows(request, Use.READ)
         address = str(request.base_url).rstrip("/")

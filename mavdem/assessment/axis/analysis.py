@@ -256,18 +256,19 @@ def _motors_are_watched(signals: Signals) -> bool:
 
 
 def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) -> LogAnalysis:
-    """Returns the analysis of a log that allows no model, with the reason why it allows none of the slow motion either.
+    """Adds to an analysis without a model the reason why the slow motion allows no model either.
 
     A log whose messages are too slow for a full model may still allow a model of the slow motion. If that cannot be
     learned either, the user reads two sentences: what prevents the full model, and what prevents the slow one.
 
     Args:
-        analysis: the analysis, whose ``reason`` says why there is no full model. Without a reason it is returned as it
-            is.
-        slow_model_obstacle: why there is no model of the slow motion. If it equals the reason, it is not repeated.
+        analysis: the analysis, whose ``reason`` says why there is no full model. Without a reason it is returned
+            unchanged.
+        slow_model_obstacle: reason why there is no model of the slow motion. If it equals the former reason, nothing is
+            added.
 
     Returns:
-        A copy of the analysis whose ``reason`` has both.
+        A copy of the analysis whose ``reason`` contains both.
     """
     full_model_obstacle = analysis.reason
     if full_model_obstacle is None or slow_model_obstacle == full_model_obstacle:
@@ -504,10 +505,10 @@ def _learning_step(progress: ShowStep) -> Iterator[None]:
 
 
 def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
-    """Returns the reason to refuse a model that was learned from a slow stream; None if it forecasts well enough.
+    """Returns the reason to refuse a model that was learned from a slow stream, if it does not forecast well enough.
 
     A stream too slow to show rotation still shows slow motion, but a model of that may be no better than a trivial
-    forecast. Two conditions must hold for each such baseline (the mean of the training data, and the last sample). The
+    forecast. Two conditions must hold for each of two baselines, the mean of the training data and the last sample. The
     model's error on held-out windows is at most ``MAX_SLOW_ERROR_RATIO`` times that of the baseline. And a paired test
     over the windows shows that the model's error is significantly lower.
 
@@ -515,8 +516,8 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
         held_out: forecasts of windows that the model was not trained on, with those of the baselines.
 
     Returns:
-        The fact with the first baseline that fails: with the p-value and its limit if only the test failed, with the
-        ratio of errors and its limit otherwise.
+        The fact with the first baseline that fails: with the p-value and its limit if only the test failed, otherwise
+        with the ratio of errors and its limit. None if both conditions hold.
     """
     for baseline in BASELINES:
         error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)

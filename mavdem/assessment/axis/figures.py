@@ -80,8 +80,8 @@ class MotorChanges(NamedTuple):
 def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
     """Finds the samples at which a motor lost or recovered thrust, and those in which a motor was weak.
 
-    A loss lasts until the same motor recovers. Its interval is extended by ``MAX_ONSET_ERROR`` at both ends, since the
-    detection knows its times no better. Alarms of other boots do not concern a flight.
+    A loss lasts until the same motor recovers. Its interval is extended by ``MAX_ONSET_ERROR`` at both ends, the error
+    of its times. Alarms of other boots are ignored.
 
     Args:
         alarms: changes of the motors' thrust, each with the boot on whose clock its times are.
@@ -337,20 +337,20 @@ def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[Str
 def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIdentifiable:
     """Returns the physical parameters of one axis: control effectiveness, damping, motor time constant and delay.
 
-    There are two estimates. The open-loop one uses only inputs and outputs. It tells the motors apart and has narrower
-    intervals, but it may be biased where the controller reacts to the wind. The closed-loop one models the controller
-    too, and so needs flights with one known set of gains, with setpoints that excite the axis.
+    There are two estimates. The open-loop one uses only inputs and outputs. It distinguishes the motors and has
+    narrower intervals, but it may be biased where the controller reacts to the wind. The closed-loop one models the
+    controller too, so it needs flights with one known set of gains, and setpoints that excite the axis.
 
-    The open-loop estimate is returned if it is unbiased and the closed loop does not contradict that. The closed-loop
-    estimate is returned in all other cases in which there is one.
+    The open-loop estimate is returned if it is unbiased and the closed loop does not contradict it; otherwise the
+    closed-loop estimate, if there is one.
 
     Args:
         signals: signals of the vehicle and the axis.
         flights: settled flight of the axis.
 
     Returns:
-        The parameters; or why there are none, where neither estimate is possible. An open-loop estimate that is not
-        reliable is returned too if there is no closed-loop one; its ``refusal`` says why.
+        The parameters, or the reason why neither estimate is possible. An open-loop estimate that is not reliable is
+        returned too if there is no closed-loop one; its ``refusal`` says why.
     """
     open_loop = physical(flights)
     is_reliable = isinstance(open_loop, Physical) and open_loop.identifiable and not open_loop.bias
@@ -372,16 +372,16 @@ def figures_of_axis(
 ) -> AxisFigures:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 
-    The wind torque is what remains of the total torque without that of the motors, so that it needs the parameters.
+    The wind torque is the total torque less the torque of the motors, so it needs the parameters.
 
     Args:
         signals: signals of the vehicle and axis.
-        components: all components of the log, for the advice on rates where the log has too little.
-        alarms: changes of the motors in flight; the wind torque is estimated again after each, and there is none while
+        components: all components of the log, for the advice on rates if messages are too slow.
+        alarms: changes of the motors in flight. The wind torque is estimated again after each, and there is none while
             a motor had lost thrust.
 
     Returns:
-        The figures; without parameters they have the ``reason`` why there are none.
+        The figures; if the parameters could not be estimated, with the ``reason``.
     """
     flights, learnability = usable_segments(signals, components)
     if not flights:

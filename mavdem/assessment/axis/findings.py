@@ -144,18 +144,18 @@ def with_oscillation_torque_marked(learned: Learned, oscillates: bool) -> Learne
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Returns a finding of a flight that is itself doubtful: it is not GOOD, and its reason names the doubt.
+    """Returns a finding of a flight that is itself doubtful: it cannot be GOOD, and its reason names the doubt.
 
     A GOOD finding becomes LIMITED, and any other keeps its grade.
 
     Args:
-        finding: what the model is good for, by its figures alone.
-        override: what makes the flight doubtful.
+        finding: the finding by the figures of the model alone.
+        override: the fact that makes the flight doubtful.
 
     Returns:
-        The finding with a reason of the code ``FLIGHT_DOUBTED``, which wraps two others. Its ``because`` is the former
-        reason, left out in an oscillation, in which the figures mean nothing. Its ``override`` is the doubt on the
-        flight, left out where the grade is low by the figures alone and the vehicle does not oscillate.
+        The finding with a reason of the code ``FLIGHT_DOUBTED``, which has two others as figures. ``because`` is the
+        former reason, left out in an oscillation, in which the figures mean nothing. ``override`` is the doubt on the
+        flight, left out if the grade is low by the figures alone and the vehicle does not oscillate.
     """
     is_lowered = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION

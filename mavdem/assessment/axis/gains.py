@@ -125,8 +125,8 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
 
     Args:
         flight: samples of one boot.
-        history: gains with the times, s since boot, from which on they were valid.
-        autotune: start and end of the times in which AutoTune changed gains, s since boot.
+        history: gains, each with the time, s since boot, at which it was set.
+        autotune: start and end of the intervals in which AutoTune changed gains, s since boot.
 
     Returns:
         Ascending rows. The first is 0 and the last the number of samples, so that each pair of neighbours is one part.

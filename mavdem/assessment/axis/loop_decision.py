@@ -99,20 +99,18 @@ class LoopObservations(NamedTuple):
 
 
 def decide_on_loops(observations: LoopObservations) -> LoopDecision:
-    """Decides what is wrong with the loops of an axis, and what to change.
+    """Decides what is wrong with the control loops of an axis, and what to change.
 
-    The cases, of which the first one that applies decides:
+    The first of these cases that applies decides:
 
     1. A limit cycle: lower the gains that drive it, on the axes that oscillate. Nothing else is known before it ends.
-    2. An axis so far from its setpoint that no response would be better: check the vehicle, since no loop explains it.
-    3. Margins below the goal, measured by an injected signal or by the response to the setpoint, or identified: the
-       gains that `mavdem tune` advises where the loop is identified and nothing speaks against it; otherwise lower P
-       and D by a third where they were measured, or do first what an advice needs.
+    2. An axis so far from its setpoint that no loop explains it: check the vehicle.
+    3. Margins below the goal: load the gains that `mavdem tune` advises if the loop is identified without doubts.
+       Otherwise lower P and D by a third if the margins were measured, or first do what the advice of gains needs.
     4. The axis follows its setpoint badly although its loops have their margins, or these are not known.
-    5. Nothing is wrong, or what is wrong is not known, and what shows it.
+    5. Nothing is wrong, or it is not known whether something is.
 
-    A vehicle that must be repaired keeps its verdict, and no gains are computed. The repair takes the place of what was
-    to be done about an axis; an axis with which nothing is to be done has no action.
+    If the vehicle must be repaired, the verdict stays, but the action is the repair, and no gains are computed.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -172,20 +170,23 @@ def _decision_on_oscillation(
 
 
 def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
-    """Returns the decision on an axis whose margins are below the goal, or may be; None if neither is the case.
+    """Returns the decision on an axis whose margins are below the goal, or may be.
 
     Margins come from three sources, in this order:
 
     1. A signal that was injected into the loop measures them without a model.
-    2. The loop that was identified from the flight has them by its model. They are below the goal if those of the
-       estimate are. They may be if those of too many other models that fit are, or if the measured response contradicts
-       the model. With such a contradiction, no gains are computed from the loop.
-    3. The response to the setpoint shows a resonance, which a loop with enough margin has not.
+    2. The identified loop predicts them. They are below the goal if the estimate is. They may be below it if too many
+       other models that fit the flight are, or if the measured response contradicts the model. Then no gains are
+       computed from the loop.
+    3. The measured response to the setpoint has a resonance, which a loop with enough margin does not have.
 
-    So the identified loop decides alone where it is below the goal. If it is not, a resonance refutes it.
+    So the identified loop decides alone if it is below the goal. If it is not, a resonance contradicts it.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
+
+    Returns:
+        The decision; None if no source shows margins below the goal.
     """
     margins = observations.margins
     facts_by_code = {fact.code: fact for fact in margins.facts}
@@ -214,12 +215,15 @@ def _decision_by_measurement(
 ) -> LoopDecision:
     """Returns the decision on an axis whose margins were measured, without a model, to be below the goal.
 
-    The action is to lower P and D of the rate loop by a third. What was measured contradicts an identified loop that
-    has its margins, so that no gains are computed from that loop.
+    The action is to lower P and D of the rate loop by a third. The measurement contradicts an identified loop with good
+    margins, so no gains are computed from that loop.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
         measurement_fact: the fact that states the measured margins, or the measured resonance.
+
+    Returns:
+        The decision, with the verdict "below the goal".
     """
     axis = observations.margins.axis
     action = _advice_to_lower_gains(observations, "rate")
@@ -232,13 +236,16 @@ def _decision_by_identified_loop(
 ) -> LoopDecision:
     """Returns the decision on an axis whose identified loop has margins below the goal.
 
-    If nothing speaks against gains that are computed from the loop, the action is to load those that `mavdem tune`
-    advises; otherwise, to do first what the first doubt on the loop asks for.
+    The action is to load the gains that `mavdem tune` advises. If there are doubts about the loop, it is to do first
+    what the first doubt needs.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
         loop: the identified loop, which no measurement refutes.
         loop_fact: the fact that states its margins.
+
+    Returns:
+        The decision, with the verdict "below the goal".
     """
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
@@ -280,17 +287,20 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
 
 
 def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
-    """Returns the decision on an axis whose rate does not reach its setpoint in turns.
+    """Returns the decision on an axis whose body rate falls short of its setpoint in turns.
 
-    The cases are:
+    The first of these cases that applies decides:
 
-    1. A motor was at a limit in the turns, so that no gain helps: ask for slower turns.
-    2. The loop is not identified: do first what identifies it.
-    3. Otherwise the rate loop is too slow: raise its gains as far as the margins allow, unless something speaks against
-       gains that are computed from the loop. Then do first what that asks for.
+    1. A motor was at a limit in the turns, so no gain helps: fly slower turns.
+    2. The loop is not identified: first do what identifies it.
+    3. There are doubts about gains that would be computed from the loop: first remove them.
+    4. The rate loop is too slow: raise its gains as far as the margins allow.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
+
+    Returns:
+        The decision, with the verdict that the axis follows badly.
     """
     axis = observations.margins.axis
     loop = observations.margins.loop
@@ -318,11 +328,14 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
 def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     """Returns the decision on an axis with which nothing is known to be wrong.
 
-    If some source shows good margins, nothing is wrong. Otherwise it is not known, and the action is to do first what
-    the reason for that asks for, if it asks for anything.
+    If some source shows good margins, nothing is wrong. Otherwise that is not known, and the action is the remedy of
+    the reason why, if it has one.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
+
+    Returns:
+        The decision, with the verdict "nothing wrong" or "unknown".
     """
     margins = observations.margins
     good_facts = [fact for fact in margins.facts if fact.is_good]
@@ -340,15 +353,15 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     action = None
     if reason.remedy:
         action = Fact(LoopActions.DO_FIRST, because=reason)
-    # The reason may be one for which an identified loop does not count, so that no gains are computed from that.
+    # The reason may cast doubt on an identified loop. As a doubt it keeps gains from being computed from that loop.
     return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 
 
 def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     """Returns the fact that says why the margins of an axis are not known.
 
-    It is, as the first of these that exists: a fact about margins that does not suffice to know them, such as a peak in
-    the spectrum of the rate; why no loop was identified; or, where none was sought, how the axis follows its setpoint.
+    The first of these that exists is returned: a fact about margins that does not suffice to know them, such as a peak
+    in the spectrum of the rate; the reason why no loop was identified; or how the axis follows its setpoint.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -379,7 +392,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     """Returns the advice to lower the gains of one loop of an axis by a third.
 
     Args:
-        observations: what the flight shows, with the parameters.
+        observations: observations of the axis, with the parameters of the autopilot.
         loop_name: "rate" or "attitude".
 
     Returns:

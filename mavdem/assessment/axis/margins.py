@@ -172,12 +172,13 @@ def response_comparison(
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    Lights and pages must not call the loops of an axis right in one place and wrong in another. Where it is known
-    already whether the measured rate follows the loop over all frequencies (:attr:`Loop.agrees`), that comparison
-    counts. This one, of the gain |T| at some frequencies, is then left out if it says the opposite.
+    Lights and pages must not call the loops of an axis right in one place and wrong in another. So this comparison, of
+    the gain |T| at some frequencies, is left out if it contradicts the comparison over all frequencies
+    (:attr:`Loop.agrees`).
 
-    A difference is no reason to doubt the loop either where a motor was at a limit too often, since the rate does not
-    answer as a linear loop does there, or where gains changed in flight, since the measured response mixes two loops.
+    A difference is no reason to doubt the loop in two cases: if a motor was at a limit too often, since the rate does
+    not respond as a linear loop there, and if gains changed in flight, since the measured response then mixes two
+    loops.
 
     Args:
         measured: the measured response.
@@ -200,19 +201,19 @@ def response_comparison(
 
 
 def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact | None:
-    """Returns the identified loop of an axis, or why it does not count.
+    """Returns the identified loop of an axis, unless the measured response contradicts it.
 
-    Each loop predicts the response of the rate to its setpoint, which the flight shows too. A loop counts if the two
-    agree, and does not if they differ. If too little was measured to tell, the other axes decide. If the response of
-    one of them has less than half of the fit that it should have, the vehicle did not fly with the gains or the mixer
-    that its parameters state. Then no loop that is computed from them counts.
+    Each loop predicts the response of the rate to its setpoint, which is measured in flight too. If the two differ, the
+    loop is rejected. If too little was measured to compare them, the other axes decide: if the response of one of them
+    has less than half of the required fit, the vehicle did not fly with the gains or the mixer that its parameters
+    state, and every loop computed from them is rejected.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        loops: the identified loop of each axis, or why it is not known.
+        loops: the identified loop of each axis, or the reason why it is not known.
 
     Returns:
-        The loop; or the fact why it is not known or does not count; None if nothing is known of the axis.
+        The loop; or the fact why it is not known or rejected; None if nothing is known of the axis.
     """
     loop = loops.get(axis)
     if not isinstance(loop, Loop) or loop.agrees:
@@ -223,7 +224,7 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
     for other_loop in identified_loops(loops).values():
         if other_loop.disagreement is None or other_loop.measured is None:
             continue
-        # Less than half of the fit that it should have.
+        # The response has less than half of the required fit.
         if other_loop.measured.agreement < MIN_RESPONSE_FIT / 2:
             return other_loop.disagreement
     return loop

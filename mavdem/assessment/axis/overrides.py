@@ -134,9 +134,9 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
 
 
 def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
-    """Returns the motors that work about as hard in the mean as those at their limit.
+    """Returns the motors whose mean command in hover is about as high as that of the motors at their limit.
 
-    A weak motor needs a higher command than every other throughout the hover, not only in gusts. Where others need as
+    A weak motor needs a higher command than every other throughout the hover, not only in gusts. If others need as
     much, the load, a twisted arm or the yaw trim explains the limit, and gusts decide which motor reaches it.
 
     Args:
@@ -144,8 +144,8 @@ def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
         limited: names of the motors that are at their limit the most.
 
     Returns:
-        Names of other motors whose trim is beyond the mean by at least ``ALIKE_RATIO`` of what that of the limited
-        motors is; every other motor where the limited ones work no harder than the mean.
+        Names of the other motors whose trim deviates from the mean by at least ``ALIKE_RATIO`` of the limited motors'
+        deviation. All other motors if the limited ones do not exceed the mean.
     """
     deviations = dict(zip(hover.motors, hover.imbalance, strict=True))
     limited_deviation = max(deviations[name] for name in limited)

@@ -261,14 +261,17 @@ def _tracking_rating(
 
 
 def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segments:
-    """Returns segments of flight without the turns to a new heading that was set in one jump.
+    """Returns the segments of flight without turns to a new heading that was set in one jump.
 
     In such a turn the heading is far from its setpoint, which is no error of the loops. A turn begins at a jump by more
-    than ``YAW_JUMP`` and ends when the slowest vehicle has the new heading.
+    than ``YAW_JUMP``, and ends when even the slowest vehicle has reached the new heading.
 
     Args:
-        setpoint: setpoint of yaw, rad, without jumps by a turn.
+        setpoint: setpoint of yaw, rad, unwrapped.
         segments: parts of the flight to judge.
+
+    Returns:
+        The segments, cut at the turns.
     """
     segments_without_turns = []
     for segment in segments:

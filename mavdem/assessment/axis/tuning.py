@@ -57,13 +57,13 @@ class Tuning(NamedTuple):
         return self.advice[0].sentence
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
-        """Returns the parameter files of ground stations, a pair for each stage in which an axis is.
+        """Returns the parameter files for ground stations, a pair for each stage of tuning.
 
         The gains of a stage are loaded and flown before those of the next. A notch filter is in the first file, or in
-        one of its own where the gains are kept.
+        one of its own if the gains are kept.
 
         Args:
-            vehicle: the vehicle that they are for.
+            vehicle: vehicle that they are for.
 
         Returns:
             The text of each file by the ending of its name, such as ``.stage1.params``.
@@ -201,10 +201,12 @@ def _advice_on_loop(
 
 
 def _gains_come_next(headline: Fact) -> bool:
-    """Returns whether new gains are the next step: what heads the judgement asks for them, or is not bad.
+    """Returns whether new gains are the next step.
+
+    They are if the headline advises them, or if it is not bad.
 
     Args:
-        headline: headline of the judgement. One on loops has what was decided to do about them as its ``action``.
+        headline: headline of the judgement; if it is about loops, its figure ``action`` is the advised action.
     """
     action = headline.figures.get("action")
     if action is not None:

@@ -24,12 +24,15 @@ MIN_SWITCH_CHANGE = 100.0
 
 
 def command_facts(evidence: Evidence) -> NamedFacts:
-    """Returns facts on setpoints and sticks, by their names; nothing if they were not recorded in flight.
+    """Returns facts on position setpoints and pilot sticks in flight.
 
-    Neither is judged: how near a vehicle should keep to its position depends on gusts and on what is flown.
+    Neither is judged: how near a vehicle should keep to its position depends on gusts and on the flown course.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        Facts by the name of the part; empty if neither was recorded in flight.
     """
     facts = {
         CommandPart.TARGETS: _targets_fact(evidence),
@@ -81,10 +84,13 @@ def _squared_errors(evidence: Evidence, axis: str) -> Array:
 
 
 def _sticks_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on which sticks and switches moved in flight; None if none was recorded.
+    """Returns the fact that names the sticks and switches that moved in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact, whose level is "unknown"; None if no stick or switch was recorded in flight.
     """
     inputs = pilot_input(evidence.signals)
     series_of_inputs = [*inputs.sticks.values(), *inputs.switches.values()]

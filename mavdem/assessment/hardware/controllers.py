@@ -12,13 +12,16 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def controllers_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on what the speed controllers measured in flight; None without a flight or a report of theirs.
+    """Returns the fact on the speed controllers' measurements in flight: speeds, currents, temperatures and errors.
 
-    The level is to be watched where one of them counted more than ``MAX_ERROR_RATE`` errors per second, good where all
-    count errors and none did; without counts it is unknown.
+    The level is "watch" if one of them counted more than ``MAX_ERROR_RATE`` errors per second, "good" if all of them
+    count errors, and "unknown" otherwise.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None without a flight, or if no controller reported a speed in it.
     """
     controllers = speed_controllers(evidence.signals)
     speeds = _in_flight(evidence, [controller.speed for controller in controllers])

@@ -27,13 +27,16 @@ LOOP_COUNT_FIELDS = ("NL", "NLoop")
 
 
 def processor_fact(evidence: Evidence) -> Fact | None:
-    """Returns load and memory of the processor in flight; None if the load was not recorded then.
+    """Returns the fact on load and memory of the autopilot's processor in flight.
 
-    The load is that of the busiest 2 s (their mean), since PX4 itself waits so long before it complains. It is to be
-    watched from the limit on that the autopilot has: PX4's parameters, or the full load of ArduPilot's main loop.
+    The load is the largest mean over 2 s, the time that PX4 waits before it warns. The level is "watch" from the
+    autopilot's limit on: PX4's parameters, or the full load of ArduPilot's main loop.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None if the load was not recorded in flight.
     """
     signals = evidence.signals
     loads = evidence.averages_in_flight(recorded_quantity(signals, PROCESSOR_LOAD))

@@ -32,13 +32,16 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on how well the first satellite receiver measured; None if it was not recorded then.
+    """Returns the fact on the measurements of the first satellite receiver in flight.
 
-    It is to be watched where it usually (by the median) had fewer satellites or was less accurate than the autopilot's
-    filter asks for, or where its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
+    The level is "watch" if by the median it had fewer satellites or was less accurate than the autopilot's filter
+    requires, or if its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None if the receiver was not recorded in flight, or not connected.
     """
     signals = evidence.signals
     counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")

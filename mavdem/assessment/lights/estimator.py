@@ -150,32 +150,32 @@ class Rejection:
 
 
 def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
-    """Finds the innovation that exceeded its limit longest; where none did, the largest one.
+    """Finds the innovation that exceeded its limit longest, or the largest one if none did.
 
-    An innovation is the difference of a measurement and its prediction by the filter, here relative to what the filter
-    accepts. ArduCopter's failsafe (``ekf_check.cpp``) has a limit of its own: it counts where two of velocity, position
-    and compass exceed that limit, where a velocity of twice the limit counts as two. The height does not count.
+    An innovation is the difference of a measurement and its prediction by the filter, here divided by the limit of the
+    filter's test. ArduCopter's failsafe (``ekf_check.cpp``) has a limit of its own: it acts if two of velocity,
+    position and compass exceed that limit; a velocity of twice the limit counts as two. It does not check the height.
 
     Args:
         time: (N,) times of the samples, s since boot.
         ratios: (N, 4), one column for each of the ``INNOVATIONS``, in units of the limit of the filter's own test.
-        failsafe_limit: the ratio from which on the failsafe doubts the filter (:func:`failsafe_limit_of`).
+        failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation (:func:`failsafe_limit_of`).
 
     Returns:
-        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit; and
-        how long ArduCopter's failsafe doubted the filter, s.
+        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit, s;
+        and how long the failsafe's condition held, s.
     """
     velocity_ratio, position_ratio, _, compass_ratio = ratios.T
-    # How many of the three doubt the filter, at each sample; a very large velocity innovation counts twice.
-    doubts = np.zeros(len(time))
-    doubts += velocity_ratio >= failsafe_limit
-    doubts += velocity_ratio >= 2 * failsafe_limit
-    doubts += position_ratio >= failsafe_limit
-    doubts += compass_ratio >= failsafe_limit
+    # How many of the three exceed the failsafe's limit, at each sample; a very large velocity innovation counts twice.
+    exceeding_count = np.zeros(len(time))
+    exceeding_count += velocity_ratio >= failsafe_limit
+    exceeding_count += velocity_ratio >= 2 * failsafe_limit
+    exceeding_count += position_ratio >= failsafe_limit
+    exceeding_count += compass_ratio >= failsafe_limit
     # For how long each of the four innovations exceeded the filter's own limit without a break, s.
     durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
     largest_ratios = ratios.max(axis=0)
-    # Of several that exceeded it equally long, or not at all, the largest is named.
+    # Of innovations that exceeded it equally long, or not at all, the largest is named.
     worst = max(
         range(len(INNOVATIONS)), key=lambda column: (durations[column], largest_ratios[column])
     )
@@ -184,7 +184,7 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
         float(largest_ratios[worst] / INNOVATION_LIMIT),
         float(time[ratios[:, worst].argmax()]),
         durations[worst],
-        longest_true_duration(time, doubts >= 2),
+        longest_true_duration(time, exceeding_count >= 2),
     )
 
 
@@ -345,17 +345,17 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
 
 
 def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
-    """Returns the estimator's innovations relative to what its tests accept (innovation ratios).
+    """Returns the estimator's innovations divided by the limits of its tests (innovation ratios).
 
-    An innovation is a measurement minus its prediction by the filter. Its ratio is 1 where the filter's test just
-    accepts the measurement. The first message that has all ratios is taken: ArduPilot's or PX4's.
+    An innovation is a measurement minus its prediction by the filter. At a ratio of 1 the filter's test just accepts
+    the measurement. The first message with all ratios is used, ArduPilot's or PX4's.
 
     Args:
         telemetry: messages of the vehicle.
 
     Returns:
-        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 where one is not known, and the filter's flag for a glitch
-        of GPS, 0 or 1. None if no message has them, or if they are all 0: then the filter does not run.
+        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 for one that is not known, and the filter's flag for a
+        glitch of GPS, 0 or 1. None if no message has them, or if they are all 0 because the filter does not run.
     """
     for message, fields in INNOVATION_FIELDS.items():
         columns = telemetry.messages.get(message, {})
@@ -453,10 +453,10 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 
 
 def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each boot with a flight, and each accelerometer in use that did not measure gravity at rest.
+    """Yields a fact for each accelerometer in use that did not measure gravity at rest, in each boot with a flight.
 
-    The estimator integrates its error, so that the height may run away in flight. The accelerometer that counts comes
-    first; another one is judged where a core of the estimator has it.
+    The estimator integrates its error, so the height may run away in flight. The accelerometer that the estimator uses
+    first comes first; another one is judged if an instance of the EKF runs on it.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

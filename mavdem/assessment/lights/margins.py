@@ -13,9 +13,9 @@ from mavdem.facts.margins import MarginsLight
 def margins_light(evidence: Evidence) -> Fact:
     """Judges the stability margins of the control loops.
 
-    A limit cycle shows that there is no margin, and comes before all else. Otherwise the worst fact on any axis counts
-    if it warns. The light is good if the margins of roll or pitch are, since yaw alone says little. In all other cases
-    the margins are unknown.
+    A limit cycle shows that there is no margin, and decides alone. Otherwise the worst fact on any axis decides if it
+    is a warning. The light is good if the margins of roll or pitch are good; those of yaw alone do not suffice. In all
+    other cases the margins are unknown.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -69,9 +69,9 @@ def _unknown_margins(evidence: Evidence) -> Fact:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact whose reason is why the first axis has no identified loop, or else why the log allows no model. Its
-        figure ``rate`` is what is known all the same: the highest frequency, Hz, up to which the measured response of
-        some axis has no resonance; None if there is no such response.
+        A fact with the reason why the first axis has no identified loop, or why the log allows no model. Its figure
+        ``rate`` is the highest frequency, Hz, up to which the measured response of some axis has no resonance; None if
+        no response was measured.
     """
     reasons = []
     frequencies_without_resonance = []

@@ -33,11 +33,11 @@ MIN_TOGETHER_SHARE = 0.5
 
 
 def motors_light(evidence: Evidence) -> Fact:
-    """Returns the worst of what a log shows of its motors.
+    """Judges the motors by the worst fact about them in a log.
 
-    The candidates, of which the first wins among equally bad ones, are: events that name a motor; a limit cycle that
-    drives motors to their limits; a motor at its limit in the hover; and an uneven trim or a small headroom. If no
-    hover was measured, a fact that says so takes the place of the latter two.
+    The facts, of which the first wins among equally bad ones, are: events that name a motor; a limit cycle that drives
+    motors to their limits; a motor at its limit in the hover; and an uneven trim or a small headroom. If no hover was
+    measured, a fact that says so replaces the last two.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -123,13 +123,13 @@ def _motor_names(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
-    """Returns the reason why recorded outputs are not those of motors, such as that none of them ever changes.
+    """Returns the reason why recorded outputs do not belong to motors, such as that none of them ever changes.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The obstacle; None if there is none, or the log has no outputs at all.
+        The obstacle; None if there is none, or no outputs were recorded.
     """
     obstacle = motor_outputs_or_obstacle(evidence.signals.telemetry)
     if isinstance(obstacle, Fact) and obstacle.code is not MotorObstacle.NO_MOTOR_MESSAGE:
@@ -138,14 +138,17 @@ def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
 
 
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
-    """Returns the events that show trouble of one motor of this vehicle, the one to name in the light first.
+    """Returns the events that show trouble with one motor of this vehicle, the most important first.
 
-    The order is: how the flight was lost, if that names a motor; warnings in flight without a figure of the lost
-    thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; what the
-    autopilot reports of a motor; and, if no hover was measured, the longest moment at a limit.
+    The order is: the loss of the flight, if that names a motor; warnings in flight without a figure of the lost thrust,
+    such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; reports of the
+    autopilot about a motor; and, if no hover was measured, the longest moment at a limit.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        Facts whose subject is a motor.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
@@ -155,8 +158,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     ]
     names = _motor_names(evidence)
     facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
-    # The figure "rise" is by how much the motor's command rose to make up for its loss, as a share of the range. An
-    # event without it, which is no gradual loss, counts as infinitely large.
+    # The figure "rise" is the increase of the motor's command that compensates its loss, as a share of the range. An
+    # event without it, such as a motor that was off, counts as infinitely large.
     facts.sort(key=lambda fact: (-fact.figures.get("rise", inf), -_duration(fact)))
     # The autopilot names a motor by its number only.
     numbered_names = {name.partition(" (")[0] for name in names}
@@ -167,24 +170,24 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     if ending is not None and ending.subject in names:
         facts.insert(0, ending)
     if evidence.condition.hover is None:
-        # A hover would show the share of the time at the limit. Without one, a moment there must do.
+        # A hover would show the share of the time at the limit. Without one, single moments at the limit are reported.
         facts += _moments_at_limit(evidence, names)
     return facts
 
 
 def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
-    """Returns the fact on which motor was at its upper limit longest in flight, or that several were alike.
+    """Returns the fact that a motor was at its upper limit longest in flight, or that several were about as long.
 
-    The times at the limit of all events of a motor are added. Motors with at least half of the longest time are alike
-    (:func:`mavdem.motors.saturation.most_limited_motors`) and named together: then no single motor is weak.
+    The times at the limit of all events of a motor are added. Motors with at least half of the longest time are named
+    together (:func:`mavdem.motors.saturation.most_limited_motors`): then no single motor is weak.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         names: names of its motors.
 
     Returns:
-        A list with one fact: of one motor, its longest event; of several, a fact with their names and the time of the
-        first event. It is empty if no motor was at its limit.
+        A list with one fact: for one motor its longest event, for several a fact with their names and the time of the
+        first event. Empty if no motor was at its limit.
     """
     events = list(evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]))
     times_at_limit = dict.fromkeys(names, 0.0)
