@@ -297,7 +297,7 @@ def _end_in_air(
     # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
     has_landed = flight[1] != inf
-    if has_landed or not is_last_boot:
+    if has_landed or not is_last_boot or signals.telemetry.is_ended_on_purpose:
         return
     for event in events:
         is_old_loss = end_time - (event.time or end_time) >= RECOVERY_SECONDS
@@ -316,6 +316,8 @@ def _end_in_air(
             height_source=scene.height_source,
             boot=boot,
             witnesses=sources,
+            # A stream ends as well where somebody ends its recording.
+            is_received=True if not signals.telemetry.translated_from else None,
         )
 
 

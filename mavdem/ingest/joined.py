@@ -374,6 +374,7 @@ def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -
         hardware=before.hardware or after.hardware,
         dropouts=before.dropouts + after.dropouts,
         source_names={**before.source_names, **after.source_names},
+        is_ended_on_purpose=after.is_ended_on_purpose,
     )
 
 

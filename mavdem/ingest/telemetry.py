@@ -77,6 +77,8 @@ class Telemetry(ImmutableResult):
         initial_parameters: the first values of those parameters that changed, by name.
         default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
             gives; empty if it gives none.
+        is_ended_on_purpose: whether the user ended the recording, so that its end says nothing of the vehicle; False if
+            that is not known.
     """
 
     system: int
@@ -95,6 +97,7 @@ class Telemetry(ImmutableResult):
     hardware: str = ""
     initial_parameters: Parameters = field(default_factory=dict)
     default_parameters: Parameters = field(default_factory=dict)
+    is_ended_on_purpose: bool = False
 
     def name_in_source(self, message: str) -> str:
         """Returns the name of a message in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""

@@ -58,6 +58,7 @@ class LinkIntake:
         self._log = log
         # Everything that arrived before this time has been read, s of the monotonic clock.
         self._emptied_time = clock.monotonic()
+        self._is_ended_on_purpose = False
 
     def receive(self, timeout: float) -> list[FrameBatch]:
         """Receives and records what has arrived, or waits until something arrives; opens a lost link again.
@@ -114,7 +115,12 @@ class LinkIntake:
         return True
 
     def record_rest(self) -> None:
-        """Receives and records what still waits at the end of a session; it is not analysed any more."""
+        """Receives and records what still waits at the end of a session; it is not analysed any more.
+
+        The session was then ended on purpose, since one that fails does not come here. Its recording may go on: the
+        replies to the last requests come later.
+        """
+        self._is_ended_on_purpose = True
         if not self.is_lost:
             self._record(self._link.receive_rest())
 
@@ -149,10 +155,15 @@ class LinkIntake:
             self._log(error.fact)
 
     def end_recording(self) -> None:
-        """Completes the recording at the end of the session; a failure is reported, and ends nothing else."""
+        """Completes the recording at the end of the session; a failure is reported, and ends nothing else.
+
+        The recording of a session that did not fail is marked as ended on purpose.
+        """
         if self.recording is None:
             return
         try:
+            if self._is_ended_on_purpose:
+                self.recording.mark_end(clock.unix_time())
             self.recording.close()
         except OSError as error:
             self.recording = None

@@ -7,6 +7,7 @@ from mavdem.errors import Unreadable, error_message
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mavlink.frame_reader import Frame
+from mavdem.ingest.mavlink.recording_end import end_mark
 from mavdem.ingest.mcap.records import register_frame_channel, start_writer, write_message
 from mavdem.ingest.tlog import write_stamped
 
@@ -62,18 +63,39 @@ class RawRecording:
         Raises:
             OSError: they cannot be written.
         """
-        microseconds = round(stamp * 1e6)
         for frame in frames:
-            if self._mcap is None:
-                write_stamped(self._file, [(microseconds, frame.content)])
-            else:
-                nanoseconds = microseconds * 1000
-                write_message(self._mcap, self._channel, nanoseconds, frame.content)
+            self._write(stamp, frame.content)
         self.frame_count += len(frames)
         # Stamps go back where the computer's clock is set.
         if not 0 <= stamp - self._flush_stamp < BATCH_SECONDS:
             self._flush_stamp = stamp
             self._file.flush()
+
+    def mark_end(self, stamp: float) -> None:
+        """Marks that the user ended the recording, so that its end is not taken for a failure of the vehicle.
+
+        The mark is no frame of the link, and does not count as one. A recording without frames is left empty.
+
+        Args:
+            stamp: when it ended, UNIX s.
+
+        Raises:
+            OSError: the mark cannot be written.
+        """
+        if self.frame_count:
+            self._write(stamp, end_mark())
+
+    def _write(self, stamp: float, content: bytes) -> None:
+        """Writes one frame with its stamp, UNIX s.
+
+        Raises:
+            OSError: it cannot be written.
+        """
+        microseconds = round(stamp * 1e6)
+        if self._mcap is None:
+            write_stamped(self._file, [(microseconds, content)])
+        else:
+            write_message(self._mcap, self._channel, microseconds * 1000, content)
 
     def close(self) -> None:
         """Writes the rest and closes the file; closing it again does nothing.

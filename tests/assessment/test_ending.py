@@ -389,6 +389,8 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert f" {3 * 7} times " in str(events[MotionEvent.CLIPPED])
+    ended = replace(made, is_ended_on_purpose=True)
+    assert MotionEvent.LOG_ENDED_IN_AIR not in judged(ended)[0]
     restarted = changed(made, "ATTITUDE", boot=1 * (stamps(made, "ATTITUDE") > 29.8))
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
 

@@ -57,6 +57,24 @@ def test_what_was_received_is_there_before_the_end(tmp_path, form):
     recording.close()
 
 
+@mark.parametrize("form", [".tlog", ".mcap"])
+@mark.parametrize("silence, is_ended", [(1.0, True), (10.0, False)])
+def test_a_recording_tells_whether_its_user_ended_the_record(tmp_path, form, silence, is_ended):
+    path = tmp_path / f"flight{form}"
+    recording = RawRecording(path)
+    taken(recording, FRAMES, 0.01)
+    unmarked = tmp_path / f"copy{form}"
+    recording._file.flush()
+    shutil.copy(path, unmarked)
+    recording.mark_end(NOW + 0.01 * len(FRAMES) + silence)
+    recording.close()
+    assert recording.frame_count == len(FRAMES)
+    (vehicle,) = read_log(path).vehicles
+    assert vehicle.is_ended_on_purpose is is_ended
+    (vehicle,) = read_log(unmarked).vehicles
+    assert not vehicle.is_ended_on_purpose
+
+
 def test_it_replaces_nothing(tmp_path):
     (tmp_path / "flight.tlog").write_bytes(b"dear")
     assert unreadable(RawRecording, tmp_path / "flight.tlog").code is LinkFact.STREAM_FILE_EXISTS

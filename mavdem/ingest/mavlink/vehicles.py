@@ -31,7 +31,8 @@ from mavdem.ingest.mavlink.dialect import (
 from mavdem.ingest.mavlink.frame_columns import DecodedColumns, FrameColumns
 from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream, receive_interval
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MESSAGE_UNKNOWN, Frames
-from mavdem.ingest.mavlink.payloads import decoded_field, latest_parameters
+from mavdem.ingest.mavlink.payloads import FrameSender, decoded_field, latest_parameters
+from mavdem.ingest.mavlink.recording_end import is_ended_on_purpose
 from mavdem.ingest.mavlink.sender_streams import SenderStream, sender_stream_of
 from mavdem.ingest.motors import MOTOR_MESSAGES
 from mavdem.ingest.other_recordings import (
@@ -144,6 +145,9 @@ def assemble(stream: FrameStream) -> Log:
                     parameters=_parameters_of(record, records),
                     source=stream.source,
                     repairs=stream_repairs + record.repairs,
+                    is_ended_on_purpose=is_ended_on_purpose(
+                        stream, FrameSender(component.system, component.component)
+                    ),
                 )
             )
     if shared_ids and not vehicles:

@@ -1,0 +1,50 @@
+"""The mark at the end of a recording that its user ended: such a record shows no failure where it ends in the air.
+
+The mark is an ordinary STATUSTEXT of a logger, so that every program reads the file as before.
+"""
+
+import numpy as np
+
+from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
+from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream
+from mavdem.ingest.mavlink.framing import frame_content
+from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
+
+RECORDER = FrameSender(255, mavlink_constant("MAV_COMP_ID_LOG"))
+"""Sender of the mark: the logger of a ground station."""
+
+END_TEXT = b"The recording was ended on purpose"
+"""Text of the mark."""
+
+MAX_SILENCE_BEFORE_END = 3.0
+"""Longest time without a frame of the vehicle before the mark, s, with which the mark ended its record.
+
+A choice: as long as a live session waits until it reports silence. A vehicle that was silent for longer was lost before
+somebody ended the recording.
+"""
+
+
+def end_mark() -> bytes:
+    """Returns the frame that marks the end of a recording; it is always the same."""
+    definition = definitions_by_name()["STATUSTEXT"]
+    payload = np.zeros(1, dtype=definition.wire)
+    payload["severity"] = mavlink_constant("MAV_SEVERITY_INFO")
+    payload["text"] = END_TEXT
+    return encode_frame(payload.tobytes(), definition, RECORDER, sequence=0)
+
+
+def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
+    """Returns whether the record of a vehicle ends because its user ended the recording, and not with the vehicle.
+
+    Args:
+        stream: the recording.
+        sender: ids of the vehicle, which sent at least one frame.
+    """
+    frames = stream.frames
+    last_row = len(frames) - 1
+    if frame_content(stream.data, frames, last_row) != end_mark():
+        return False
+    is_of_vehicle = (frames.system == sender.system) & (frames.component == sender.component)
+    rows = np.array([np.flatnonzero(is_of_vehicle)[-1], last_row])
+    last_received, ended = (stream.receive_stamps(rows) / MICROSECONDS).tolist()
+    return bool(ended - last_received <= MAX_SILENCE_BEFORE_END)
