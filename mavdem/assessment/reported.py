@@ -284,7 +284,7 @@ def _without_contradicted_claim(
     """Returns the fact that a text reports, or a quotation of the text if the recorded state contradicts it.
 
     PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The autopilot acts
-    by its state, so the state is believed. It contradicts a text if it was recorded after the text, and no sample
+    by its state, so the state counts. It contradicts a text if it was recorded after the text, and no sample
     within ``CONFIRMATION_SECONDS`` of it shows the fault.
 
     Args:

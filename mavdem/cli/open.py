@@ -119,15 +119,13 @@ def _application_id(arguments: list[str]) -> str | None:
 def _write_log(recording: Target, name: str, log: Log | Unreadable) -> None:
     """Learns a model of roll and writes its dashboard into a recording.
 
-    If no model can be learned, the recording has words instead: the error of an unreadable log, or what can be said of
-    the flight without a model.
-
-    The viewer shows only what the recording contains, so that every outcome must be written to it.
+    If no model can be learned, the recording gets sentences instead: the error of an unreadable log, or the results of
+    the flight that need no model. The viewer shows only the recording, so every outcome must be written to it.
 
     Args:
         recording: Recording that is streamed to the viewer.
         name: Name of the log's file.
-        log: The log, or why it cannot be read.
+        log: The log, or the error why it cannot be read.
     """
     from mavdem.view import write_words
 

@@ -274,15 +274,16 @@ def _outcome_line(outcome: JobOutcome) -> str:
 
 
 def _refuse_names_of_other_logs(folder: Path, logs: Names, given_names: Names) -> None:
-    """Refuses a name for a log that is neither in the fleet nor to be read, before hours of reading.
+    """Refuses a name for a log that is neither in the fleet nor to be read, before the long reading begins.
 
     Args:
         folder: Folder of the fleet, which may not exist yet.
-        logs: What stands for the logs to be read.
-        given_names: What was typed, see :func:`_store_name`.
+        logs: Files, folders, patterns and URLs of the logs to be read.
+        given_names: Arguments of --name, see :func:`_store_name`.
 
     Raises:
-        click.BadParameter: There is no such log. Which serial numbers there are is known only after the reading.
+        click.BadParameter: There is no such log. Serial numbers are not checked, since they are known only after the
+            reading.
     """
     subjects = [given_name.partition("=")[0] for given_name in given_names]
     log_names = [subject for subject in subjects if looks_like_log(subject)]
@@ -371,12 +372,12 @@ def _file_names(path: str) -> Names:
 def _print_fleet(
     tracked: TrackedLogs, pages: FleetPages, blocks_by_vehicle: BlocksByVehicle
 ) -> None:
-    """Prints the number of logs, the table of the fleet's vehicles, and what changed since each one's baseline.
+    """Prints the number of logs, the table of the fleet's vehicles, and the changes since each one's baseline.
 
     Args:
-        tracked: What this run read.
-        pages: The pages that were written, with what they show.
-        blocks_by_vehicle: Differences from the baseline to the latest flight, by the vehicle's name.
+        tracked: Result of this run.
+        pages: The written pages, with their contents.
+        blocks_by_vehicle: Differences of the latest flight from the baseline, by the vehicle's name.
     """
     unused_files = {row.file for summary in pages.summaries for row in summary.unused}
     print_to_stdout(

@@ -229,7 +229,7 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
 def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is armed, airborne and not held by the ground.
 
-    Of a vehicle that is no multirotor they are those in which it operates.
+    For a vehicle that is not a multirotor they are the intervals in which it operates.
 
     Args:
         signals: Signals of the vehicle.
@@ -247,7 +247,7 @@ def free_flight_intervals(signals: Signals, boot: int) -> Intervals:
 def airborne_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing.
 
-    Of a vehicle that is no multirotor they are those in which it operates.
+    For a vehicle that is not a multirotor they are the intervals in which it operates.
 
     Args:
         signals: Signals of the vehicle.
@@ -264,17 +264,17 @@ def airborne_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _operating_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals in which a vehicle that is no multirotor operates: armed and, if reported, in the air.
+    """Returns the intervals in which a vehicle other than a multirotor operates: armed and, if reported, in the air.
 
-    Its motor outputs do not show when it flies, as those of a multirotor do: a plane glides, and idles on the runway.
-    So a vehicle of the surface operates while it is armed, and so does one whose landed state is not reported.
+    Its motor outputs do not show when it flies: a plane glides, and idles on the runway. So a surface vehicle operates
+    while it is armed, and so does a vehicle whose landed state is not reported.
 
     Args:
         signals: Signals of the vehicle.
         boot: Number of the boot.
 
     Returns:
-        The intervals, s; none if nothing says when the vehicle was armed.
+        The intervals, s; none if the log does not show when the vehicle was armed.
     """
     if series_of_boot(signals.armed, boot) is None:
         return []
@@ -307,9 +307,9 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     """Returns the intervals of a boot in which the vehicle is in one of several landed states.
 
     The state is that of EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
-    gap longer than ``MAX_REPORT_INTERVAL``. At all other times the vehicle counts as in one of the states where its
-    collective is high enough to stay in the air. Where motor outputs are missing too, the last reported state holds: a
-    missing message is no landing.
+    gap longer than ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the
+    vehicle in the air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported
+    state holds, since a missing message is no landing.
 
     Args:
         signals: Signals of the vehicle.
@@ -317,7 +317,8 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
         states: Numbers of MAV_LANDED_STATE, all of them states in the air.
 
     Returns:
-        The intervals, s. Without reports they are those of a high collective (mean output of all motors).
+        Start and end of the intervals, s. Without reports they are those of a high collective (mean output of all
+        motors).
     """
     reports = series_of_boot(signals.landed_state, boot)
     collective = series_of_boot(signals.collective, boot)
@@ -390,15 +391,19 @@ def max_collective(signals: Signals) -> float:
 
 
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
-    """Returns those parts of flights in which the ground does not hold the vehicle, whatever the autopilot reports.
+    """Returns the parts of flights in which the ground does not hold the vehicle, whatever the autopilot reports.
 
-    Left out are flights without any vertical speed, flights in which the vehicle never rose and did not follow its
-    setpoints, and ``MIN_GROUND_SECONDS`` or more in which the motors show that the ground carries or holds it.
+    Three parts are excluded: flights without any vertical speed; flights in which the vehicle never rose and did not
+    follow its setpoints; and intervals of at least ``MIN_GROUND_SECONDS`` in which the motors show that the ground
+    carries or holds it.
 
     Args:
-        flights: Intervals in which the vehicle is said to fly.
+        flights: Intervals of flight by the reports of the autopilot, s.
         signals: Signals of the vehicle.
         boot: Number of the boot that the intervals belong to.
+
+    Returns:
+        The remaining intervals, s.
     """
     climb_rate = series_of_boot(signals.climb_rate, boot)
     if climb_rate is not None:
@@ -522,16 +527,16 @@ def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -
 def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the motors show that the ground carries or holds the vehicle.
 
-    The ground carries it where the motors give much less thrust than in hover. The ground holds it where it does not
-    rotate although some motor deviates so far from its mean in flight that it would rotate a free vehicle. What the
-    autopilot reports decides only which part of the boot is taken for flight.
+    The ground carries the vehicle while the motors give much less thrust than in hover. The ground holds it while it
+    does not rotate although some motor deviates so far from its mean in flight that it would rotate a free vehicle. The
+    autopilot's reports decide only which part of the boot is taken for flight.
 
     Args:
         signals: Signals of the vehicle.
         boot: Number of the boot.
 
     Returns:
-        The intervals; none if no motor outputs were recorded or nothing was flown.
+        The intervals, s; none if no motor outputs were recorded, or the vehicle did not fly.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
@@ -545,7 +550,7 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     # which the vehicle stands or falls.
     is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
     hover_collective = float(np.median(mean[is_flown & is_carrying]))
-    # How much the vehicle rotates is judged by comparison with its own liveliest motion in flight.
+    # The rotation is compared with the vehicle's own fastest rotation in flight.
     square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
     flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
     is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)

@@ -66,15 +66,19 @@ def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
 
 
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns whether some satellite receiver had a position in three dimensions, at times (T,) of a boot.
+    """Returns whether some satellite receiver had a three-dimensional fix, at times of a boot.
 
-    Where receivers were not recorded, they count as having one, unless the parameters say that there is none. The last
-    message of a receiver counts until the next; one that falls silent while another goes on counts no more.
+    If receivers were not recorded, they count as having a fix, unless the parameters say that there is none. The last
+    message of a receiver holds until its next one; but a receiver that falls silent while another continues no longer
+    counts.
 
     Args:
         telemetry: Messages of the vehicle.
         boot: Number of the boot.
         time: Times (T,) in that boot, s.
+
+    Returns:
+        Flags (T,).
     """
     has_fix = np.zeros(len(time), np.bool_)
     has_recent_fix = np.zeros(len(time), np.bool_)
@@ -89,7 +93,7 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
             continue
         is_recorded = True
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        # The last message counts, and before the first one that.
+        # The last message holds; before the first message, the first one does.
         message_time = columns["time"][rows]
         last_row = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
         has_receiver_fix = has_fix_by_row(columns)[rows][last_row]

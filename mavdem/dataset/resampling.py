@@ -119,7 +119,7 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
         dt: Step of the grid, s.
 
     Returns:
-        (T,) times, s, without those that the edges of a low-pass filter spoil; all of them where it spoils all.
+        (T,) times, s. Points that the edges of a low-pass filter distort are left out, unless that would leave none.
     """
     # The time in which both streams have samples.
     first = max(attitude_time[0], motor_time[0])

@@ -84,19 +84,22 @@ FileContent = bytes | mmap.mmap
 
 
 def file_content(path: PathName) -> FileContent:
-    """Returns the bytes of a file as ``file_bytes`` does, of a large one as a mapping that takes no memory.
+    """Returns the bytes of a file, mapped into memory if it is large.
 
-    An archive is never mapped, since it must be unpacked.
+    An archive is never mapped, since it must be unpacked (:func:`file_bytes`).
 
     Args:
         path: The file or archive.
+
+    Returns:
+        The bytes, or a mapping, which is read from the disk as it is used.
 
     Raises:
         Unreadable: As ``file_bytes``.
     """
     path = Path(path)
     size = path.stat().st_size if path.is_file() else 0
-    # The size of what is no plain file counts as 0; what is too large is refused there.
+    # A folder or a device counts as size 0. ``file_bytes`` refuses it, and a file that is too large.
     is_mappable = MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES
     if not is_mappable:
         return file_bytes(path)

@@ -334,10 +334,10 @@ def _px4_rotors(parameters: Parameters) -> _Rotors:
 def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_size: int) -> _Wiring:
     """Finds which bank of channels each of PX4's output drivers fills, and so the channel of each motor.
 
-    A parameter such as PWM_AUX_FUNC3 says which motor an output of a driver drives, but no message says which bank
+    A parameter such as PWM_AUX_FUNC3 names the motor that an output of a driver drives, but no message says which bank
     belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in
-    which its motor outputs change. Drivers for which there is no such bank are tried again, where half of their outputs
-    may be constant.
+    which its motor outputs change. Drivers without such a bank are tried again, and then half of their outputs may be
+    constant.
 
     Args:
         parameters: The autopilot's parameters by name.

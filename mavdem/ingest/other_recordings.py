@@ -257,16 +257,16 @@ def _importance(chain: _Chain) -> int:
 
 
 def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
-    """Returns the median duration of a byte of the log, s, over parts of the size of a cluster.
+    """Returns the median duration of a byte of the log, over parts of the size of a cluster.
 
-    A cluster is the piece in which a memory card stores files; what is of another file begins and ends with one.
+    A cluster is the unit in which a memory card stores files, so parts of another file begin and end with one.
 
     Args:
         positions: Offsets (N,) of messages in the file, ascending.
         time: Their stamps (N,), s.
 
     Returns:
-        Seconds per byte; 0 where no part shows it.
+        Seconds per byte; 0 if no part shows it.
     """
     clusters = positions // CLUSTER_BYTES
     first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
@@ -281,16 +281,16 @@ def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
 def _runs(
     messages: StampedMessages, log_starts: Integers, boots: BootTimesInUtc, rules: ClockRules
 ) -> list[_Run]:
-    """Cuts messages into runs where the clock goes back or jumps; short runs are left out.
+    """Cuts messages into runs at which the clock goes back or jumps; short runs are left out.
 
     Args:
         messages: The messages with sound stamps.
         log_starts: Offsets of the definitions with which a log begins.
-        boots: When the boot clock read 0, as far as UTC is known.
-        rules: What the clock may do.
+        boots: UTC at which the boot clock read 0, where it is known.
+        rules: Limits of what the clock may do.
 
     Returns:
-        The runs in the order of the file, each with its first and last time, and what is known of its boot.
+        The runs in the order of the file, each with its first and last time, and UTC and beginning of its boot.
     """
     positions, time, _ = messages
     steps = np.diff(time)
@@ -305,7 +305,7 @@ def _runs(
             boots.positions, positions[[first, end - 1]]
         ).tolist()
         utc = boots.utc[first_boot:end_boot]
-        # The definitions with which a log begins are behind the last message of the one before.
+        # A log begins with definitions. They follow the last message of the log before.
         earliest_head = positions[first] - MAX_HEAD_BYTES
         if runs:
             earliest_head = max(earliest_head, positions[runs[-1].end - 1])
@@ -325,7 +325,7 @@ def _runs(
 
 
 def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, int]:
-    """Finds blocks whose bytes were in the file before, as where a cluster of a card belongs to a file twice.
+    """Finds blocks whose bytes come earlier in the file too, as when a file contains a cluster of a memory card twice.
 
     Args:
         messages: The messages with sound stamps.
@@ -343,7 +343,7 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
         earlier = content.find(content[start : start + COMPARED_BYTES], 0, start)
         if earlier < 0:
             continue
-        # The end of what comes twice, which may be within a message.
+        # The end of the repeated bytes, which may be within a message.
         size = min(start - earlier, len(content) - start)
         first = np.frombuffer(content, np.uint8, size, earlier)
         second = np.frombuffer(content, np.uint8, size, start)

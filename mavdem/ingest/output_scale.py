@@ -100,9 +100,9 @@ def output_scale(
 ) -> OutputScale:
     """Finds the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
 
-    Scales differ by the largest output, and some of them also by the smallest one above 0. The range of PX4's
-    driver, which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the
-    parameters. What is left is decided by the largest output alone.
+    Scales differ by their largest output, and some of them also by the smallest one above 0. The range of PX4's driver,
+    which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the parameters.
+    In other cases the largest output alone decides.
 
     Args:
         outputs: Outputs of any shape, as they were sent, also while disarmed; values that are not finite are ignored.
@@ -110,7 +110,7 @@ def output_scale(
         drivers: PX4's output driver of each motor (``MotorGeometry.drivers``); empty for other autopilots.
 
     Returns:
-        The scale. Its name is "unknown", from 0 to the largest output, where no scale fits.
+        The scale. If no scale fits, its name is "unknown", and it is from 0 to the largest output.
     """
     values = np.unique(outputs[np.isfinite(outputs)])
     positive = values[values > 0]

@@ -348,8 +348,8 @@ def repair_facts(code: Repair, **figures: Any) -> Facts:
     """Reports a repair of a stream as a fact, unless there was nothing to repair.
 
     Args:
-        code: What was repaired.
-        figures: The fact's figures. ``count``, where there is one, is how often it was repaired.
+        code: Kind of the repair.
+        figures: The fact's figures; ``count``, if there is one, is the number of repairs.
 
     Returns:
         One fact; none if ``count`` is 0.

@@ -248,13 +248,16 @@ def _parameter_settings(
 
 
 def _default_parameters(log: ULog) -> dict[str, float]:
-    """Returns the defaults of parameters by name: those of the chosen airframe or, without any, those of the firmware.
+    """Returns the default values of parameters: those of the chosen airframe or, without any, those of the firmware.
 
-    PX4 logs the defaults of those parameters alone that have another value. What the airframe sets is no change of the
-    user, so that the firmware's own default does not count where the log has the airframe's.
+    PX4 logs only defaults that differ from the values in use. A value that the airframe sets is no change by the user,
+    so the firmware's default is not used if the log has the airframe's.
 
     Args:
         log: The log, as pyulog parsed it.
+
+    Returns:
+        Values by the name of the parameter.
     """
     if not log.has_default_parameters:
         return {}

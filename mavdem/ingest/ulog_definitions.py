@@ -425,7 +425,7 @@ class RecordDefinitions:
         return numbers
 
     def record_start_pattern(self) -> re.Pattern[bytes]:
-        """Returns the pattern of bytes at which a record may begin, by the subscriptions that were read so far."""
+        """Returns the pattern of bytes with which a record may begin, by the subscriptions that were read so far."""
         if self._record_start is None:
             numbers = [re.escape(number.to_bytes(2, "little")) for number in self.topics]
             # An empty list would match any data record.

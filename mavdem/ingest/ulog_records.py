@@ -113,17 +113,17 @@ class SoundRecords:
 
 
 def sound_records(content: FileContent) -> SoundRecords:
-    """Leaves out of a ULog file what does not fit its definitions.
+    """Leaves out the parts of a ULog file that do not fit its definitions.
 
-    Also left out are records that parsers stumble over though they are sound: those of a topic without a time stamp,
-    repeated subscriptions and definitions, and types of records that this version of the format does not have. Data
-    that was appended after a crash follows the other data at once.
+    Sound records that parsers cannot read are left out too: those of a topic without a time stamp, repeated
+    subscriptions and definitions, and types of records that this version of the format does not have. Data that was
+    appended after a crash follows the other data directly.
 
     Args:
         content: A file that begins with the magic of ULog.
 
     Returns:
-        The sound records, and what was lost.
+        The sound records, and a summary of the loss.
     """
     scan = _RecordScan(content)
     scan.run()
@@ -177,16 +177,16 @@ class _RecordScan:
             start = end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
-        """Returns the offsets at which data was appended to the file, as after a crash of the system, ascending.
+        """Returns the offsets at which data was appended to the file, for example after a crash of the system.
 
         The flags record has eight bytes of compatible flags, eight of incompatible ones, and three offsets, of which
         unused ones are 0 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html, "Flag Bits Message").
 
         Args:
-            first_record: Offset behind the flags, where the other records begin.
+            first_record: Offset after the flags, where the other records begin.
 
         Returns:
-            The offsets; none if no data was appended, or where the flags are damaged.
+            The offsets, ascending; none if no data was appended, or the flags are damaged.
         """
         if not self._flags:
             return []
@@ -200,9 +200,12 @@ class _RecordScan:
         return []
 
     def flags_without_offsets(self) -> bytes:
-        """Returns the flags record without its offsets of appended data; empty where the file has no flags.
+        """Returns the flags record without its offsets of appended data.
 
         It is for a file in which the appended data directly follows the rest, so that readers need no offsets.
+
+        Returns:
+            Bytes of the record; empty if the file has no flags.
         """
         flags = bytearray(self._flags)
         if flags:
@@ -299,13 +302,13 @@ class _RecordScan:
         return True
 
     def _is_whole_unknown_record(self, position: int, end: int) -> bool:
-        """Returns whether what follows is a record without a definition, and not some damaged bytes.
+        """Returns whether the bytes at an offset are a record of an unknown kind, and not damaged bytes.
 
-        A chain of records begins behind a whole record, and none begins inside of it.
+        A chain of records must begin after the record, and none inside it.
 
         Args:
             position: Offset of the record.
-            end: Offset at which the part of the file ends.
+            end: Offset at which this part of the file ends.
         """
         next_position = self.definitions.next_position(position)
         if not self._is_chain(next_position, end, may_begin_unknown=True):
@@ -316,13 +319,16 @@ class _RecordScan:
         return not any(self._is_chain(start.start(), end) for start in inside)
 
     def _next_chain(self, start: int, end: int) -> int:
-        """Returns the first offset at which a chain of records begins; ``end`` without any.
+        """Returns the first offset at which a chain of records begins.
 
-        A chain is a number of records that fit the definitions, one behind the other: proof that they are no chance.
+        A chain is several records in a row that fit the definitions, which proves that they are not there by chance.
 
         Args:
-            start: Offset from which on it is searched.
-            end: Offset at which the part of the file ends.
+            start: Offset at which the search starts.
+            end: Offset at which this part of the file ends.
+
+        Returns:
+            The offset; ``end`` without any chain.
         """
         for record_start in self.definitions.record_start_pattern().finditer(
             self.content, start, end
@@ -333,19 +339,19 @@ class _RecordScan:
         return end
 
     def _damaged_place(self, position: int, end: int, recent: Sequence[int]) -> slice:
-        """Finds what must be left out around a record that does not fit, and adds it to the loss.
+        """Finds the bytes to leave out around a record that does not fit, and adds them to the loss.
 
-        The data record before it may be damaged too. If bytes are missing, it contains the beginning of the next
-        record; where bytes were overwritten, nothing shows it. It is kept only if no more than the header of the record
-        behind it is wrong.
+        The data record before it may be damaged too. If bytes are missing, that record contains the beginning of the
+        next one; if bytes were overwritten, nothing shows it. It is kept only if no more than the header of the record
+        after it is wrong.
 
         Args:
             position: Offset of the record that does not fit.
-            end: Offset at which the part of the file ends.
+            end: Offset at which this part of the file ends.
             recent: Offsets of the last records before it.
 
         Returns:
-            What is left out.
+            The bytes to leave out.
         """
         start = position
         has_data_before = bool(recent) and self.definitions.header(recent[-1]).kind == DATA
@@ -417,17 +423,17 @@ class _RecordScan:
         return offsets
 
     def _seconds_between(self, before: Sequence[int], after: Sequence[int]) -> float:
-        """Returns the time between the records before a damaged place and those behind it, s.
+        """Returns the time between the records before a damaged place and those after it.
 
-        The latest stamp before and the earliest behind may be damaged themselves, or be much older than their
-        neighbours, as the first of a topic are. So the second one of each is taken where there are several.
+        The latest stamp before and the earliest after may be damaged themselves, or be much older than their
+        neighbours, as the first stamps of a topic are. So the second stamp of each side is taken if there are several.
 
         Args:
             before: Offsets of records before the place.
-            after: Offsets of records behind it.
+            after: Offsets of records after the place.
 
         Returns:
-            The time, 0 or more; 0 where no data record is on one of the sides.
+            The time, s, at least 0; 0 if one of the sides has no data record.
         """
         stamps_before = sorted(self._stamps(before), reverse=True)
         stamps_after = sorted(self._stamps(after))

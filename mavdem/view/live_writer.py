@@ -223,13 +223,14 @@ class LiveWriter:
     def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
         """Adds samples to lines; the lines break where a new segment begins.
 
-        Only samples later than the last one that was drawn are added. Lines that have had no finite value yet, such as
-        a setpoint that the vehicle does not send, are not begun.
+        Only samples later than the last drawn one are added. Lines without any finite value so far, such as a setpoint
+        that the vehicle does not send, are not begun.
 
         Args:
             lines: the lines, an entity of the recording.
             samples: samples in the order of their times.
-            clip: whether to clip values far beyond what was measured so far, which would decide the range of the axis.
+            clip: whether to clip values far beyond the measured range so far, which would otherwise determine the range
+                of the axis.
         """
         latest = self._latest_samples.get(lines, LatestSample(0, -np.inf))
         # The dictionary keeps one sample for each time, the last one.

@@ -204,7 +204,7 @@ def _finite_bounds(chart: Chart) -> Iterator[Array]:
 
 
 def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
-    """Yields the band of a line, where it has one, and the line over it.
+    """Yields the band of a line, if it has one, and the line over it.
 
     Args:
         line: the line over the boot clock.

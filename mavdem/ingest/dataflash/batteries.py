@@ -57,13 +57,13 @@ def sys_status(tables: Tables) -> NamedMessage:
 def battery_status(tables: Tables) -> NamedMessage:
     """Makes BATTERY_STATUS of all batteries, with the number of each, from 0, as ``id``.
 
-    It is made only where a log has another battery than the first, or several: else it would repeat SYS_STATUS.
+    It is made only if a log has several batteries, or another one than the first: otherwise it would repeat SYS_STATUS.
 
     Args:
         tables: DataFlash's messages by name.
 
     Returns:
-        The message, in the order of boot and time; without columns where it is not made.
+        The message, in the order of boot and time; without columns if it is not made.
     """
     parts: list[Columns] = []
     names: list[str] = []

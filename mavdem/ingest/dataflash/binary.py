@@ -396,10 +396,10 @@ class _MessageScan:
             yield definition, starts[rows]
 
     def _definition_of_message(self, offset: int) -> FormatDefinition:
-        """Returns the definition of the message at an offset: of a shared id, that of the first length that fits.
+        """Returns the definition of the message at an offset; ids may have several, of different lengths.
 
-        A length fits where the next header, or the end of the log, is behind it. The first definition of the id counts
-        where none fits.
+        A length fits if the next header, or the end of the log, follows the message. If none fits, the first definition
+        is returned.
 
         Args:
             offset: Offset of the message's header.
@@ -430,11 +430,11 @@ class _MessageScan:
     def _learn_definitions(self) -> None:
         """Finds the first definition of each id anywhere in the log: messages may come before their FMT.
 
-        A definition (FMT) says the id, name, length and fields of one kind of message. Messages can be read only where
-        their length is right, so a definition whose stated length is that of its fields comes first. One whose stated
-        length differs is the second choice, where there is no other of the same id; then the length of the fields
-        counts, and the repair is reported. A field of a type that is newer than ``FIELD_TYPES`` is no damage: the
-        length of the fields is not known then, and the stated one counts.
+        A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
+        the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated
+        length differs is used if there is no other with the same id; then the length of the fields is used, and the
+        repair is reported. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is not
+        known then, and the stated one is used.
         """
         # Definitions whose length and fields disagree, by message id: the second choice.
         contradictory: dict[int, FormatDefinition] = {}
@@ -506,12 +506,15 @@ class _MessageScan:
         """Returns the offset at which the search continues if no header is at ``offset``.
 
         A message that ends at ``offset`` should have been followed by a header. Since it is not, some of its own bytes
-        are missing, or its header was a chance pattern. It is removed, and the search goes on inside of it, where the
-        true next header may be. If no header follows at all, the log may just have been cut off behind a sound message,
-        which stays.
+        are missing, or its header was a chance pattern. The message is removed, and the search continues inside it,
+        where the true next header may be. If no header follows at all, the log may just have been cut off after a sound
+        message, which is kept.
 
         Args:
-            offset: Where a header should be.
+            offset: Offset at which a header was expected.
+
+        Returns:
+            Offset of the next header, or the end of the log.
         """
         next_header = self._next_header(offset)
         if self.starts and next_header < len(self.content) and self._end_of_messages() == offset:

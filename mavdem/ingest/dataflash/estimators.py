@@ -75,16 +75,16 @@ class FlownEstimates(NamedTuple):
 
 
 def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
-    """Selects the messages of the core that flew at each time.
+    """Selects the messages of the estimator core that flew at each time.
 
-    If the log has no row of that core, another core stands in for it: that with most rows.
+    If the log has no row of that core, the core with most rows replaces it.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         parameters: The autopilot's parameters by name.
 
     Returns:
-        All messages, those of filters (EKF) only of the core that flew; and beside them those of all cores.
+        All messages, those of filters (EKF) only of the core that flew; and separately the messages of all cores.
     """
     flown: dict[str, Columns] = dict(tables)
     all_cores: dict[str, Columns] = {}

@@ -510,17 +510,17 @@ def _placed_by_neighbours(
 ) -> Columns:
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
-    A message was logged after the stamped one before it and before the stamped one behind it in the file. A stamp of
-    its own is clipped to this interval; a text (MSG) before all stamped messages keeps an earlier stamp. Without one it
-    gets an end of the interval, which matters where the interval is long: by default nothing is logged while the
-    vehicle is disarmed. The event of arming ends such a gap and gets the time of the message behind it. All other
-    messages get that of the message before them.
+    A message was logged between its stamped neighbours in the file. A stamp of its own is clipped to this interval; a
+    text (MSG) before all stamped messages keeps an earlier stamp. Without a stamp it gets one end of the interval. The
+    choice matters if the interval is long: by default nothing is logged while the vehicle is disarmed. The event of
+    arming ends such a gap and gets the time of the message after it. All other messages get the time of the message
+    before them.
 
     Args:
         name: Name of the messages.
         table: The messages (N,).
         stamps: Their stamps (N,), s; None if they have none.
-        next_rows: Row (N,) of the first stamped message behind each, in the order of the log.
+        next_rows: Row (N,) of the first stamped message after each, in the order of the log.
         time: Times (S,) of all stamped messages on the boot clock, s.
         boot: Numbers (S,) of their boots.
 

@@ -140,13 +140,13 @@ def _changes(
 
 
 def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:
-    """Turns the changes of the armed state into a table of HEARTBEATs, five for each change.
+    """Converts the changes of the armed state to a table of HEARTBEATs, five for each change.
 
-    The first has the state that the previous change led to, the next two the state before this change, the last two the
-    state after it. States come twice because a reader takes a single differing row for damage.
+    The first has the state after the previous change, the next two the state before this change, the last two the state
+    after it. States come twice because a reader takes a single differing row for damage.
 
-    The first row differs from the second where a change between the two events was not logged. It was no later than
-    the last message before this event, so that the first three rows get the time of that message.
+    The first row differs from the second if a change between the two events was not logged. It happened before the last
+    message before this event, so the first three rows get the time of that message.
 
     Args:
         changes: The K changes of base_mode.

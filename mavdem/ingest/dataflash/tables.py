@@ -83,7 +83,8 @@ MAX_USUAL_STEP_RATIO = 3.0
 def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = False) -> Array:
     """Interpolates values of one message at the stamps of another, linearly, but not across gaps.
 
-    Messages of DataFlash logs have different stamps and rates; what belongs together must be brought to common stamps.
+    Messages of DataFlash logs have different stamps and rates, so values that are used together must be brought to
+    common stamps.
 
     Args:
         target: The message (T rows) at whose stamps the values are wanted.
@@ -92,8 +93,8 @@ def resampled(target: Columns, source: Columns, values: Array, is_angle: bool = 
         is_angle: Whether the values are angles, rad, which are interpolated across a full turn.
 
     Returns:
-        Values (T, k); NaN before the first and after the last, and inside of gaps. They are exact at stamps that both
-        messages have.
+        Values (T, k); NaN before the first and after the last value, and inside gaps. They are exact at stamps that
+        both messages have.
     """
     if target is source:
         return values

@@ -118,9 +118,9 @@ def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
         lines: Its lines in the order of the file.
 
     Returns:
-        The messages; numbers as integers or floats, all else as bytes in arrays of objects. Lines in which a numeric
-        field holds no number, or an integer is none, are left out and counted. There are no messages where the
-        definition is inconsistent.
+        The messages, with numbers as integers or floats, and everything else as bytes in arrays of objects. Lines in
+        which a numeric field contains no number, or an integer field a fraction, are left out and counted. There are no
+        messages if the definition is inconsistent.
     """
     if definition.wire is None or not definition.fields:
         return EMPTY_TABLE

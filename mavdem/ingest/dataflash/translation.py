@@ -254,17 +254,17 @@ def translated(
 
 
 def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
-    """Translates a message of which only names and units change, by its rule in ``translation.toml``.
+    """Translates a message whose names and units change only, by its rule in ``translation.toml``.
 
-    A rule lists the DataFlash messages it may come from, as different versions of ArduPilot have it. The first that was
-    logged with all required fields is used, that of the filter that flies before those of other filters.
+    A rule lists the DataFlash messages that different versions of ArduPilot write. The first that was logged with all
+    required fields is used; messages of the filter that flies come before those of other filters.
 
     Args:
         estimates: DataFlash's messages, those of filters of the core that flew.
         message: Name of MAVLink's message, the key of the rule.
 
     Returns:
-        The message; without columns where none was logged.
+        The message; without columns if none was logged.
     """
     rule = TRANSLATION_RULES[message]
     names = estimates.by_preference(rule["messages"])

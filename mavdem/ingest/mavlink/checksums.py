@@ -92,13 +92,16 @@ def _tables() -> _Tables:
 
 
 def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
-    """Returns what registers (N,) become after as many zero bytes (N,), at most ``ROW_BYTES``.
+    """Returns the contents of the checksum's register after a number of zero bytes.
 
-    A register is the XOR of its low and its high byte, and so is what they become.
+    A register is the XOR of its low and its high byte, and its later contents are the XOR of theirs.
 
     Args:
-        registers: Contents (N,) of the checksum's register, 16 bits.
-        zero_bytes: Number of zero bytes (N,) that each takes in.
+        registers: Contents (N,) of the register, 16 bits.
+        zero_bytes: Number (N,) of zero bytes that follow, at most ``ROW_BYTES``.
+
+    Returns:
+        Contents (N,) of the register.
     """
     tables = _tables()
     # A flat index is faster than two.

@@ -247,7 +247,9 @@ def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Row
 def _fill_unstamped(
     message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
 ) -> None:
-    """Gives each message without a time that of the last message before it, of any type, or else the first time.
+    """Gives each message without a time the time of the last message before it, of any type.
+
+    Messages before all times get the first time.
 
     Args:
         message_types: The messages of a component by type.
@@ -448,11 +450,14 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
 
 
 def _highest_ahead(values: Times, count: int) -> Times:
-    """Returns the highest of ``count`` values from each row on (n,); fewer at the end.
+    """Returns at each row the highest of the next ``count`` values; at the end, of fewer.
 
     Args:
         values: Values (n,).
-        count: Number of values, at least 1.
+        count: Number of values, at least 1, the row itself included.
+
+    Returns:
+        Highest values (n,).
     """
     # The filter's window lies around each row; it is moved so that it begins there.
     return maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")

@@ -437,13 +437,13 @@ def _filling_frames(
 def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
     """Follows frames by the lengths in their headers, each to the next, up to the next linked frame.
 
-    That the lengths lead exactly to a linked frame shows that these are frames too. Behind the last linked frame there
-    is none to lead to: there the chain must go on until the stream ends, which may cut its last frame.
+    If the lengths lead exactly to a linked frame, these are frames too. After the last linked frame there is none to
+    lead to: there the chain must continue until the stream ends, which may cut its last frame.
 
     Args:
         content: The stream.
-        offset: Where the first frame begins.
-        goal: Where the next linked frame begins; for frames behind the last linked one, an offset beyond the stream.
+        offset: Offset of the first frame.
+        goal: Offset of the next linked frame; after the last linked one, an offset beyond the stream.
         gap: Number of bytes between one frame and the next.
 
     Returns:
@@ -485,7 +485,7 @@ def _fits_between(
     """Flags frames that overlap no accepted frame and lie between two offsets.
 
     The A accepted frames leave A + 1 spaces free: before the first, between each two, and after the last. For each
-    frame the space is looked up by where the frame begins; the frame fits if it begins and ends within that space.
+    frame the space in which it begins is looked up; the frame fits if it also ends within that space.
 
     Args:
         start: Offset (N,) of each frame's marker.

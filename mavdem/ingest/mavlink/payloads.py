@@ -82,7 +82,7 @@ def decoded_field(
         start: Offset (N,) of each frame's marker.
         definition: Definition of the message.
         name: Name of the field.
-        payloads: What was sent of the frames, where that was read before.
+        payloads: Offsets and lengths of the payloads, if they were read before; None to read them.
 
     Returns:
         The column (N,), or (N, k) of an array field. Texts are bytes, ``S``.
@@ -104,7 +104,7 @@ def decoded_field(
     else:
         values = np.zeros((len(start), width), dtype=np.uint8)
     values[exceeds_stream] = data.take(offsets, mode="clip")
-    # What lies behind the sent bytes belongs to the checksum or to the next frame.
+    # Bytes after the sent ones belong to the checksum or to the next frame.
     cut_rows = np.flatnonzero(sent_bytes < field_offset + width)
     cut_values = values[cut_rows]
     cut_values[np.arange(field_offset, field_offset + width) >= sent_bytes[cut_rows, None]] = 0

@@ -70,15 +70,15 @@ STAMP_FIELDS = ("time_boot_ms", "time_boot_us", "time_usec")
 
 
 def missing_messages(before: Any, after: Any) -> Any:
-    """Counts the messages that a sender's sequence numbers say are missing between one message and the next.
+    """Counts the messages that are missing between two messages of a sender, by their sequence numbers.
 
     A late message was counted as missing when another overtook it, and the step after it counts the messages between
-    again. It takes both back, so that the sum over a stream is the number of messages sent less the number received, as
-    in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
+    again. Its own step is negative and corrects both, so that the sum over a stream is the number of messages sent less
+    the number received, as in RTP (RFC 3550, section 6.4.1). Duplicates make the sum too small.
 
     Args:
         before: Sequence number of the message before, or an array of them, as signed integers.
-        after: Sequence number of the message itself, likewise.
+        after: Sequence number of the message itself, or an array of them.
 
     Returns:
         The increase of the number of missing messages, −33 to 127.

@@ -201,14 +201,14 @@ class VehicleTracks:
         return count - self._latest_recognition < RECOGNITION_READINGS
 
     def add(self, reading: Reading) -> None:
-        """Adds the next reading under the ids, to the track of the vehicle that it fits.
+        """Adds the next reading to the track of the vehicle that it fits.
 
-        Tracks are tried from that of the latest reading on. If the reading contradicts that one but fits a former one,
-        the messages have switched back to the former vehicle, which is counted. If it fits none, a new track begins.
-        Tracks whose clock does not go on, as of forged messages, do not count.
+        Tracks are tried from that of the latest reading on. If the reading contradicts that track but fits a former
+        one, the messages have switched back to the former vehicle, which is counted. If it fits none, a new track
+        begins. Tracks whose clock does not continue, as those of forged messages, do not count.
 
         Args:
-            reading: what a vehicle reports.
+            reading: Boot clock, and heading or position, in a message.
         """
         self._reading_counts[Contradiction.CLOCK] += 1
         if not isnan(reading.latitude):
@@ -217,7 +217,7 @@ class VehicleTracks:
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
             self._heading = reading
-        # The track of the latest reading is the first; what contradicts it is what shows a switch.
+        # The track of the latest reading is the first. A contradiction to it shows a switch.
         contradiction = None
         for row, track in enumerate(self._tracks):
             track_contradiction = track.contradiction(reading)
@@ -304,8 +304,8 @@ LIMIT_MARGIN = 1e-9
 def _may_contradict(readings: ReadingColumns) -> Flags:
     """Flags readings that may contradict those before them; all others certainly do not.
 
-    It is the test of a single track for all readings at once, with limits that are lowered a little for rounding. The
-    first reading, and the first with a heading or a position, are flagged too, since there is none before them.
+    The test is that of a single track, for all readings at once, with limits that are lowered a little for rounding.
+    The first reading, and the first with a heading or a position, are flagged too, since no reading precedes them.
 
     Args:
         readings: The readings (n,), NaN where a message has no heading or no position.

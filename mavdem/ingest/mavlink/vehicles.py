@@ -335,14 +335,17 @@ def _is_vehicle(component: Component) -> bool:
 
 
 def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord]) -> Parameters:
-    """Returns a vehicle's parameters by name: what it sent, and else what MAVProxy noted for its system.
+    """Returns a vehicle's parameters: those that it sent, and those that MAVProxy stored for its system.
 
-    MAVProxy writes the parameters it knows into its logs under a component id of its own. They may be older than what
-    the vehicle sent, which therefore takes precedence.
+    MAVProxy writes the parameters it knows into its logs under a component id of its own. They may be older than the
+    vehicle's, so the vehicle's take precedence.
 
     Args:
         vehicle: The vehicle, as one of the components.
         records: All components of the recording.
+
+    Returns:
+        Values by the name of the parameter.
     """
     parameters: dict[str, float] = {}
     sources = [
@@ -351,7 +354,7 @@ def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord
         if record.component.system == vehicle.component.system
         and record.component.component == PARAMETER_STORE_COMPONENT
     ]
-    # What comes later overwrites what came before: the vehicle is last.
+    # Later values overwrite earlier ones, so the vehicle is last.
     for record in (*sources, vehicle):
         if "PARAM_VALUE" in record.messages:
             parameters |= latest_parameters(

@@ -34,14 +34,14 @@ class JsonMessage(NamedTuple):
 def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage:
     """Reads a message from a JSON document of either layout, and encodes its fields as a MAVLink payload.
 
-    A missing field is zero, or NaN where it is a float, so that nobody takes it for a measured zero.
+    A missing field is zero, or NaN if it is a float, so that it is not mistaken for a measured zero.
 
     Args:
         body: The document.
-        definition: The definition of the message that it should be.
+        definition: Definition of the expected message.
 
     Returns:
-        Payload and sequence number; no payload where the document is no such message, or a value does not fit its
+        Payload and sequence number; no payload if the document is not such a message, or a value does not fit its
         field.
     """
     fields = _parsed_json(body)

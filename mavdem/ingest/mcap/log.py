@@ -121,8 +121,8 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     Raises:
         Unreadable: There is no MAVLink.
     """
-    # This reads the recording, so that its channels are known below. What is no frame, in the channels of frames,
-    # counts as skipped.
+    # This reads the recording, so its channels are known below. Bytes outside frames, in channels of frames, count as
+    # skipped.
     parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
     skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     frame_senders = _senders_in(parts)

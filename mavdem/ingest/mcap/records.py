@@ -104,10 +104,10 @@ class McapRecording:
     """Number of bytes to which the remaining chunks may unpack."""
 
     def messages(self) -> Iterator[Message]:
-        """Yields every message whose channel is known, in the order of the file; of damaged chunks none.
+        """Yields every message whose channel is known, in the order of the file, except those in damaged chunks.
 
-        An MCAP file is a sequence of records. A message is a record that names its channel by number; the channel is a
-        record, too, with the topic. A chunk is a record that holds other records, mostly compressed. Records are
+        An MCAP file is a sequence of records. A message is a record that names its channel by number. The channel is a
+        record too, with the topic. A chunk is a record that contains other records, mostly compressed. Records are
         located first and decoded afterwards, so that channels and schemas outside of chunks are known before any
         message is yielded, wherever in the file they are.
         """
@@ -139,9 +139,9 @@ class McapRecording:
     def _record_locations(self) -> Iterator[RecordLocation]:
         """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records.
 
-        Records are followed from one to the next by the lengths in their heads. If no record can be, as after damage,
-        the next place where one probably begins is searched. The last record of a complete file is a footer; a file
-        without it was cut off.
+        Records are followed from one to the next by the lengths in their heads. After damage, the next place at which a
+        record probably begins is searched. The last record of a complete file is a footer; a file without it was cut
+        off.
         """
         file_end = len(self.content)
         offset = 0
@@ -232,17 +232,17 @@ def _record_end(content: bytes, offset: int) -> int | None:
 
 
 def _next_record(content: bytes, offset: int) -> int:
-    """Finds where to go on after damage: the first offset at which two records follow one another.
+    """Finds the offset at which reading continues after damage: the first at which two records follow each other.
 
-    By chance a byte often looks like the beginning of a record, but hardly ever with another one, or the magic bytes at
-    the end of the file, where its length says that it ends.
+    A single byte often looks like the beginning of a record by chance, but hardly ever with another record, or the
+    magic bytes at the end of the file, at its stated end.
 
     Args:
         content: Bytes of the file.
-        offset: Where the search begins.
+        offset: Offset at which the search begins.
 
     Returns:
-        The offset of the first of the two records; the end of the file where there are none.
+        Offset of the first of the two records; the end of the file if there are none.
     """
     for head in LIKELY_HEAD.finditer(content, offset):
         end = _record_end(content, head.start())

@@ -208,14 +208,14 @@ def _chunks(
     Args:
         messages: All messages.
         definitions: Records of schemas and channels, with which the first chunk begins.
-        chunk_bytes: The limit, bytes.
+        chunk_bytes: Limit of the size, bytes.
 
     Yields:
         The records of definitions with which a chunk begins, and its messages.
     """
     ends = np.cumsum(messages.record_sizes)
     first = 0
-    # The bytes of messages before the chunk. Definitions count in the first chunk.
+    # The bytes of messages before the chunk. The definitions add to the size of the first chunk.
     bytes_before = -len(definitions)
     while first < len(ends):
         last = int(np.searchsorted(ends, bytes_before + chunk_bytes, side="right")) + 1

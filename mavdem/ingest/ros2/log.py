@@ -167,18 +167,18 @@ def _tables_by_vehicle(
 def _telemetry(
     topics: Mapping[RosTopic, TopicColumns], receive_times: ReceiveTimes, source: str
 ) -> Telemetry | None:
-    """Returns the vehicle of one namespace: by PX4's topics, or else by MAVROS's.
+    """Returns the vehicle of one namespace, from PX4's topics, or otherwise from those of MAVROS.
 
     Both bridges may have been recorded. PX4's topics have more messages, and are preferred; a repair then reports that
-    MAVROS's were not read.
+    those of MAVROS were not read.
 
     Args:
         topics: The vehicle's topics of both bridges.
-        receive_times: When each message was recorded.
+        receive_times: Reception time of each message, by topic.
         source: Name of the file.
 
     Returns:
-        The vehicle, whose ``system`` is 0 where no topic has the system id; None if no topic makes a flight.
+        The vehicle, whose ``system`` is 0 if no topic has the system id; None if no topic makes a flight.
     """
     px4_tables: dict[str, TopicColumns] = {}
     mavros_tables: dict[str, TopicColumns] = {}
