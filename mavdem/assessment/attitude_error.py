@@ -41,6 +41,8 @@ class LargestError(NamedTuple):
     """error, rad; where the setpoint is not known the whole lean, of which only half counts as error"""
     has_setpoint: bool
     """whether the setpoint was known at that time"""
+    time: float
+    """when it was so large, s since boot"""
 
 
 def largest_error(error: AttitudeError, interval: Interval) -> LargestError | None:
@@ -62,7 +64,7 @@ def largest_error(error: AttitudeError, interval: Interval) -> LargestError | No
     if not has_setpoint:
         # Without a setpoint the error is half of the lean (:func:`attitude_error`).
         angle *= 2
-    return LargestError(angle, has_setpoint)
+    return LargestError(angle, has_setpoint, float(error.time[row]))
 
 
 def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:

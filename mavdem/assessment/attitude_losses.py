@@ -333,7 +333,11 @@ class _AttitudeLoss(NamedTuple):
             statements += rest.statements
         elif self.error.time[-1] - onset < RECOVERY_SECONDS:
             duration = self.error.time[-1] - onset
-            statements.append(supporting_statement(Witness.LOG_ENDED, duration=duration))
+            statements.append(
+                supporting_statement(
+                    Witness.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
+                )
+            )
         return tuple(statements)
 
     def _rotation(self, onset: float) -> Facts:
@@ -350,10 +354,11 @@ class _AttitudeLoss(NamedTuple):
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
         # The larger of roll and pitch: change of the angle (rad), integral of the absolute body rate (rad), and this
-        # rate itself (rad/s).
+        # rate itself (rad/s) with its time (s).
         largest_change = 0.0
         largest_turn = 0.0
         largest_rate = 0.0
+        rate_time = onset
         for tilt in self.scene.signals.tilts:
             rows = (tilt.boot == self.scene.boot) & in_intervals(tilt.time, [(onset, end)])
             if np.count_nonzero(rows) < 2:
@@ -361,12 +366,20 @@ class _AttitudeLoss(NamedTuple):
             rate = abs(tilt.rate[rows])
             largest_change = max(largest_change, float(np.ptp(np.unwrap(tilt.angle[rows]))))
             largest_turn = max(largest_turn, float(np.trapezoid(rate, tilt.time[rows])))
-            largest_rate = max(largest_rate, float(rate.max()))
+            if rate.max() > largest_rate:
+                largest_rate = float(rate.max())
+                rate_time = float(tilt.time[rows][rate.argmax()])
         if largest_change < ONSET_ANGLE:
-            return (contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=largest_rate),)
+            did_not_rotate = contradicting_statement(
+                Witness.DID_NOT_ROTATE, time=onset, until=end, body_rate=largest_rate
+            )
+            return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
-            return (contradicting_statement(Witness.GYRO_DISAGREED, angle=largest_change),)
-        return (supporting_statement(Witness.ROTATED, body_rate=largest_rate),)
+            disagreed = contradicting_statement(
+                Witness.GYRO_DISAGREED, time=onset, until=end, angle=largest_change
+            )
+            return (disagreed,)
+        return (supporting_statement(Witness.ROTATED, time=rate_time, body_rate=largest_rate),)
 
 
 def knock_is_contact(scene: Scene, time: float) -> bool:

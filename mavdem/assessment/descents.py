@@ -53,11 +53,13 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
     if not is_falling.any():
         return
     start, end = climb_rate.time[is_falling][[0, -1]].tolist()
-    speed = scene.sink_rate((start - 1, end + 1))
+    window = (start - 1, end + 1)
+    speed = scene.sink_rate(window)
     # After an impact the estimate may be wrong, but until then it may be right.
-    speed_until_end = scene.sink_rate((start - 1, end))
-    if speed is not None and speed_until_end is not None:
-        speed = max(speed, speed_until_end)
+    window_until_end = (start - 1, end)
+    speed_until_end = scene.sink_rate(window_until_end)
+    if speed is not None and speed_until_end is not None and speed_until_end > speed:
+        speed, window = speed_until_end, window_until_end
     if speed is None or speed < FALL_SPEED:
         return
     height = scene.height_above_take_off
@@ -67,7 +69,7 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
         # Both changes are negative: the vehicle must have sunk by at least the expected change.
         if after - before > expected_change:
             return
-    witnesses = supporting_statements(scene.sinking((start - 1, end + 1)))
+    witnesses = supporting_statements(scene.sinking(window))
     yield Fact(
         MotionEvent.FELL, time=start, until=end, speed=speed, boot=scene.boot, witnesses=witnesses
     )

@@ -178,7 +178,9 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     interval = _interval_of_crash(report)
     for loss in losses:
         if loss.figures["boot"] == boot and interval[0] <= (loss.time or 0.0) <= interval[1]:
-            return tuple(loss.figures.get("witnesses", ()))
+            # The report itself may be among them, and is counted already.
+            witnesses = loss.figures.get("witnesses", ())
+            return tuple(fact for fact in witnesses if fact.code is not Witness.AUTOPILOT_REPORTED)
     scene = Scene(signals, boot)
     statements = []
     for statement in (scene.knock(interval), scene.fast_rotation(interval)):

@@ -197,7 +197,10 @@ class _Contact:
             return (rested,)
         remaining_seconds = record_end - time
         if remaining_seconds < RECOVERY_SECONDS and self.loss is not None:
-            return (supporting_statement(Witness.LOG_ENDED, duration=remaining_seconds),)
+            log_ended = supporting_statement(
+                Witness.LOG_ENDED, time=record_end, duration=remaining_seconds
+            )
+            return (log_ended,)
         return ()
 
     def _estimate_shows_impact(self, time: float) -> bool:

@@ -98,14 +98,17 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         motion = supporting_statement(Witness.ROSE, source="barometer", height=height_change)
     else:
         motion = supporting_statement(Witness.SANK, source="barometer", speed=-climb.barometer)
-    statements = [motion]
+    start, end = interval
+    statements = [motion.replace(time=start, until=end)]
     travel = _median_stick_travel(scene, interval)
     if travel is not None:
         asks_for_climb = is_rising and travel > CLIMB_STICK
         asks_for_descent = not is_rising and travel < SINK_STICK
         if asks_for_climb or asks_for_descent:
             return None
-        statements.append(supporting_statement(Witness.THROTTLE_NOT_RAISED, share=travel))
+        statements.append(
+            supporting_statement(Witness.THROTTLE_NOT_RAISED, time=start, until=end, share=travel)
+        )
     cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
     if cause is not None:
         statements.append(cause)
@@ -259,11 +262,15 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
         return None
     count = int(vibration.clips[rows].sum())
     if count:
-        return supporting_statement(Witness.CLIPPED, count=count)
-    largest_level = float(levels.values[rows].max())
+        return supporting_statement(
+            Witness.CLIPPED, time=interval[0], until=interval[1], count=count
+        )
+    largest_levels = levels.values[rows].max(axis=1)
+    largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(scene.signals.telemetry).bad:
         return None
-    return supporting_statement(Witness.VIBRATED, vibration=largest_level)
+    time = float(levels.time[rows][largest_levels.argmax()])
+    return supporting_statement(Witness.VIBRATED, time=time, vibration=largest_level)
 
 
 def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
@@ -283,7 +290,9 @@ def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
     rows = in_intervals(commands.time, [interval])
     if not rows.any():
         return None
-    largest_command = float(commands.values[rows].max())
+    largest_commands = commands.values[rows].max(axis=1)
+    largest_command = float(largest_commands.max())
     if largest_command <= FULL_THROTTLE_COMMAND:
         return None
-    return supporting_statement(Witness.MOTORS_FULL, share=largest_command)
+    time = float(commands.time[rows][largest_commands.argmax()])
+    return supporting_statement(Witness.MOTORS_FULL, time=time, share=largest_command)

@@ -19,7 +19,8 @@ from mavdem.assessment.lights.estimator import (
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
-from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import MIN_COLLECTIVE_ABOVE_IDLE, series_of_boot
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
     UNKNOWN_SATELLITES,
@@ -453,7 +454,11 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     motors = evidence.signals.motors
     if motors is None:
         return
-    outputs = _values_in_flight(evidence, TimeSeries(motors.time, motors.boot, motors.outputs))
+    if evidence.other_vehicle is None:
+        outputs = _outputs_off_ground(evidence, motors)
+    else:
+        series = TimeSeries(motors.time, motors.boot, motors.outputs)
+        outputs = _values_in_flight(evidence, series)
     for name, channel, values in zip(
         motors.geometry.names, motors.geometry.channels, outputs.T, strict=True
     ):
@@ -467,6 +472,29 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
             state=_measured_state(values),
             used_share=1.0,
         )
+
+
+def _outputs_off_ground(evidence: Evidence, motors: MotorOutputs) -> Array:
+    """Returns the outputs (N, k) of k motors in flight, from when they could carry the vehicle until they no longer do.
+
+    Some autopilots report a vehicle off the ground while its motors still spin up, and on it after they have slowed.
+    Where the motors never were above idle, the outputs of all of the flight are returned.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        motors: its motors.
+    """
+    least = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    series = TimeSeries(motors.time, motors.boot, motors.outputs)
+    parts = []
+    for flight in evidence.in_flight(series):
+        collective = motors.scale.fraction(flight.values).mean(axis=1)
+        carrying_rows = np.flatnonzero(collective > least)
+        if len(carrying_rows):
+            parts.append(flight.values[carrying_rows[0] : carrying_rows[-1] + 1])
+    if parts:
+        return np.concatenate(parts)
+    return _values_in_flight(evidence, series)
 
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:

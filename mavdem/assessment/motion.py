@@ -281,11 +281,11 @@ def _end_in_air(
 ) -> Iterator[Fact]:
     """Yields one event if the log ends while the vehicle was still in the air, for no reason that the log shows.
 
-    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. Nothing is yielded if the
-    end is explained otherwise: by a landing, an impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (by
-    now the vehicle is on the ground), or a restart of the autopilot, after which the log goes on. Nothing is yielded
-    either if the last height is unknown or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the
-    ground.
+    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. After a loss of attitude
+    just before, the fact says so (``is_after_loss``). Nothing is yielded if the end is explained otherwise: by a
+    landing, an impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (by now the vehicle is on the ground),
+    or a restart of the autopilot, after which the log goes on. Nothing is yielded either if the last height is unknown
+    or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the ground.
 
     Args:
         signals: signals of the vehicle.
@@ -299,17 +299,19 @@ def _end_in_air(
     has_landed = flight[1] != inf
     if has_landed or not is_last_boot or signals.telemetry.is_ended_on_purpose:
         return
+    is_after_loss = False
     for event in events:
-        is_old_loss = end_time - (event.time or end_time) >= RECOVERY_SECONDS
         if event.code in CONTACTS:
             return
-        if event.code is MotionEvent.ATTITUDE_LOST and is_old_loss:
-            return
+        if event.code is MotionEvent.ATTITUDE_LOST:
+            if end_time - (event.time or end_time) >= RECOVERY_SECONDS:
+                return
+            is_after_loss = True
     scene = Scene(signals, boot, flight[0])
     last_height = scene.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
         sources = scene.sources_above(MAX_GROUND_HEIGHT, end_time)
-        yield Fact(
+        end_in_air = Fact(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,
             height=last_height,
@@ -319,6 +321,7 @@ def _end_in_air(
             # A stream ends as well where somebody ends its recording.
             is_received=True if not signals.telemetry.translated_from else None,
         )
+        yield end_in_air.replace(is_after_loss=True) if is_after_loss else end_in_air
 
 
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:

@@ -172,7 +172,12 @@ def _standstill(
     rows = in_intervals(command.time, [recorded])
     share = float(command.values[rows].mean()) if rows.any() else 0.0
     no_rotation = supporting_statement(
-        Witness.SPEED_ZERO, name=controller.name, duration=end - start, share=share
+        Witness.SPEED_ZERO,
+        time=start,
+        until=end,
+        name=controller.name,
+        duration=end - start,
+        share=share,
     )
     witnesses = (
         no_rotation,
@@ -208,9 +213,13 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
         return ()
     usual = float(np.median(before))
     highest = float(np.quantile(after, HIGHEST_COMMAND_QUANTILE))
+    window = {"time": interval[0], "until": interval[1]}
     if highest - usual > MIN_COMMAND_RISE:
-        return (supporting_statement(Witness.COMMAND_ROSE, share=highest, share_before=usual),)
-    return (contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual),)
+        rose = supporting_statement(
+            Witness.COMMAND_ROSE, share=highest, share_before=usual, **window
+        )
+        return (rose,)
+    return (contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual, **window),)
 
 
 def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
@@ -231,7 +240,14 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
     rows = in_intervals(error.time, [interval_of_error])
     if error.magnitude[rows].max() > MIN_LEAN_ERROR:
         return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
-    return (contradicting_statement(Witness.ATTITUDE_HELD, **largest._asdict()),)
+    held = contradicting_statement(
+        Witness.ATTITUDE_HELD,
+        time=interval_of_error[0],
+        until=end,
+        angle=largest.angle,
+        has_setpoint=largest.has_setpoint,
+    )
+    return (held,)
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
@@ -250,7 +266,14 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
     count = int(after - before)
     if count <= 0:
         return ()
-    return (supporting_statement(Witness.ERRORS_COUNTED, name=controller.name, count=count),)
+    counted = supporting_statement(
+        Witness.ERRORS_COUNTED,
+        time=start - MAX_SETPOINT_DELAY,
+        until=end,
+        name=controller.name,
+        count=count,
+    )
+    return (counted,)
 
 
 def reports_on_motor(
@@ -304,7 +327,13 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
         usual, later = float(np.median(before)), float(np.median(after))
         if usual <= 0:
             continue
-        speeds = {"name": controller.name, "rotation": later, "rotation_before": usual}
+        speeds = {
+            "time": loss.time,
+            "until": loss.until,
+            "name": controller.name,
+            "rotation": later,
+            "rotation_before": usual,
+        }
         if later < (1 - MIN_SPEED_CHANGE) * usual:
             if _command_fell(motors, boot, motor, (loss.time, end)):
                 return ()

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mavdem.assessment.attitude_error import attitude_error
+from mavdem.assessment.attitude_error import attitude_error, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.motor_speeds import (
     MIN_COMMAND_RISE,
@@ -82,7 +82,10 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     assert motors is not None
     excess = loss.figures.get("excess")
     if excess is not None:
-        return (supporting_statement(Witness.COMMAND_ABOVE_OTHERS, share=excess),)
+        above_others = supporting_statement(
+            Witness.COMMAND_ABOVE_OTHERS, time=loss.time, until=loss.until, share=excess
+        )
+        return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])
     command = commands.values[:, motors.geometry.names.index(loss.subject)]
     before, after = samples_around(commands.time, command, interval)
@@ -92,7 +95,14 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     # A slow loss has most of its rise later. A rise as small as the trims of sound motors is no witness.
     if later - usual < MIN_COMMAND_RISE / 2:
         return ()
-    return (supporting_statement(Witness.COMMAND_ROSE, share=later, share_before=usual),)
+    rose = supporting_statement(
+        Witness.COMMAND_ROSE,
+        time=interval[0],
+        until=interval[1],
+        share=later,
+        share_before=usual,
+    )
+    return (rose,)
 
 
 def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
@@ -108,17 +118,11 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
     error = attitude_error(signals, boot)
     if error is None:
         return ()
+    largest = largest_error(error, interval)
     rows = in_intervals(error.time, [interval])
-    angle = float(error.magnitude[rows].max(initial=0.0))
-    if angle < MIN_LEAN_ERROR:
+    if largest is None or error.magnitude[rows].max() < MIN_LEAN_ERROR:
         return ()
-    has_setpoint = bool(error.has_setpoint[rows].any())
-    if not has_setpoint:
-        angle *= 2
-    statement = supporting_statement(
-        Witness.ATTITUDE_LEFT_SETPOINT, angle=angle, has_setpoint=has_setpoint
-    )
-    return (statement,)
+    return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
 def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:

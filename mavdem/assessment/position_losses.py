@@ -57,7 +57,11 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
         level = Level.BAD if reactions else Level.WATCH
         invalid: Facts = ()
         if validity is not None:
-            invalid = (supporting_statement(Witness.POSITION_INVALID, duration=end - start),)
+            invalid = (
+                supporting_statement(
+                    Witness.POSITION_INVALID, time=start, until=end, duration=end - start
+                ),
+            )
         yield Fact(
             MotionEvent.POSITION_LOST,
             level,
@@ -141,5 +145,5 @@ def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
         return ()
     rows = in_intervals(fix.time, [interval])
     if rows.any() and not fix.values[rows].any():
-        return (supporting_statement(Witness.NO_FIX),)
+        return (supporting_statement(Witness.NO_FIX, time=interval[0], until=interval[1]),)
     return ()

@@ -123,7 +123,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     return [advice.rating]
 
 
-def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
+def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[Sentence]:
     """Returns the decisions on control loops, what is wrong and what to do, one sentence for all axes with the same.
 
     If several axes need the same action for different reasons, each reason has a sentence, and the action has one of
@@ -131,8 +131,14 @@ def decision_sentences(decisions: DecisionsByAxis) -> list[Sentence]:
 
     Args:
         decisions: the decision on the loops of each axis, by axis.
+        next_step: what to do next, as the page states it; actions that are part of it are not repeated.
     """
-    axes_by_action = group_by(decisions, lambda axis: decisions[axis].fact.remedy)
+
+    def action_of(axis: str) -> str:
+        action = decisions[axis].fact.remedy
+        return "" if action in next_step else action
+
+    axes_by_action = group_by(decisions, action_of)
     sentences = []
     for action, axes in axes_by_action.items():
         axes_by_reason = group_by(axes, lambda axis: str(decisions[axis].reason))

@@ -14,6 +14,7 @@ from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import Log
 from mavdem.report.blocks import SCREEN_LINES, Sentence, shortened
+from mavdem.report.brief_events import first_of, worst_events
 from mavdem.report.lights import lights_with_reason_once
 from mavdem.report.templates import headline, render_section
 
@@ -159,7 +160,7 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
 
 
 def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields a row for each bad event, one that may have lost the vehicle, except the event of the headline.
+    """Yields a row for each kind of bad event, which may have lost the vehicle, except the event of the headline.
 
     If the autopilot restarted between two of them, so that its clock began again, a row says so: their times are not in
     order then.
@@ -169,14 +170,16 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
         columns: number of characters of a line of the terminal.
     """
     former_boot = None
-    for event in assessment.events:
+    for index, total in worst_events(assessment.events):
+        event = assessment.events[index]
         if event.is_bad and event.time != assessment.headline.time:
             boot = event.figures.get("boot", former_boot)
             if former_boot is not None and boot > former_boot:
                 yield CLOCK_BEGINS_ANEW
             former_boot = boot
             name = "event" if event.time is None else f"{event.time:.0f} s"
-            yield _row(name, event, columns)
+            remark = first_of(total)
+            yield f"{_row(name, event, columns - len(remark))}{remark}"
 
 
 def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:

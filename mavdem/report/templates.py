@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from importlib.resources import files
-from math import degrees, tau
+from math import degrees, isfinite, tau
 from operator import attrgetter
 from shlex import quote
 from typing import Any, NamedTuple
@@ -281,6 +281,7 @@ def _environment() -> Environment:
     environment.globals |= {
         "counted": counted,
         "list_separator": list_separator,
+        "period": period,
         "tau": tau,
         "zip": zip,
     }
@@ -383,6 +384,21 @@ def capitalize_first(text: object) -> str:
     if _IDENTIFIER.match(sentence_text):
         return sentence_text
     return sentence_text[:1].upper() + sentence_text[1:]
+
+
+def period(time: float | None, until: float | None = None) -> str:
+    """Returns when something was measured, to follow a clause: " at 3.2 s", " from 3.2 to 4.0 s"; empty if unknown.
+
+    Args:
+        time: the moment, or the start of the interval, s since boot.
+        until: end of the interval, s since boot; None for a moment.
+    """
+    if time is None:
+        return ""
+    start = f"{time:.1f}"
+    if until is None or f"{until:.1f}" == start:
+        return f" at {start} s"
+    return f" from {start} to {until:.1f} s" if isfinite(until) else f" from {start} s on"
 
 
 def as_clause(text: object) -> str:

@@ -6,6 +6,7 @@ Each method returns a statement for or against an event (:mod:`mavdem.witnesses.
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isinf
+from typing import NamedTuple
 
 import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
@@ -76,6 +77,15 @@ MIN_REST_SECONDS = 1.0
 """Seconds of rest that show that the vehicle lies on the ground."""
 
 
+class _Descent(NamedTuple):
+    """The fastest descent in an interval, by one height sensor."""
+
+    speed: float
+    """Speed downward, m/s."""
+    time: float
+    """When it was so fast, s since boot."""
+
+
 @dataclass(frozen=True)
 class Rest:
     """How a vehicle came to rest."""
@@ -104,11 +114,11 @@ class Rest:
             return (rested,)
         if self.is_on_side:
             pose = supporting_statement(
-                Witness.LAY_ON_ITS_SIDE, angle=self.angle, source=self.source
+                Witness.LAY_ON_ITS_SIDE, time=self.time, angle=self.angle, source=self.source
             )
         else:
             pose = contradicting_statement(
-                Witness.STOOD_UPRIGHT, angle=self.angle, source=self.source
+                Witness.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
             )
         return (rested, pose)
 
@@ -185,14 +195,11 @@ class Scene:
                 [self.take_off, time], series.time, series.values
             )
             rise = float(height_now - height_at_take_off)
+            figures = {"time": time, "source": source, "height": max(rise, 0.0)}
             if rise > height:
-                statements.append(supporting_statement(Witness.ROSE, source=source, height=rise))
+                statements.append(supporting_statement(Witness.ROSE, **figures))
             else:
-                statements.append(
-                    contradicting_statement(
-                        Witness.STAYED_LEVEL, source=source, height=max(rise, 0.0)
-                    )
-                )
+                statements.append(contradicting_statement(Witness.STAYED_LEVEL, **figures))
         return tuple(statements)
 
     @property
@@ -230,7 +237,11 @@ class Scene:
         if not accelerometer.shows_knocks:
             return None
         return contradicting_statement(
-            Witness.NO_KNOCK, acceleration=size, name=self.name_of_accelerometer
+            Witness.NO_KNOCK,
+            time=interval[0],
+            until=interval[1],
+            acceleration=size,
+            name=self.name_of_accelerometer,
         )
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
@@ -240,14 +251,19 @@ class Scene:
             interval: start and end, s since boot.
         """
         fastest = 0.0
+        time = interval[0]
         for attitude in self.signals.attitudes:
             rate = series_of_boot(attitude.rate_series, self.boot)
-            if rate is not None:
-                is_inside = (rate.time >= interval[0]) & (rate.time <= interval[1])
-                fastest = max(fastest, float(abs(rate.values[is_inside]).max(initial=0.0)))
+            if rate is None:
+                continue
+            is_inside = (rate.time >= interval[0]) & (rate.time <= interval[1])
+            rates = abs(rate.values[is_inside])
+            if len(rates) and rates.max() > fastest:
+                fastest = float(rates.max())
+                time = float(rate.time[is_inside][rates.argmax()])
         if fastest <= FAST_RATE:
             return None
-        return supporting_statement(Witness.ROTATED, body_rate=fastest)
+        return supporting_statement(Witness.ROTATED, time=time, body_rate=fastest)
 
     @cached_property
     def climb_estimate(self) -> TimeSeries | None:
@@ -267,17 +283,26 @@ class Scene:
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
     def sink_rates(self, interval: Interval) -> dict[str, float]:
-        """Returns the largest speed downward in an interval, m/s, by each height sensor.
+        """Returns the largest speed downward in an interval, m/s, by each height sensor (:meth:`_fastest_descents`).
+
+        Args:
+            interval: start and end, s since boot.
+        """
+        descents = self._fastest_descents(interval)
+        return {source: descent.speed for source, descent in descents.items()}
+
+    def _fastest_descents(self, interval: Interval) -> dict[str, _Descent]:
+        """Returns the fastest descent in an interval by each height sensor.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            Speeds by the source, "barometer" and "estimate"; a source without samples in the interval, or with a speed
-            that is not possible (:meth:`_fall_speed_limit`), is missing. The speed is negative if the vehicle climbed
-            throughout.
+            Descents by the source, "barometer" and "estimate"; a source without samples in the interval, or with a
+            speed that is not possible (:meth:`_fall_speed_limit`), is missing. The speed is negative if the vehicle
+            climbed throughout.
         """
-        rates = {}
+        descents = {}
         limit = self._fall_speed_limit(interval[1])
         for source, climb in (
             ("barometer", self.height.barometer_climb),
@@ -287,10 +312,13 @@ class Scene:
                 continue
             is_inside = (climb.time >= interval[0]) & (climb.time <= interval[1])
             if is_inside.any():
-                rate = float(-climb.values[is_inside].min())
-                if rate <= limit:
-                    rates[source] = rate
-        return rates
+                speeds = -climb.values[is_inside]
+                fastest = int(speeds.argmax())
+                if speeds[fastest] <= limit:
+                    descents[source] = _Descent(
+                        float(speeds[fastest]), float(climb.time[is_inside][fastest])
+                    )
+        return descents
 
     def _fall_speed_limit(self, end: float) -> float:
         """Returns the speed downward, m/s, that the vehicle cannot have exceeded until a time, s since boot.
@@ -372,14 +400,17 @@ class Scene:
         """
         statements = []
         confirmed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
-        for source, rate in self.sink_rates(interval).items():
-            if rate > max(least, confirmed):
+        for source, descent in self._fastest_descents(interval).items():
+            if descent.speed > max(least, confirmed):
                 continue
-            if rate > least:
-                statements.append(supporting_statement(Witness.SANK, source=source, speed=rate))
+            figures = {"source": source, "speed": descent.speed}
+            if descent.speed > least:
+                statements.append(supporting_statement(Witness.SANK, time=descent.time, **figures))
             else:
                 statements.append(
-                    contradicting_statement(Witness.DID_NOT_SINK, source=source, speed=rate)
+                    contradicting_statement(
+                        Witness.DID_NOT_SINK, time=interval[0], until=interval[1], **figures
+                    )
                 )
         return tuple(statements)
 

@@ -1,5 +1,6 @@
 """How flights end: losses of attitude, falls and limits by the motion, and what failed first, if that is clear."""
 
+import re
 from dataclasses import replace
 from unittest.mock import Mock
 
@@ -389,10 +390,29 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert ending is None
     assert events[MotionEvent.LOG_ENDED_IN_AIR].figures["height"] == approx(10.0, abs=0.5)
     assert f" {3 * 7} times " in str(events[MotionEvent.CLIPPED])
+    assert "a crash that it does not show" in events[MotionEvent.LOG_ENDED_IN_AIR].remedy
     ended = replace(made, is_ended_on_purpose=True)
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(ended)[0]
     restarted = changed(made, "ATTITUDE", boot=1 * (stamps(made, "ATTITUDE") > 29.8))
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
+
+
+def test_a_log_that_ends_after_the_loss_shows_why():
+    events, ending = judged(until(lost(1), 1.0))
+    assert ending.code is Ending.CONTROL_LOST
+    assert str(events[MotionEvent.LOG_ENDED_IN_AIR]).endswith(", after control was lost.")
+    assert events[MotionEvent.LOG_ENDED_IN_AIR].remedy == ""
+
+
+def test_every_witness_says_when_and_agrees_with_its_event():
+    events, ending = judged(lost(1))
+    for event in (*events.values(), ending):
+        for witness in event.figures.get("witnesses", ()):
+            assert re.search(r"\d\.\d s\b", str(witness)), str(witness)
+    fell = events[MotionEvent.FELL]
+    speeds = [witness.figures["speed"] for witness in fell.figures["witnesses"]]
+    assert fell.figures["speed"] in speeds
+    assert f"{fell.time:.1f} to {fell.until:.1f} s" in str(fell)
 
 
 @mark.parametrize("at_end", [True, False])
@@ -416,4 +436,6 @@ def test_an_estimate_that_runs_away_gives_no_speed():
     away = place["time"] > FAILS + 1.5
     ran = {name: np.where(away, most, place[name]) for name, most in (("vz", 20.0), ("z", 50.0))}
     events, _ = judged(changed(made, "LOCAL_POSITION_NED", **ran))
-    assert events[MotionEvent.FELL].figures["speed"] < 8.0
+    fell = events[MotionEvent.FELL].figures
+    assert fell["speed"] < 8.0
+    assert fell["speed"] in [witness.figures["speed"] for witness in fell["witnesses"]]

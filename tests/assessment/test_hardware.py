@@ -15,6 +15,8 @@ from mavdem.assessment.hardware.receivers import receiver_fact
 from mavdem.assessment.hardware.recording import recording_fact
 from mavdem.assessment.hardware.temperatures import temperatures_fact
 from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.sources import Repair
 
 HOVER = Hover()
 TELEMETRY = HOVER.telemetry(20.0, 20.0)
@@ -105,6 +107,14 @@ def test_gaps_in_flight_are_found_with_their_time():
     fact = recording_fact(evidence_of(Signals(changed(TELEMETRY, "ATTITUDE", **cut))))
     assert (fact.level, fact.time) == ("watch", approx(15.0, abs=0.1))
     assert fact.figures["longest_gap"] == approx(1.6)
+
+
+def test_stamps_of_the_body_rates_are_called_theirs():
+    assert str(recording_fact(evidence_of(Signals(TELEMETRY)))).startswith("Attitude every ")
+    interpolated = Fact(Repair.ATTITUDE_INTERPOLATED, attitude_rate=20.0, rate=50.0)
+    repaired = replace(TELEMETRY, repairs=(*TELEMETRY.repairs, interpolated))
+    fact = recording_fact(evidence_of(Signals(repaired)))
+    assert str(fact).startswith("Body rates every ")
 
 
 def test_temperatures_are_stated_and_not_judged():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import dataflash_logs as made
 import numpy as np
-from hover import Hover, changed, columns, evidence_of
+from hover import Hover, changed, columns, evidence_of, pulses, with_pulses
 from instrumented import instrumented
 from pytest import approx
 
@@ -15,7 +15,13 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import further_sensors
-from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE, INSTANCES_MESSAGE, EstimatorRatio
+from mavdem.ingest.vocabulary import (
+    ACCELEROMETERS_MESSAGE,
+    IN_AIR,
+    INSTANCES_MESSAGE,
+    ON_GROUND,
+    EstimatorRatio,
+)
 from mavdem.report.instances import instance_table
 from mavdem.witnesses import sensor_trust
 from mavdem.witnesses.sensors import barometer_altitude
@@ -65,6 +71,24 @@ def test_every_instance_has_its_range_and_state():
         "unknown",
     )
     assert instances["output 1 (motor 1)"].unit == "µs"
+
+
+def test_outputs_in_flight_are_those_that_carry_the_vehicle():
+    """Its autopilot reports it off the ground while the motors are still off."""
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs = pulses(telemetry)
+    take_off = time[(outputs > 1300).all(axis=0)].min()
+    is_early = time < take_off - 2.0
+    landed = np.where(is_early, ON_GROUND, IN_AIR)
+    telemetry = changed(telemetry, "EXTENDED_SYS_STATE", **columns(time, landed_state=landed))
+    spun_up = np.where(is_early | (time >= take_off), outputs, 1000.0)
+    (output, *_) = [
+        instance
+        for instance in instances_of(evidence_of(Signals(with_pulses(telemetry, spun_up))))
+        if instance.kind == "output"
+    ]
+    assert output.low > 1200
 
 
 def test_a_receiver_that_does_not_count_satellites_has_the_type_of_its_fix():

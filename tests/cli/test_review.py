@@ -76,15 +76,21 @@ def test_a_screen_in_two_parts_has_the_lines_of_the_whole_screen():
 
 def test_a_row_divides_the_alarms_of_two_boots():
     assessment = assess(read_log(SLOW))
-    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD, subject="motor 3")
-    alarms = [
-        stop.replace(time=time, boot=boot) for boot, time in ((0, 60.0), (0, 177.9), (1, 18.9))
-    ]
+    stop = Fact(MotionEvent.MOTOR_OFF, Level.BAD)
+    times = (
+        (0, 60.0, "motor 3"),
+        (0, 90.0, "motor 3"),
+        (0, 177.9, "motor 1"),
+        (1, 18.9, "motor 2"),
+    )
+    alarms = [stop.replace(time=time, boot=boot, subject=motor) for boot, time, motor in times]
     judgement = replace(assessment.judgement, lights={})
     evidence = replace(assessment.evidence, events=tuple(alarms))
     with_alarms = replace(assessment, judgement=judgement, evidence=evidence)
     lines = review_screen(with_alarms, columns=200).splitlines()
     assert [line.split("  ")[0] for line in lines[1:5]] == ["60 s", "178 s", "restart", "19 s"]
+    # Those of one kind are one row.
+    assert lines[1].endswith("(first of 2)")
 
 
 def test_a_file_that_is_missing_is_no_command(capsys):

@@ -11,9 +11,11 @@ from mavdem.witnesses.statements import (
     weighed_event,
 )
 
-SANK = supporting_statement(Witness.SANK, source="barometer", speed=4.04)
+SANK = supporting_statement(Witness.SANK, time=2.5, source="barometer", speed=4.04)
 KNOCKED = supporting_statement(Witness.KNOCKED, time=3.0, acceleration=80.2)
-UPRIGHT = contradicting_statement(Witness.STOOD_UPRIGHT, angle=0.1, source="accelerometer")
+UPRIGHT = contradicting_statement(
+    Witness.STOOD_UPRIGHT, time=4.0, angle=0.1, source="accelerometer"
+)
 
 
 def hit(*witnesses):
@@ -24,8 +26,8 @@ def test_witnesses_for_an_event_come_first_and_those_against_it_last():
     (sentence,) = why(hit(UPRIGHT, SANK, KNOCKED))
     assert sentence.lead == "Why:"
     assert sentence.text == (
-        "the barometer sank at up to 4.0 m/s and the accelerometer measured 80 m/s²; "
-        "against it: afterwards it stood upright, by the accelerometer."
+        "the barometer sank at 4.0 m/s at 2.5 s and the accelerometer measured 80 m/s² at 3.0 s; "
+        "against it: from 4.0 s on it stood upright, by the accelerometer."
     )
 
 

@@ -4,8 +4,11 @@ import numpy as np
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.log import MAX_GAP
+from mavdem.dataset.attitude import TUNING_MESSAGE
+from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.hardware import HardwareFact
+from mavdem.facts.sources import Repair
 
 
 def recording_fact(evidence: Evidence) -> Fact | None:
@@ -40,4 +43,20 @@ def recording_fact(evidence: Evidence) -> Fact | None:
         step=float(np.median(np.concatenate(steps))),
         longest_gap=longest_gap,
         dropouts=dropouts,
+        body_rates=has_stamps_of_body_rates(evidence.signals),
     )
+
+
+def has_stamps_of_body_rates(signals: Signals) -> bool:
+    """Returns whether the attitude that models use has the stamps of the body rates, which were logged more often.
+
+    Its angles are interpolated between those that were logged (PX4), or integrated (ArduPilot's PID_TUNING).
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    attitude = signals.attitude
+    if attitude is not None and attitude.message == TUNING_MESSAGE:
+        return True
+    repairs = signals.telemetry.repairs
+    return any(repair.code is Repair.ATTITUDE_INTERPOLATED for repair in repairs)

@@ -9,6 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware.commands import POSITION_MESSAGE, POSITION_TARGET_MESSAGE
+from mavdem.assessment.hardware.recording import has_stamps_of_body_rates
 from mavdem.containers import Names
 from mavdem.dataset.hardware_quantities import (
     BATTERY_CURRENT,
@@ -149,7 +150,7 @@ def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
 
 
 def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the time between two samples of the attitude, ms, drawn at the later one.
+    """Yields the time between two samples of the attitude or the faster body rates, ms, drawn at the later one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -160,7 +161,8 @@ def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
     if angle is None or len(angle.time) <= MIN_SAMPLES:
         return
     steps = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
-    yield over_time("Time between attitudes", "ms", _lines({"step": steps}, timeline))
+    quantity = "body rates" if has_stamps_of_body_rates(evidence.signals) else "attitudes"
+    yield over_time(f"Time between {quantity}", "ms", _lines({"step": steps}, timeline))
 
 
 def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

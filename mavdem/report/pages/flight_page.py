@@ -77,7 +77,7 @@ from mavdem.report.templates import (
 )
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
-from mavdem.report.why import why
+from mavdem.report.why import why, why_text
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
@@ -153,7 +153,8 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = timeline_of(assessment)
-        events = _numbered_events(assessment.events, timeline)
+        above = (str(assessment.next_step), why_text(assessment.headline))
+        events = _numbered_events(assessment.events, timeline, *above)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full)]
@@ -217,23 +218,34 @@ def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
     }
 
 
-def _numbered_events(events: Facts, timeline: Timeline | None) -> list[PageEvent]:
+def _numbered_events(
+    events: Facts, timeline: Timeline | None, next_step: str = "", why_of_headline: str = ""
+) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
+
+    What to do about an event, and what shows it, stands on the page once.
 
     Args:
         events: events of all boots of the autopilot.
         timeline: charts of one of these boots, on whose clock events of other boots have no place.
+        next_step: what to do next, which the page states above the events.
+        why_of_headline: what shows the headline, likewise.
     """
     page_events = []
     number = 0
+    texts_above = {why_of_headline}
     for fact in _with_saturations_counted(events):
+        if fact.remedy in next_step:
+            texts_above.add(fact.remedy)
+        repeated = frozenset(texts_above)
+        texts_above |= {fact.remedy, why_text(fact)}
         if fact.time is None:
-            page_events.append(PageEvent(Event(nan, fact)))
+            page_events.append(PageEvent(Event(nan, fact), repeated=repeated))
         else:
             number += 1
             boot = fact.figures.get("boot")
             is_on_clock = timeline is not None and boot in (None, timeline.boot)
-            page_events.append(PageEvent(Event(fact.time, fact), number, is_on_clock))
+            page_events.append(PageEvent(Event(fact.time, fact), number, is_on_clock, repeated))
     return page_events
 
 

@@ -143,7 +143,8 @@ def loops_chapters(
         advice: gains that are advised by axis, or why there are none; empty without advice.
     """
     decisions = assessment.loop_decisions
-    summary = [*decision_sentences(decisions), *_margin_sentences(evidence, decisions)]
+    next_step = str(assessment.next_step)
+    summary = [*decision_sentences(decisions, next_step), *_margin_sentences(evidence, decisions)]
     loops = evidence.identified_loops
     if not loops:
         yield Chapter("Control loops", [*summary, *gain_limits(advice)])

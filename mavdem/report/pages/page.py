@@ -20,6 +20,7 @@ from mavdem.facts.event import Event
 from mavdem.flight import Flight
 from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.brief_events import first_of, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
 from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
@@ -30,6 +31,7 @@ from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.screen import conclusion, flight_title, model_screen
+from mavdem.report.templates import without_full_stop
 from mavdem.report.why import why_text
 
 MAX_BRIEF_EVENTS = 4
@@ -118,6 +120,32 @@ class PageEvent(NamedTuple):
     is_on_clock_of_charts: bool = True
     """Whether its time is on the clock of the charts, to which it then links: an event of another boot's is not."""
 
+    repeated: frozenset[str] = frozenset()
+    """Texts that the page has above it, and that are not repeated: what to do about it, and what shows it."""
+
+    total: int = 1
+    """Number of events of its kind for which it stands in a short list."""
+
+    @property
+    def brief(self) -> str:
+        """What happened, for a short list."""
+        sentence = str(self.event.fact)
+        if self.total == 1:
+            return sentence
+        return f"{without_full_stop(sentence)}{first_of(self.total)}."
+
+    @property
+    def sentence(self) -> str:
+        """What happened and, unless the page has that already, what to do about it."""
+        is_repeated = self.event.fact.remedy in self.repeated
+        return str(self.event.fact) if is_repeated else self.event.sentence
+
+    @property
+    def why(self) -> str:
+        """What shows it; empty if nothing does, or if the page has that already."""
+        text = why_text(self.event.fact)
+        return "" if text in self.repeated else text
+
     @property
     def seconds(self) -> float:
         """When it was, s on the clock of the charts; NaN where that is not known."""
@@ -167,10 +195,14 @@ class Head(NamedTuple):
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
-        """The events that a page shows at first: all if they are few, otherwise those that are not good."""
+        """The events that a page shows at first: all if they are few, otherwise the worst, each kind once."""
         if len(self.events) <= MAX_BRIEF_EVENTS:
             return self.events
-        return [event for event in self.events if event.event.fact.warns][:MAX_BRIEF_EVENTS]
+        facts = [page_event.event.fact for page_event in self.events]
+        brief_events = []
+        for index, total in worst_events(facts)[:MAX_BRIEF_EVENTS]:
+            brief_events.append(self.events[index]._replace(total=total))
+        return brief_events
 
     @property
     def has_more_of_events(self) -> bool:

@@ -1,0 +1,60 @@
+"""The short list of events: what is bad first, and each kind once."""
+
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending, MotionEvent
+from mavdem.facts.event import Event
+from mavdem.facts.loops import Loops
+from mavdem.facts.witnesses import Witness
+from mavdem.report.brief_events import worst_events
+from mavdem.report.loops import decision_sentences
+from mavdem.report.pages.flight_page import _numbered_events
+from mavdem.report.pages.page import Head, PageEvent
+from mavdem.witnesses.statements import supporting_statement
+
+TURNED = (supporting_statement(Witness.ROTATED, time=31.0, body_rate=5.0),)
+CLIPS = [
+    Fact(MotionEvent.CLIPPED, time=time, until=time + 1.0, count=9, boot=0)
+    for time in (5.0, 12.0, 19.0, 26.0)
+]
+LEFT = Fact(MotionEvent.ATTITUDE_LOST, time=30.0, angle=2.0, boot=0, witnesses=TURNED)
+LOST = Fact(
+    Ending.CONTROL_LOST, time=30.0, height=None, cause=None, word=None, boot=0, witnesses=TURNED
+)
+HIT = Fact(MotionEvent.HIT, Level.WATCH, time=33.0, boot=0, witnesses=TURNED)
+EVENTS = (*CLIPS, LEFT, LOST, HIT)
+
+
+def test_bad_events_come_first_and_those_of_a_kind_once():
+    assert worst_events(EVENTS) == [(5, 1), (0, 4), (6, 1)]
+    page_events = [PageEvent(Event(event.time, event)) for event in EVENTS]
+    brief = [event.brief for event in Head(Level.BAD, {}, page_events).brief_events]
+    assert brief[0].startswith("Lost control at 30.0 s")
+    assert brief[1] == (
+        "All accelerometers together clipped 9 times from 5.0 to 6.0 s (first of 4)."
+    )
+    assert len(brief) == 3 and "hit the ground" in brief[2]
+
+
+def test_a_page_says_once_what_to_do_and_what_shows_an_event():
+    assert LOST.remedy
+    next_step = f"{LOST.remedy} Then look at the clips."
+    left, lost, hit = _numbered_events(EVENTS, None, next_step, "")[-3:]
+    assert left.why == "Why: the gyro measured 286 °/s at 31.0 s."
+    assert lost.why == hit.why == ""
+    assert lost.sentence == str(LOST)
+    (_, first, *_) = _numbered_events((LEFT, LOST, LOST), None)
+    assert first.sentence == LOST.advised
+
+
+def test_loops_do_not_repeat_the_next_step():
+    reason = Fact(Loops.NOT_STEERED, share=0.3)
+    decisions = {
+        axis: LoopDecision(axis, LoopVerdict.UNKNOWN, reason, LOST) for axis in ("roll", "pitch")
+    }
+    action = decisions["roll"].fact.remedy
+    assert action
+    (stated,) = decision_sentences(decisions)
+    assert stated.text == f"{reason} {action}"
+    (stated,) = decision_sentences(decisions, f"{action} Then land.")
+    assert stated.text == str(reason)
