@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from operator import attrgetter
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import NamedTuple
@@ -14,8 +15,10 @@ from mavdem.facts.loops import Gains, LoopActions
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
-from mavdem.loops.gain_design import Stage
-from mavdem.report.blocks import Table
+from mavdem.loops.gain_design import SURE_SHARE, Stage
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.loops import is_about_gains_to_set
+from mavdem.report.templates import sentences_by_axes
 
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 """Ground stations that read a parameter file, by the ending of its name."""
@@ -51,6 +54,9 @@ class GainChanges(NamedTuple):
 
     downloads: tuple[ParameterDownload, ...]
     """The same as files."""
+
+    cautions: Sequence[Block] = ()
+    """Sentences on how far the gains can be trusted, which stand between the table and the files."""
 
 
 class _GainSet(NamedTuple):
@@ -112,7 +118,29 @@ def gain_changes(
             downloads.append(ParameterDownload(name, label, address))
     if not rows:
         return None
-    return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads))
+    cautions = () if lowered else tuple(_cautions(advice))
+    return GainChanges(Table(["gain", "now", "set", "times"], rows), tuple(downloads), cautions)
+
+
+def _cautions(advice: AdviceByAxis) -> list[Sentence]:
+    """Returns sentences on how far gains to set can be trusted: the share of models, then cautions of the loops.
+
+    Axes with the same caution share a sentence.
+
+    Args:
+        advice: gains that are advised by axis, or why there are none.
+    """
+    shares = []
+    cautions = []
+    for axis, axis_advice in advice.items():
+        if not isinstance(axis_advice, Advice) or not axis_advice.parameters:
+            continue
+        if axis_advice.sure < SURE_SHARE:
+            shares.append((axis, Fact(Gains.SHARE_OF_MODELS, share=axis_advice.sure)))
+        for fact in axis_advice.before.cautions:
+            if is_about_gains_to_set(fact):
+                cautions.append((axis, fact))
+    return [*sentences_by_axes(shares), *sentences_by_axes(cautions, attrgetter("advised"))]
 
 
 def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:

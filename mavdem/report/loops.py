@@ -8,7 +8,7 @@ from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, 
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.containers import group_by
 from mavdem.facts import Fact
-from mavdem.facts.loops import LoopActions
+from mavdem.facts.loops import LoopActions, Loops
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
@@ -81,6 +81,13 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
                 if has_gain_table:
                     gains = [block for block in gains if not isinstance(block, Table)]
                 blocks += [*gains, *_margin_blocks(advice, is_doubtful)]
+                # The cautions on gains that change stand beside the table of the page.
+                is_given = has_gain_table and bool(advice.parameters)
+                blocks += [
+                    caution(fact)
+                    for fact in advice.before.cautions
+                    if not (is_given and is_about_gains_to_set(fact))
+                ]
             else:
                 # The first two blocks are the table of gains and what they are for.
                 blocks += gain_blocks(advice)[:2]
@@ -183,6 +190,15 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     return [*sentences_by_axes(axes_and_cautions, attrgetter("advised"))]
 
 
+def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
+    """Returns whether a caution of a loop limits the gains that are computed from it, as all do but AutoTune's result.
+
+    Args:
+        caution_of_loop: one of the loop's cautions.
+    """
+    return caution_of_loop.code is not Loops.AUTOTUNED
+
+
 def compared_loops(advice: Advice) -> LoopsByAxis:
     """Returns the loop now and, where gains are advised, the loop with these, by "now" and "advised"."""
     loops = {"now": advice.before}
@@ -192,7 +208,7 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
 
 
 def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
-    """Returns tables of the margins now and as advised, and sentences on filters, measurements and cautions.
+    """Returns tables of the margins now and as advised, and sentences on filters and measurements.
 
     Args:
         advice: on the axis, with its loops.
@@ -204,7 +220,7 @@ def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
     filters = gyro_filters(loop.controller, loop.crossover)
     blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
     blocks += render_section("loop_measured", loop=loop)
-    return blocks + [caution(fact) for fact in loop.cautions]
+    return blocks
 
 
 def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator[Table]:

@@ -88,8 +88,15 @@ def test_a_recorded_autotune_has_its_span_and_what_it_found():
 
 def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
     said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
+    said += ("AutoTune: Yaw Angle P:36.000, Max Accel:609317",)
     tuned = autotune_fact(
         Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(Loops.NOT_STEERED)
     )
-    assert tuned.figures["changes"] == (("ATC_RAT_YAW_P", None, 0.5), ("ATC_RAT_YAW_I", None, 0.05))
-    assert (tuned.time, tuned.until) == (1.0, 1.0)
+    assert tuned.figures["changes"] == (
+        ("ATC_RAT_YAW_P", None, 0.5),
+        ("ATC_RAT_YAW_I", None, 0.05),
+        ("ATC_ANG_YAW_P", None, 36.0),
+    )
+    assert tuned.time == 1.0
+    assert "36 is more than the 12 that ArduPilot recommends" in tuned.sentence
+    assert "At the end of the log the parameters are those from before" in tuned.sentence

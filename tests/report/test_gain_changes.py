@@ -4,14 +4,17 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from hover import Hover
+from partial_records import partial_record
 from pytest import approx
 
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import LoopActions
+from mavdem.facts.loops import LoopActions, Loops
 from mavdem.ingest.parameter_file import read_parameters
-from mavdem.loops.gain_design import MAX_GAIN_STEP
+from mavdem.loops.advice import Advice, Gain
+from mavdem.loops.axis_loops import Loop
+from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.report.gain_changes import gain_changes
 
 LOWER = Fact(
@@ -46,6 +49,23 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
     path = tmp_path / changes.downloads[0].name
     path.write_text(unquote(changes.downloads[0].address.split(",", 1)[1]), encoding="utf-8")
     assert read_parameters(path) == {"ATC_RAT_RLL_P": approx(0.09), **notch}
+
+
+def test_what_limits_advised_gains_stands_beside_them():
+    part = Fact(Loops.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
+    result = Fact(Loops.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, until=2.0)
+    advice = partial_record(
+        Advice,
+        gains={"ATC_RAT_RLL_P": Gain(0.0675, 0.0568)},
+        stage=Stage.RATE,
+        sure=0.56,
+        before=partial_record(Loop, cautions=(part, result)),
+    )
+    next_step = Fact(NextStep.KEEP_MODEL)
+    changes = gain_changes("a.bin", Hover().telemetry(), {"roll": advice}, next_step)
+    share, caution = (f"{sentence.lead} {sentence.text}" for sentence in changes.cautions)
+    assert share.startswith("Roll: The gains to set have the margins in 56 %")
+    assert "7 s of 424 s" in caution
 
 
 def test_a_flight_whose_gains_stay_has_no_table():

@@ -3,6 +3,7 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from math import inf, isfinite
@@ -24,6 +25,8 @@ from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS, CONTROL_PARAMETERS
 from mavdem.loops.axis_loops import Loop, margin_rating
+from mavdem.loops.controllers import Controller
+from mavdem.loops.gain_design import MAX_ANGLE_GAIN
 
 AXIS_NAMES = {"roll": ("RLL", "ROLL"), "pitch": ("PIT",), "yaw": ("YAW",)}
 """Parts of the names of parameters that belong to one axis; ArduPilot's name has the first."""
@@ -224,6 +227,43 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
     return True
 
 
+def gains_since(signals: Signals, controller: Controller) -> Fact | None:
+    """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
+
+    A pilot, or AutoTune, may have changed them after the part of the flight that the loop is identified from. Then the
+    vehicle has those of the end.
+
+    Args:
+        signals: signals of the vehicle, for the axis.
+        controller: controller of the loop, with the parameters that it was identified with.
+
+    Returns:
+        The fact, with the name, the value of the loop and that of the log's end of each gain; None if all are the same.
+    """
+    last_gains = gain_history(signals)[-1].values
+    changes = []
+    for name, value in last_gains:
+        value_of_loop = controller.parameters.get(name, value)
+        if value_of_loop != value:
+            changes.append((name, value_of_loop, value))
+    return Fact(Loops.GAINS_SINCE, changes=sorted(changes)) if changes else None
+
+
+def loop_at_end_of_log(loop: Loop) -> Loop:
+    """Returns a loop with the gains with which its log ends, which the vehicle has: the starting point of advice.
+
+    Args:
+        loop: an identified loop, among whose cautions is the fact of :func:`gains_since`, if there are such gains.
+    """
+    for caution in loop.cautions:
+        if caution.code is Loops.GAINS_SINCE:
+            gains = {name: value for name, _, value in caution.figures["changes"]}
+            # Gains that make no complete controller are no starting point.
+            with suppress(NotLearnable):
+                return loop.with_parameters(gains)
+    return loop
+
+
 def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """Returns the fact that AutoTune tuned an axis, with the gains before and after; None if it did not.
 
@@ -248,14 +288,24 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     gains_before = dict(_gains_at(history, start))
     gains_after = gains_before | _reported_gains(texts, signals.axis)
     # Parameters that were set outrank the texts.
+    is_saved = False
     for name, value in history[-1].values:
         if gains_before[name] != value:
             gains_after[name] = value
+            is_saved = True
     # For each changed gain: its name, and its values before and after.
     changes = []
     for name, value in gains_after.items():
         if gains_before.get(name) != value:
             changes.append((name, gains_before.get(name), value))
+    # ArduPilot recommends the same for all axes: what PX4 takes for roll and pitch.
+    largest_gain = max(MAX_ANGLE_GAIN.values())
+    angle_gain = f"ATC_ANG_{AXIS_NAMES[signals.axis][0]}_P"
+    too_large = [
+        (name, value, largest_gain)
+        for name, _, value in changes
+        if name == angle_gain and value > largest_gain
+    ]
     fact = Fact(
         Loops.AUTOTUNED,
         time=start.time,
@@ -263,6 +313,8 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
         subject=signals.axis,
         boot=start.boot,
         changes=changes,
+        is_saved=is_saved,
+        too_large=too_large,
         ratings=(),
     )
     if isinstance(loop, Fact):

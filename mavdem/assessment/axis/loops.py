@@ -7,7 +7,12 @@ from typing import NamedTuple
 
 from mavdem.assessment.axis.analysis import flights_after_start
 from mavdem.assessment.axis.figures import AxisFigures
-from mavdem.assessment.axis.gains import autotune_fact, margin_ratings, parts_with_one_gain_set
+from mavdem.assessment.axis.gains import (
+    autotune_fact,
+    gains_since,
+    margin_ratings,
+    parts_with_one_gain_set,
+)
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
@@ -102,6 +107,9 @@ def loop_of_axis(
     autotune = autotune_fact(signals, loop)
     if autotune is not None:
         cautions.append(autotune)
+    later_gains = gains_since(signals, loop.controller)
+    if later_gains is not None:
+        cautions.append(later_gains)
     return replace(loop, cautions=(*cautions, *loop.cautions))
 
 

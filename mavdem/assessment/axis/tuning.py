@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+from mavdem.assessment.axis.gains import loop_at_end_of_log
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
@@ -18,7 +19,7 @@ from mavdem.facts.margins import MarginsLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
-from mavdem.loops.advice import Advice, AdviceByAxis, advise
+from mavdem.loops.advice import Advice, AdviceByAxis, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.gain_design import Stage
 
@@ -181,7 +182,7 @@ def _advice_on_loop(
     """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
 
     Args:
-        loop: rate and attitude loop of the axis.
+        loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
         doubts: why gains must not be computed from the loop; empty if they may be.
         notch_parameters: parameters that set the notch filter; empty without one.
@@ -189,6 +190,11 @@ def _advice_on_loop(
         is_too_slow: whether the axis is too slow, so that the rate loop's gains are raised even without ``more``.
     """
     raises_gains = more or is_too_slow
+    flown_loop = loop
+    loop = loop_at_end_of_log(flown_loop)
+    if loop is not flown_loop:
+        # What was measured in flight, which may refute the loop, belongs to the gains that flew.
+        doubts = (*doubts, *reasons_for_no_gains(flown_loop))
     advice = advise(loop, margins, doubts, more=raises_gains)
     if is_too_slow and not more and advice.stage is Stage.ANGLE:
         # A higher angle gain only asks more of a rate loop that is too slow.

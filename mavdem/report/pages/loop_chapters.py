@@ -164,7 +164,7 @@ def loops_chapters(
     columns = {axis: loop_charts(axis_loops) for axis, axis_loops in loops_by_axis.items()}
     text = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
     if any(len(compared) > 1 for compared in loops_by_axis.values()):
-        text += " Blue: with the gains that flew; green: with the advised ones."
+        text += " Blue: with the gains now; green: with the advised ones."
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
     yield Chapter("Control loops", summary, [group])
     groups: list[Group] = []
