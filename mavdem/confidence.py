@@ -81,7 +81,7 @@ def student_t_log_density(values: NDArray[np.float64], freedom: float) -> NDArra
     """Returns the logarithms of the density of Student's t distribution.
 
     Args:
-        values: where the density is asked for.
+        values: values at which the density is computed.
         freedom: degrees of freedom, finite.
     """
     from scipy.special import gammaln

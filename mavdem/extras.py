@@ -44,7 +44,7 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
 
     Args:
         extra: Name of the extra, a key of ``EXTRAS``.
-        subject: What needs the extra: the beginning of the fact's sentence.
+        subject: Name of the part that needs the extra, with which the fact's sentence begins.
     """
     names = missing_modules(extra)
     if not names:
@@ -59,7 +59,7 @@ def require_extra(extra: str, subject: str = "") -> None:
 
     Args:
         extra: Name of the extra, a key of ``EXTRAS``.
-        subject: What needs the extra: the beginning of the error's sentence.
+        subject: Name of the part that needs the extra, with which the error's sentence begins.
     """
     fact = missing_extra_fact(extra, subject)
     if fact is not None:

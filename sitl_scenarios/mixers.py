@@ -71,8 +71,8 @@ def ardupilot_thrusts(columns: Array, demands: Vector4) -> Array:
     3. collective thrust, where the motor with the highest thrust would exceed 1.
 
     Args:
-        columns: What a demand of 1 adds to the thrust of each motor, rows roll, pitch and yaw; (3, n). No element of
-            yaw is zero.
+        columns: (3, n) change of each motor's thrust by a demand of 1; rows are roll, pitch and yaw. No element of yaw
+            is zero.
         demands: Roll, pitch and yaw, −1 to 1, and collective thrust, 0 to 1.
 
     Returns:

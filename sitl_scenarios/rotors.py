@@ -96,8 +96,8 @@ def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
 
     Args:
         shape: Arrangement of the rotors.
-        arm: How far forward and right of the centre of mass the rotors of an X quadrotor are, m. The rotors of a +
-            quadrotor are as far from the centre as these, those of larger frames by the ``size`` of the frame.
+        arm: Distance forward, and to the right, of the rotors of an X quadrotor from the centre of mass, m. The rotors
+            of a + quadrotor are as far from the centre as these, those of larger frames by the ``size`` of the frame.
     """
     if shape in CIRCLES:
         return _circle_frame(CIRCLES[shape], hypot(*arm))

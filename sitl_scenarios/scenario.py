@@ -84,7 +84,7 @@ def towards(direction: float) -> Array:
     """Returns the direction in which a wind blows, a unit vector NED, (3,).
 
     Args:
-        direction: Where the wind comes from, degrees clockwise from north.
+        direction: Direction that the wind comes from, degrees clockwise from north.
     """
     angle = radians(direction)
     return np.array([-cos(angle), -sin(angle), 0.0])

@@ -20,8 +20,8 @@ def fly(scenario: Scenario, progress: Progress | None = None) -> Motion:
     """Simulates all flights of a scenario.
 
     Args:
-        scenario: What to fly.
-        progress: Called once per simulated second with the fraction that is done, 0 to 1.
+        scenario: Scenario to fly.
+        progress: Function that is called once per simulated second with the fraction that is done, 0 to 1.
 
     Returns:
         One row for each cycle of the autopilot.

@@ -138,7 +138,7 @@ def _jacobian(function: Callable[[Array], Array], point: Array, steps: Array) ->
 
     Args:
         function: Function of (n,) with values (m,).
-        point: Where to differentiate, (n,).
+        point: (n,) point at which to differentiate.
         steps: Step of each argument, (n,).
 
     Returns:
@@ -177,7 +177,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     For yaw the state is the rate alone, and the arrays of each axis are named like those of roll.
 
     Args:
-        scenario: What was flown.
+        scenario: Scenario of the flight.
         motion: The flight, N rows.
 
     Returns:
@@ -448,7 +448,7 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """Returns the effects of the motors on the three axes, before and after damage.
 
     Args:
-        scenario: What was flown.
+        scenario: Scenario of the flight.
         motion: The flight.
 
     Returns:

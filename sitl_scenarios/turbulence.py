@@ -256,7 +256,7 @@ def von_karman_noise(
     autocorrelations. A synthesis from samples of the spectrum lacks what lies beyond half the sampling rate.
 
     Args:
-        autocorrelation: That along or across the wind, as a function of lags in units of L/V.
+        autocorrelation: Autocorrelation along or across the wind, as a function of lags in units of L/V.
         time_constant: L/V, s.
         dt: Sampling period, s.
         samples: Number of samples.

@@ -209,7 +209,7 @@ def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
 
     Args:
         events: events of the log.
-        ending: how the flight was lost; None if it was not.
+        ending: event with which the flight was lost; None if it was not.
     """
     losses = []
     for event in events:
@@ -225,8 +225,9 @@ def _motor_changes(analysis: LogAnalysis, ending: Fact | None) -> list[Fact]:
     """Returns the thrust that motors lost, and other lasting changes of their balance, before control was lost.
 
     Args:
-        analysis: with the alarms on motors that a live session would have raised.
-        ending: how the flight was lost, or what else ended the use of its motors' balance; None if nothing did.
+        analysis: analysis with the alarms on motors that a live session would have raised.
+        ending: event after which the balance of the motors is not used, such as the loss of the flight; None without
+            one.
 
     Returns:
         The losses of thrust of weak motors, then the changes that name no weak motor.

@@ -262,7 +262,7 @@ class _AttitudeLoss(NamedTuple):
         Args:
             angle: largest error of the attitude, rad.
             has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
-            onset: when the attitude began to leave its setpoint, s.
+            onset: time when the attitude began to leave its setpoint, s.
         """
         sink_rates = self.scene.sink_rates((onset, self.end + RECOVERY_SECONDS))
         # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
@@ -317,7 +317,7 @@ class _AttitudeLoss(NamedTuple):
         """Returns the witnesses of the loss: statements of sensors that support or contradict it.
 
         Args:
-            onset: when the attitude began to leave its setpoint, s.
+            onset: time when the attitude began to leave its setpoint, s.
         """
         statements = [
             supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict())
@@ -347,7 +347,7 @@ class _AttitudeLoss(NamedTuple):
         explain at least ``MIN_GYRO_SHARE`` of that change.
 
         Args:
-            onset: when the attitude began to leave its setpoint, s since boot.
+            onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
             One statement for or against the loss; none if there are too few samples.

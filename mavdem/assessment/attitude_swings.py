@@ -74,7 +74,7 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
     A lean is a time in which the angle exceeds ``SWING_ANGLE`` to one side.
 
     Args:
-        time: (N,) s, ascending.
+        time: (N,) times of the samples, s, ascending.
         angle: (N,) roll or pitch, rad.
 
     Returns:

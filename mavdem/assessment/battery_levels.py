@@ -72,7 +72,7 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
 
     Args:
         parameters: parameters of the autopilot.
-        battery: with its voltages.
+        battery: battery with its voltages.
     """
     names = [name.format(battery.number) for name in CELL_COUNT_PARAMETERS]
     if battery.number != FIRST_BATTERY:
@@ -97,7 +97,7 @@ def is_measured(parameters: Parameters, battery: Battery) -> bool:
 
     Args:
         parameters: parameters of the autopilot, with those levels.
-        battery: with its voltages, V.
+        battery: battery with its voltages, V.
     """
     volts = battery.voltage.values
     # With 0 cells these are the levels of the autopilot's parameters alone.

@@ -29,7 +29,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        loss_time: when the vehicle was lost, s since boot.
+        loss_time: time when the vehicle was lost, s since boot.
 
     Returns:
         A fact with the largest lean of the setpoint in the ``OVERTURN_SECONDS`` before, as the figure ``angle``, the

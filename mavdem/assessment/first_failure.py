@@ -193,7 +193,7 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
     Args:
         events: events of the flight.
         boot: number of the boot.
-        impact: when the loss began, s since boot.
+        impact: time when the loss began, s since boot.
     """
     latest_start = impact - MAX_SETPOINT_DELAY
     # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
@@ -217,7 +217,7 @@ def _trouble_of_attitude(error: AttitudeError, onset: float) -> _Trouble:
 
     Args:
         error: error of the attitude in the boot.
-        onset: when the loss began, s since boot.
+        onset: time when the loss began, s since boot.
     """
     lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
     interval = (onset, float(error.time[lost_row]))
@@ -230,7 +230,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
     Args:
         events: events of the flight.
         boot: number of the boot.
-        onset: when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
+        onset: time when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
     """
     for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
         if event.is_bad:
@@ -247,7 +247,7 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
         signals: signals of the vehicle.
         boot: number of the boot.
         diverged: the height estimate that diverged before.
-        onset: when the loss began, s since boot.
+        onset: time when the loss began, s since boot.
     """
     start = max(diverged.until or inf, onset - STOP_REASON_SECONDS)
     closed = Scene(signals, boot).throttle_closed((start, onset))
@@ -263,7 +263,7 @@ def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | 
     Args:
         events: events of the flight.
         boot: number of the boot.
-        onset: when the loss began, s since boot.
+        onset: time when the loss began, s since boot.
     """
     diverged = None
     for event in events:
@@ -358,7 +358,7 @@ def _events_at(
         events: events of the log.
         code: code of the events to return.
         boot: number of the boot.
-        time: on the boot clock, s.
+        time: time on the boot clock, s.
         delay: an event counts too that begins up to so many seconds later. ``LASTING_SECONDS`` is how long most events
             must last to be one.
     """

@@ -170,7 +170,7 @@ class _Contact:
         """Returns the end of the time in which the contact is sought, s since boot; None if the flight goes on.
 
         Args:
-            rest: how the vehicle came to rest; None if it did not.
+            rest: rest of the vehicle afterwards; None if it did not come to rest.
             record_end: time of the last attitude of the boot, s since boot.
         """
         if rest is not None:
@@ -188,8 +188,8 @@ class _Contact:
         The end of the log counts only after a loss of attitude.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
-            rest: how it came to rest; None if it did not.
+            time: time when the vehicle touched the ground, s since boot.
+            rest: rest of the vehicle afterwards; None if it did not come to rest.
             record_end: time of the last attitude of the boot, s since boot.
         """
         if rest is not None:
@@ -210,7 +210,7 @@ class _Contact:
         be one.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
+            time: time when the vehicle touched the ground, s since boot.
         """
         accelerometer = self.scene.accelerometer
         if accelerometer is not None and accelerometer.shows_knocks:
@@ -326,8 +326,8 @@ class _Contact:
         """Returns the witnesses of a contact that was no landing: statements of sensors that support or contradict it.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
-            rest: how it came to rest; None if the log ended before.
+            time: time when the vehicle touched the ground, s since boot.
+            rest: rest of the vehicle afterwards; None if the log ended before.
         """
         around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
         statements: list[Fact] = []
@@ -361,7 +361,7 @@ class _Contact:
         that runs away is no witness.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
+            time: time when the vehicle touched the ground, s since boot.
         """
         interval = (time - DESCENT_SECONDS, time)
         speed = self.scene.sink_rate(interval)
@@ -381,9 +381,9 @@ class _Contact:
         upright hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and else landed hard.
 
         Args:
-            time: when the vehicle touched the ground, s since boot; the largest knock, if there was one.
-            rest: how it came to rest; None if the log ended before.
-            witnesses: what supports the contact, and what contradicts it.
+            time: time when the vehicle touched the ground, s since boot; the largest knock, if there was one.
+            rest: rest of the vehicle afterwards; None if the log ended before.
+            witnesses: statements that support or contradict the contact.
 
         Returns:
             The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
@@ -430,7 +430,7 @@ class _Contact:
         vehicle that is lost high in the air takes longer to fall.
 
         Args:
-            time: when the vehicle touched the ground, s since boot.
+            time: time when the vehicle touched the ground, s since boot.
         """
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is None or loss_time >= time:
@@ -454,10 +454,10 @@ class _Contact:
         ground.
 
         Args:
-            onset: when the contact began, s since boot.
-            rest: how the vehicle came to rest; None if the log ended before.
+            onset: time when the contact began, s since boot.
+            rest: rest of the vehicle afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
-            throttle_closing: that the pilot closed the throttle around the contact; None if nothing shows it.
+            throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
         """
         if not has_risen_by(self.scene, self.flight, onset):
             return MotionEvent.TIPPED
@@ -472,7 +472,7 @@ class _Contact:
         barometer is a mean over the fall.
 
         Args:
-            contact: when the vehicle touched the ground, s since boot.
+            contact: time when the vehicle touched the ground, s since boot.
             fall_speed: largest speed downward of the fall, m/s, which the contact cannot exceed.
         """
         if fall_speed is None:
@@ -486,8 +486,9 @@ class _Contact:
         """Returns the time, s, of the peak of the first knock that is larger than the vibration before.
 
         Args:
-            start: when the attitude was lost, s since boot. Near the ground that may be shortly before the contact.
-            latest: when the largest knock was, s since boot; returned where no other one is shown.
+            start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
+                contact.
+            latest: time of the largest knock, s since boot; returned if no earlier one is measured.
         """
         accelerometer = self.scene.accelerometer
         if accelerometer is None or start >= latest:
@@ -532,7 +533,7 @@ class _Contact:
 
         Args:
             height: height of the contact above the take-off, m; None if it is not known.
-            rest: how the vehicle came to rest; None if the log ended before.
+            rest: rest of the vehicle afterwards; None if the log ended before.
         """
         resting_height = None if rest is None else self.scene.height_at(rest.time)
         if height is None or resting_height is None:
@@ -552,10 +553,10 @@ class _Contact:
         faster. One who closed it afterwards meant to land, but the limits stay.
 
         Args:
-            time: when it touched the ground, s since boot.
-            rest: how it came to rest; None if the log ended before.
+            time: time when it touched the ground, s since boot.
+            rest: rest of the vehicle afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
-            throttle_closing: that the pilot closed the throttle around the contact; None if nothing shows it.
+            throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
         """
         # A landing is slower and lower than this.
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT

@@ -90,7 +90,7 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
 
     Args:
         signals: signals of the vehicle.
-        receive_time: when the first message of the log was received, UNIX time in s; NaN if it is not known.
+        receive_time: time when the first message of the log was received, UNIX time in s; NaN if it is not known.
     """
     telemetry = signals.telemetry
     name, basis = _name_of(telemetry)
@@ -226,7 +226,7 @@ def _date(signals: Signals, receive_time: float) -> datetime | None:
 
     Args:
         signals: signals of the vehicle.
-        receive_time: when the first message was received, UNIX time in s.
+        receive_time: time when the first message was received, UNIX time in s.
 
     Returns:
         The date; None if the log shows no plausible time.

@@ -94,7 +94,7 @@ def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:
     """Judges the lights that do not depend on the control loops, as :func:`judge` shows them.
 
     Args:
-        evidence: what the log shows of the vehicle; its loops need not be known yet.
+        evidence: signals, events and measurements of the vehicle; its loops need not be known yet.
 
     Returns:
         Lights by name.
@@ -172,7 +172,7 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
 
     Args:
         light: light of tracking or margins. One that names no axis, or nothing that is wrong, is returned as it is.
-        decisions: on the loops, by axis.
+        decisions: decisions on the loops, by axis.
     """
     axis = light.figures.get("axis", "")
     if axis not in decisions:

@@ -34,7 +34,7 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        onset: when the vehicle hit the ground, or lost its attitude just before, s since boot.
+        onset: time when the vehicle hit the ground, or lost its attitude just before, s since boot.
 
     Returns:
         A fact with the time at which the throttle was lowered, and the lowest travel as the figure ``share``.

@@ -94,7 +94,7 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
 
     Args:
         signals: signals of the vehicle.
-        trust: what can be trusted in the boot.
+        trust: checks of the sensors in the boot.
     """
     if trust.flew is not False:
         return None
@@ -218,7 +218,7 @@ def _standing_motors(
         error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude in the air; None without one.
-        contact: how the flight met the ground; None for an ordinary landing.
+        contact: event of the contact with the ground; None for an ordinary landing.
         reports: events that the autopilot reports.
     """
     latest = flight[1]
@@ -254,7 +254,7 @@ def _falls_of_flight(
         scene: sensors of the boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
-        contact: how the flight met the ground; None for an ordinary landing.
+        contact: event of the contact with the ground; None for an ordinary landing.
 
     Yields:
         The fall, at most one.

@@ -160,7 +160,7 @@ def _standstill(
         reports: events that the autopilot reports.
         controller: controller of the motor.
         motor: index of the motor.
-        interval: when the controller measured no rotation, s since boot; the end may be infinite.
+        interval: time when the controller measured no rotation, s since boot; the end may be infinite.
     """
     motors = scene.signals.motors
     assert motors is not None
@@ -203,7 +203,7 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
 
     Args:
         command: command of the motor in the boot (N,), as shares of the range.
-        interval: when the motor stood still, s since boot.
+        interval: time when the motor stood still, s since boot.
 
     Returns:
         One statement; none without a command in the interval, or in twice ``RECOVERY_SECONDS`` before it.
@@ -227,7 +227,7 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
 
     Args:
         error: error of the attitude in the boot.
-        interval: when the motor stood still, s since boot.
+        interval: time when the motor stood still, s since boot.
 
     Returns:
         One statement; none without an attitude in the interval or just before it.

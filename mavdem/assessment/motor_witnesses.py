@@ -47,7 +47,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
 
     Args:
         signals: signals of the vehicle.
-        loss: that a motor was lost.
+        loss: event that a motor was lost.
         reports: events that the autopilot reports.
     """
     motors = signals.motors

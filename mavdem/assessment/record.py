@@ -228,9 +228,9 @@ class Assessment:
 
     @property
     def contents(self) -> VehicleContents:
-        """What the log holds of the vehicle: the part of the assessment that an inventory of the log reports too.
+        """The contents of the log about the vehicle, which an inventory of the log reports too.
 
-        It must only be used if a vehicle was judged; otherwise there is no evidence.
+        It must only be used if a vehicle was judged, since there is no evidence otherwise.
         """
         assert self.analysis is not None and self.evidence is not None
         return analysed_contents(self.evidence.signals, self.analysis)

@@ -269,7 +269,7 @@ def _can_be(problem: Fact, signals: Signals) -> bool:
     """Returns whether a reported problem is possible: without a position fix, the GPS position cannot have jumped.
 
     Args:
-        problem: what the autopilot reports.
+        problem: fact that the autopilot reports.
         signals: signals of the vehicle.
     """
     if problem.code is not Reported.GPS_JUMPED:
@@ -330,7 +330,7 @@ def _event(
         span: the recorded time of the boot.
         message: name of the message that reports the event.
         code: code of the fact.
-        time: on the boot clock, s.
+        time: time on the boot clock, s.
         level: level of the fact; the usual one of the code, unless given.
         figures: further figures, subject and end of the fact.
     """

@@ -59,7 +59,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     Args:
         signals: signals of the vehicle.
         events: events of the log, with those of motors at their limit.
-        ending: how the flight was lost; None if it was not.
+        ending: event with which the flight was lost; None if it was not.
 
     Returns:
         Facts with the motor as subject, its ``excess`` above the others as a share of the range, and the time at the
@@ -110,7 +110,7 @@ def with_saturated_motor(
     at its limit first is stated only if no other motor was there just before.
 
     Args:
-        ending: how the flight was lost, which may have a cause already; None if it was not.
+        ending: event with which the flight was lost, which may have a cause already; None if it was not.
         losses: motors that lost thrust (:func:`saturation_losses`), in any boot and in the order of time.
         events: events of the log, with those of motors at their limit.
     """
@@ -163,7 +163,7 @@ def _saturation_loss(
     Args:
         signals: signals of the vehicle.
         motors: its k motors.
-        event: that one of them was at its limit.
+        event: event that one of them was at its limit.
         is_lost: whether the vehicle was lost after that.
     """
     boot = event.figures["boot"]
@@ -207,7 +207,7 @@ def _outstanding_excess(
     Args:
         signals: signals of the vehicle.
         motors: its k motors.
-        event: that one of them was at its limit.
+        event: event that one of them was at its limit.
         interval: start and end of the event, s since boot; the end may be infinite.
 
     Returns:

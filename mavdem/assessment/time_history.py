@@ -124,8 +124,8 @@ def time_history(
         signals: signals of the vehicle.
         settled: segments of settled flight; the boot is that of the first one or, without any, the one with the most
             samples of the attitude.
-        wind: what is known of the wind.
-        events: what happened, in order of boot and time.
+        wind: evidence of the wind.
+        events: events in the order of boot and time.
 
     Returns:
         The time history; None if the boot has less than two samples of the attitude.
@@ -256,8 +256,8 @@ def _followed_setpoint(
     """Returns a signal with its setpoint at the same times.
 
     Args:
-        signal: what was measured.
-        setpoint: what was commanded; None if it was not recorded.
+        signal: measured quantity.
+        setpoint: commanded quantity; None if it was not recorded.
         unit: unit of both.
         segment: part of the log.
 
@@ -280,7 +280,7 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
     """Returns the estimated wind, with the autopilot's own estimate as speed (m/s) and direction (degrees).
 
     Args:
-        evidence: what is known of the wind.
+        evidence: evidence of the wind.
         segment: part of the log.
 
     Returns:

@@ -178,7 +178,7 @@ def _announce(activity: str, args: Sequence[str]) -> None:
     """Reports on standard error which log a command is going to work on.
 
     Args:
-        activity: What it does with the log, such as "Reading".
+        activity: Activity of the command, such as "Reading".
         args: Arguments of the command. An argument after one that begins with a hyphen is the value of an option, and
             not the log.
     """

@@ -330,7 +330,7 @@ def _run_and_show_status(
 
     Args:
         session: The session.
-        is_end_requested: Returns whether the user has requested the end.
+        is_end_requested: Function that returns whether the user has requested the end.
         duration: Seconds until the end; None for no limit.
         plain: Whether the status is printed as lines below each other even on a terminal.
     """
@@ -386,7 +386,7 @@ def _write_text(path: Path | None, text: str, subject: str) -> bool:
     Args:
         path: Path of the file; None if it is not to be written.
         text: Content of the file.
-        subject: What it is, "model" or "page".
+        subject: Kind of the file, "model" or "page".
 
     Returns:
         False if the file was to be written and could not be.

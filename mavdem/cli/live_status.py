@@ -84,7 +84,7 @@ class StatusLines:
         """Prints the quantities whose watching has begun or ended since the last call, and why.
 
         Args:
-            watch_facts: For each quantity the fact that it is watched, or why it is not.
+            watch_facts: Fact for each quantity that it is monitored, or why it is not.
         """
         former_texts = self._watch_texts
         self._watch_texts = set()

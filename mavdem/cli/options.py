@@ -57,7 +57,7 @@ class NumberRange(click.FloatRange):
         """Returns the number that a user has typed.
 
         Args:
-            value: What the user has typed, such as "7.5" or "7.5s", or the default.
+            value: Text from the user, such as "7.5" or "7.5s", or the default.
             param: The option.
             ctx: Context of the command.
 

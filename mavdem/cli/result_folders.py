@@ -21,16 +21,20 @@ from mavdem.results import (
 
 
 def default_result_folder(source: str) -> Path:
-    """Returns the folder for the results of a log where the user names none.
+    """Returns the folder for the results of a log if the user names none.
 
-    It is in the current folder, has the log's name without its ending, and holds no results of another log.
+    It is in the current folder and named after the log without its ending. If a folder of that name contains the
+    results of another log, it gets a new name.
 
     Args:
         source: Path of the log.
+
+    Returns:
+        Path of the folder, which may exist already.
     """
     log_path = Path(source)
     name = Path(log_path.name.removesuffix(".xz")).stem
-    # The name must not be the log's own, which has no ending then, and not consist of dots as "." and ".." do.
+    # The name must differ from the log's, also if that has no ending, and must not be "." or "..".
     if name == log_path.name or not name.strip("."):
         name = f"{log_path.name}-learned"
     return available_folder(name, REPORT_FILE, {"source": source})

@@ -135,7 +135,7 @@ def map_flights(
         axis: Axis of the flights.
         vehicle: Name of the vehicle in each log; it may be None if a log has only one.
         inputs: Inputs of the flights, "motors" or "demand"; None for the default.
-        function: Called with the name of a flight, and the flight; it may raise ``NotLearnable``.
+        function: Function that is called with the name of a flight, and the flight; it may raise ``NotLearnable``.
 
     Returns:
         Results of the function, by the flight's name.
@@ -162,7 +162,7 @@ def report_excluded(results: Sized, errors: Mapping[str, NotLearnable | Unreadab
 
     Args:
         results: Results of the other flights.
-        errors: Why each flight is left out, by the name to report.
+        errors: Reason why each flight is left out, by the name to report.
 
     Raises:
         Unreadable, NotLearnable: The first of ``errors``, if there are no results.

@@ -84,7 +84,7 @@ def escape_unprintable(text: object) -> str:
     reverse the direction of writing.
 
     Args:
-        text: what is to be printed; it is converted to a string.
+        text: object to print; it is converted to a string.
     """
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode()

@@ -226,7 +226,7 @@ def _track_with_progress(
     Args:
         folder: Folder of the fleet.
         logs: Logs, folders, patterns and URLs.
-        reader: Reads the logs, on this machine or on a cluster.
+        reader: Workers that read the logs, on this machine or on a cluster.
         baseline: Logs or a fleet of healthy flights; empty for those of the last run.
 
     Raises:
@@ -305,7 +305,7 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
 
     Args:
         rows: All rows of the fleet's table.
-        given_name: What was typed, see :func:`_store_name`.
+        given_name: Argument of --name, see :func:`_store_name`.
     """
     subject = given_name.partition("=")[0]
     return _is_vehicle(rows, subject) or bool(_contents_of_log(rows, subject))
@@ -316,7 +316,7 @@ def _store_names(store: Store, given_names: Names) -> str | None:
 
     Args:
         store: The open store of the fleet.
-        given_names: What was typed, see :func:`_store_name`.
+        given_names: Arguments of --name, see :func:`_store_name`.
 
     Returns:
         The first that names neither a vehicle nor a log of the fleet; None if all are known.
@@ -339,7 +339,7 @@ def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
     Args:
         store: The open store of the fleet, in a transaction.
         rows: All rows of the fleet's table.
-        given_name: What was typed: a vehicle's name in the table or the file name of a log, "=", and the name.
+        given_name: Argument of --name: a vehicle's name in the table or the file name of a log, "=", and the name.
     """
     subject, _, typed_name = given_name.partition("=")
     name = plain_name(typed_name)

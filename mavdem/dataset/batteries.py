@@ -138,7 +138,7 @@ def _add_battery_of_sys_status(
 
     Args:
         batteries: Those of BATTERY_STATUS by number; the battery is added, or replaces the only one.
-        sys_status: That of SYS_STATUS.
+        sys_status: Battery of SYS_STATUS.
         autopilot: MAV_AUTOPILOT without its prefix.
     """
     if not batteries:

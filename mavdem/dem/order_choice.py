@@ -211,7 +211,7 @@ def free_energy_of_flights(
         flights: flights, or segments of one, by name.
         max_order: the highest order that is fitted.
         known_inputs: whether the recorded inputs drive the system.
-        progress: called after each flight with the completed fraction of all.
+        progress: function that is called after each flight with the completed fraction of all.
 
     Returns:
         Results of :func:`free_energy_by_order` by name of the flight; and by name of each other flight, why it has

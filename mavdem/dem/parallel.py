@@ -184,8 +184,9 @@ def process_pool(
 
     Args:
         workers: Number of processes.
-        prepare: Called in the main thread of each process before its first job, while signals are still blocked.
-        start_method: How the processes are started. Forked ones hold all that this process has open.
+        prepare: Function that is called in the main thread of each process before its first job, while signals are
+            still blocked.
+        start_method: Start method of the processes. Forked ones keep open all files of this process.
 
     Yields:
         An executor whose processes have started.
@@ -359,7 +360,7 @@ def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) 
 
     Args:
         stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer wanted.
-        prepare: What else is to be done before the first job.
+        prepare: Function that is called before the first job.
     """
     global _stop_pipe
     _stop_pipe = stop_pipe

@@ -190,10 +190,10 @@ def track_document(
     Args:
         fleet: folder of the fleet.
         page: page of the fleet.
-        tracked: what the run did.
+        tracked: result of the run.
         counts: values of the further keys of ``Track``: numbers of flights and vehicles, flights by tier and by health,
             and the logs without a flight.
-        changes: by vehicle, the first row of its latest flight, and what differs from its baseline.
+        changes: first row of the latest flight, and its differences from the baseline, by vehicle.
         vehicle_names: names that were given to vehicles.
 
     Returns:

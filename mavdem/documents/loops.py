@@ -227,7 +227,7 @@ def tune_document(source: str, margins: str, tuning: Tuning) -> Tune:
     Args:
         source: name of the log.
         margins: name of the stability margins that were asked for, as in ``--margins``.
-        tuning: by axis the advised gains, or why the loops of the axis are not known; and the judgement of the flight.
+        tuning: advised gains by axis, or the reason why its loops are not known; and the judgement of the flight.
 
     Returns:
         The document. Its key ``error`` is there only if no axis has gains to set.
@@ -251,7 +251,7 @@ def _axis_document(advice: Advice | Fact, decision: Fact | None) -> AxisAdvice:
     Args:
         advice: the loops of the axis with the gains before and after the change, the gains to set and the noise of the
             demand; or a fact that says why the loops are not known.
-        decision: what is wrong with the loops of the axis, with what to do about it; None without a flight.
+        decision: decision on the loops of the axis; None without a flight.
 
     Returns:
         The record. Without known loops it has the keys ``refusal`` and ``decision`` only. If the loops are known but no

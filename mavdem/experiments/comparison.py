@@ -141,7 +141,7 @@ class Outcome:
         """Returns the mean squared prediction error of each output over the whole test part.
 
         Args:
-            question: what the forecast was given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             Errors (m,), in the squares of the outputs' units.
@@ -152,7 +152,7 @@ class Outcome:
         """Returns the values of this outcome for a document, without the forecasts themselves.
 
         Args:
-            question: what the forecast was given.
+            question: kind of forecast: which data it may use.
 
         Returns:
             Values by key. ``failure``, ``stable``, ``cautions`` and ``seconds`` are as in this class. ``mspe`` has the
@@ -383,7 +383,7 @@ class Comparison:
         """Returns the names of the methods that answer a question.
 
         Args:
-            question: what the forecasts are given.
+            question: kind of forecast: which data it may use.
         """
         return tuple(outcome.method for outcome in self.outcomes[0] if question in outcome.scores)
 

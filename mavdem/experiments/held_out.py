@@ -208,7 +208,7 @@ def held_out_windows(
         flights: segments of one vehicle, sampled alike.
         settings: settings of the fits; ``Settings()`` unless given.
         steps: number of samples of a window; those of 1.5 s unless given.
-        progress: called with the share of the folds that are done, 0 to 1.
+        progress: function that is called with the share of the folds that are done, 0 to 1.
 
     Returns:
         All windows in the order of time, with their forecasts and those of the baselines. Windows whose model could not

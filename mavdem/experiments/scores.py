@@ -156,7 +156,7 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     mean.
 
     Args:
-        train: gives mean and variances.
+        train: training data, which give mean and variances.
         test: H samples that were forecast.
         forecast: (H, m) outputs, in the units of ``test``.
 

@@ -112,7 +112,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
     then hold throughout.
 
     Args:
-        path: of the file.
+        path: path of the file.
         axis: "roll", "pitch" or "yaw".
 
     Raises:
@@ -162,7 +162,7 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
     Args:
         flights: segments of one flight, with the times of their samples on the boot clock, s. The last output is the
             rate of the axis, rad/s, by whose name, such as "roll rate", the axis is chosen.
-        path: of the truth file.
+        path: path of the truth file.
 
     Returns:
         The truth of that axis, for the whole simulated flight.
@@ -233,7 +233,7 @@ def compared_effects(
     Args:
         physical: the estimated parameters.
         flight: a segment, for the names and units of its inputs.
-        truth: of the flight.
+        truth: truth of the flight.
         time: (T,) times of all samples of the flight, s. The effect that held for most of them counts: it changes when
             a motor fails.
 

@@ -53,7 +53,7 @@ def messages_of(telemetry: Telemetry) -> list[MessageFields]:
     """Lists the messages of a vehicle that have numeric fields, in the order of their names.
 
     Args:
-        telemetry: What the vehicle sent.
+        telemetry: Messages of the vehicle.
 
     Returns:
         For each message its fields and instances, its count, and its rate, Hz: where several instances, such as
@@ -93,10 +93,10 @@ def samples_of(
     times. Only the columns of time, boot, instance and the field itself are read.
 
     Args:
-        telemetry: What the vehicle sent.
+        telemetry: Messages of the vehicle.
         message: Name of the message, as MAVLink or as the log calls it.
         field: One of the message's numeric fields, as ``messages_of`` lists them.
-        instance: Which of several equal sensors or outputs; None for all of them.
+        instance: Number of one of several equal sensors or outputs; None for all of them.
         boot: After which boot of the autopilot, from 0.
 
     Raises:

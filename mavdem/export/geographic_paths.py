@@ -48,7 +48,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
     """Returns the paths that a vehicle flew, one for each boot with at least two positions.
 
     Args:
-        vehicle: what the vehicle sent.
+        vehicle: messages of the vehicle.
 
     Raises:
         Unreadable: no message has geographic positions.

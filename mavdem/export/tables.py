@@ -125,8 +125,8 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
     Args:
         file: open file to write to; it stays open.
         table: the columns, all of the same length.
-        provenance: where the flight comes from. It is not written, since CSV has no place for metadata; the argument is
-            there because all writers of tables are called alike.
+        provenance: source of the flight. It is not written, since CSV has no place for metadata; all writers of tables
+            have the same arguments.
     """
     formatted_columns = []
     for name, column in table.items():
@@ -146,7 +146,7 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
     Args:
         file: open file to write to; it stays open.
         table: the columns, all of the same length.
-        provenance: where the flight comes from, and how it was resampled.
+        provenance: source of the flight, and how it was resampled.
 
     Raises:
         ImportError: ``pyarrow`` is not installed.

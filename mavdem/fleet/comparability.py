@@ -62,7 +62,7 @@ def _known_properties(flights: Flights, property_of: Callable[[FlightRow], str |
 
     Args:
         flights: the flights of one state.
-        property_of: returns the property of a row, or ``None`` where it is not known.
+        property_of: function that returns the property of a row; None if it is not known.
     """
     values = set()
     for flight in flights:
@@ -99,8 +99,8 @@ def missing_quantities(
 
     Args:
         states: the flights of both states.
-        estimates: by state and flight, the quantities that have an estimate.
-        obstacle: why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
+        estimates: quantities that have an estimate, by state and flight.
+        obstacle: reason why nothing, or nothing that needs a model, can be compared; from :func:`comparison_obstacle`.
 
     Yields:
         One entry for all quantities, or one for all of models, where there is an obstacle; otherwise one for each
@@ -133,7 +133,7 @@ def _has_estimate(quantity: Quantity, state_estimates: Sequence[Iterable[Quantit
 
     Args:
         quantity: the quantity; the number of its motor is not compared.
-        state_estimates: for each flight of the state, the quantities that have an estimate.
+        state_estimates: quantities that have an estimate, for each flight of the state.
     """
     for flight in state_estimates:
         for estimated in flight:
@@ -148,7 +148,7 @@ def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fac
     Either its models say that their value is biased or not identifiable, or no flight has a value at all.
 
     Args:
-        quantity: what is missing.
+        quantity: missing quantity.
         state_name: "A" or "B", for the message.
         flights: the flights of the state.
     """

@@ -120,7 +120,7 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
     """Returns the kinds of quantities that can be compared in spite of an obstacle; all kinds without one.
 
     Args:
-        obstacle: what keeps two states from being compared, from :func:`comparison_obstacle`; ``None`` for nothing.
+        obstacle: reason why two states cannot be compared, from :func:`comparison_obstacle`; None without one.
     """
     if obstacle is None:
         return list(SD_BETWEEN_FLIGHTS)

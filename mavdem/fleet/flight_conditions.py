@@ -109,8 +109,8 @@ def condition_allowance(kind: str, before: Conditions, after: Conditions) -> flo
 
     Args:
         kind: kind of the quantity, such as ``SHARE``.
-        before: how the first state was flown.
-        after: how the second state was flown.
+        before: flight conditions of the first state.
+        after: flight conditions of the second state.
 
     Returns:
         A standard deviation in the unit of the difference: relative for shares and effects, rad and dB for margins.

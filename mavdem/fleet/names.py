@@ -93,7 +93,7 @@ def plain_name(text: str) -> str:
     """Returns a name that a user has typed in the form in which it is stored: one printable line of limited length.
 
     Args:
-        text: what was typed. Spaces and line breaks in a row become one space.
+        text: name as it was typed. Several spaces and line breaks become one space.
     """
     line = re.sub(r"\s+", " ", text).strip()
     printable = "".join(letter for letter in line if letter.isprintable())
@@ -113,7 +113,7 @@ def name_vehicle(db: sqlite3.Connection, vehicle: str, name: str) -> None:
 
     Args:
         db: the connection to the store of a fleet.
-        vehicle: what the logs call it.
+        vehicle: name of the vehicle in its logs.
         name: the name, as :func:`plain_name` returns it; empty for none.
     """
     db.execute("delete from vehicle_names where vehicle = ?", [vehicle])

@@ -20,7 +20,7 @@ def kept_summaries(
         store: the open store of the fleet.
         version: version of the summaries: those of another version, or another version of mavdem, are outdated.
         outdated_vehicles: names of the vehicles that were judged since their summaries were made.
-        make: makes the summary of a vehicle.
+        make: function that makes the summary of a vehicle.
     """
     full_version = f"{version} of {metadata.version('mavdem')}"
     with store.transaction():
@@ -46,7 +46,7 @@ def kept_charts(store: Store, vehicle: str, make: MakePart) -> str:
     Args:
         store: the open store of the fleet, with the summary of the vehicle.
         vehicle: its name.
-        make: makes the charts of a vehicle.
+        make: function that makes the charts of a vehicle.
     """
     query = "select charts from vehicle_parts where vehicle = ?"
     (charts,) = store.db.execute(query, [vehicle]).fetchone()

@@ -154,7 +154,7 @@ def quantity_change(
     degrees of freedom follow from those of both variances by Welch and Satterthwaite.
 
     Args:
-        quantity: what is compared.
+        quantity: compared quantity.
         before: estimates in the flights of the first state, at least one.
         after: estimates in the flights of the second state, at least one.
         allowance: standard deviation of what other conditions may do to the difference.

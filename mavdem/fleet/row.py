@@ -397,7 +397,7 @@ class FlightRow:
 
         Args:
             file: path or URL of the log.
-            status: why it has none.
+            status: reason why it has none.
             columns: further columns, such as the system id of a vehicle.
         """
         return FlightRow(file=file, status=str(status), status_code=status.code, **columns)

@@ -44,7 +44,8 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
     Args:
         path: path of the log.
         key: hash and size of the log's content, by which its pages are named.
-        make_page: makes the HTML of a flight's page from the log's name and its assessment; no pages unless given.
+        make_page: function that makes the HTML of a flight's page from the log's name and its assessment; no pages
+            unless given.
 
     Returns:
         A row for each vehicle and axis, and the HTML of pages by the name of the file. A vehicle without settled flight

@@ -75,7 +75,7 @@ def state_of(
     """Returns the flights of a vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares.
 
     Args:
-        name: what the log or the fleet is called in messages.
+        name: name of the log or the fleet in messages.
         path: path of the log, or of the folder of the fleet.
         vehicle: name of the vehicle, as a fleet has it; in a log also "system:component". All vehicles unless given.
         days: days whose flights count; those of all days unless given.

@@ -168,7 +168,7 @@ class Store:
 
         Args:
             source: the log, with its version.
-            outcome: how the present reading ended.
+            outcome: outcome of the present reading.
         """
         if outcome.key:
             return False
@@ -187,7 +187,7 @@ class Store:
 
         Args:
             source: name, size and version of the log.
-            outcome: what came of reading it.
+            outcome: outcome of reading it.
             limits: the limits within which it was read; with higher ones it may be read again.
         """
         self._write_pages(outcome)
@@ -248,10 +248,10 @@ class Store:
         moved is known by its new path without being read again.
 
         Args:
-            path: the new name.
+            path: new name of the log.
             version: version of the file, which changes with its content.
             tracked: whether the log is in the table of the fleet.
-            content: key of the content.
+            content: key of the content of the log.
         """
         known_paths = self.db.execute("select path from logs where log = ?", [content]).fetchall()
         self.db.execute(
@@ -270,17 +270,17 @@ class Store:
             self._delete_rows()
 
     def reread_logs_without_page(self) -> None:
-        """Marks the logs to be read again whose pages are incomplete: one that a row of theirs names does not exist.
+        """Marks the logs with a missing page to be read again.
 
-        A page is the HTML file of a flight. A log whose column ``ended`` is "source" is read again like one whose file
-        could not be opened.
+        A page is the HTML file of a flight, which a row of the log names. The marked logs get "source" in the column
+        ``ended``, and so are read again like a log whose file could not be opened.
         """
-        written = set()
+        existing_pages = set()
         if (self.folder / PAGES).is_dir():
-            written = {f"{PAGES}/{name}" for name in os.listdir(self.folder / PAGES)}
-        pages = self.db.execute("select distinct log, page from flights where page is not null")
-        contents = [[content] for content, page in pages if page not in written]
-        self.db.executemany("update logs set ended = 'source' where log = ?", contents)
+            existing_pages = {f"{PAGES}/{name}" for name in os.listdir(self.folder / PAGES)}
+        rows = self.db.execute("select distinct log, page from flights where page is not null")
+        marked_logs = [[content] for content, page in rows if page not in existing_pages]
+        self.db.executemany("update logs set ended = 'source' where log = ?", marked_logs)
 
     def track(self, sources: Iterable[LogSource]) -> None:
         """Marks logs as tracked, as far as the store has them: the fleet's table shows the flights of these only."""

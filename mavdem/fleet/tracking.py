@@ -218,9 +218,9 @@ def track(
     Args:
         folder: folder of the fleet, which is made if it does not exist.
         names: files, folders, patterns and URLs of logs.
-        reader: reads the logs.
+        reader: workers that read the logs.
         baseline: names of healthy flights, or the folder of one fleet; if empty, the baseline of the last run.
-        page: makes the page of a flight, as in ``Job``; None for no pages.
+        page: function that makes the page of a flight, as in ``Job``; None for no pages.
         assess: judges all flights of a vehicle.
         progress: function that is called as logs are read.
 
@@ -282,8 +282,8 @@ def _read_new_logs(
         store: the fleet's store.
         logs: the logs, read or not.
         reader: the processes that read logs, with their limits.
-        page: makes the page of a flight; None for no pages.
-        progress: called before the first log, and after each one.
+        page: function that makes the page of a flight; None for no pages.
+        progress: function that is called before the first log, and after each one.
 
     Returns:
         The number of logs that were read, and a fact for each known log that cannot be read now.

@@ -301,7 +301,7 @@ class LogReader:
         """Waits for a result.
 
         Args:
-            future: what is waited for.
+            future: future to wait for.
             is_beyond_limits: whether to wait no longer; it is called every ``POLL_SECONDS``.
 
         Returns:
@@ -377,7 +377,7 @@ def side_by_side(
     Args:
         reads: the readers' functions; each reads one log at a time, and returns None if it was cancelled.
         jobs: the logs; the next one is taken when a reader is free.
-        cancel: called when no more outcomes are wanted; the readers' functions return soon after it.
+        cancel: function that is called when no more outcomes are wanted; the readers' functions return soon after it.
 
     Yields:
         The outcomes, in the order in which they come.
@@ -455,7 +455,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
 
     Args:
         job: path or URL of the log, and the keys of logs of the same size that were read already.
-        read: reads a file, given its path, key and the maker of its page.
+        read: function that reads a file, given its path, key and the maker of its page.
 
     Returns:
         The outcome, also of a log that cannot be reached or read.

@@ -194,8 +194,8 @@ def blocks_of_other_recordings(
     Args:
         messages: The messages with a stamp.
         log_starts: Offsets of the definitions (FMT), with which a log begins, ascending; none of a stream.
-        boots: When the boot clock read 0, as far as UTC is known.
-        rules: What the clock may do.
+        boots: UTC at which the boot clock read 0, where it is known.
+        rules: Limits of what the clock may do.
 
     Returns:
         The blocks in the order of the file; none if the clock never goes back, and UTC agrees with it.

@@ -435,7 +435,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
 
     Args:
         topics: The logged topics.
-        sample_topic: Where the samples of this sensor are logged.
+        sample_topic: Topic in which the samples of this sensor are logged.
 
     Returns:
         ``time`` (N,), s, and ``x``, ``y`` and ``z`` (N,), rad/s or m/s².

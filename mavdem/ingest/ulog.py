@@ -275,16 +275,16 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
 
     A topic is a kind of message of PX4, such as ``vehicle_attitude``; it has several instances where, say, a vehicle
     has two batteries. The first message of each topic needs care: when logging starts, PX4 logs the topic's last
-    message, with its stamp, which may be long past. It is kept, since it says what held at the start, and is dated
-    to the start of the log.
+    message, with its stamp, which may be long past. It is kept, since it says what held at the start, and is dated to
+    the start of the log.
 
     Args:
         logged_topics: The data records of each subscription.
-        start: When logging began, s since boot.
+        start: Start of the logging, s since boot.
 
     Returns:
-        The topics by name and number of the instance, each with ``time``, s since boot; and the number of messages
-        that were left out.
+        The topics by name and number of the instance, each with ``time``, s since boot; and the number of messages that
+        were left out.
     """
     subscriptions: dict[tuple[str, int], list[Columns]] = {}
     for topic in logged_topics:
@@ -317,7 +317,7 @@ def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
 
     Args:
         log: The parsed file, with the interruptions of the logger, whose durations are in ms.
-        loss: What was left out of it.
+        loss: Summary of the parts that were left out.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 
     Returns:

@@ -87,8 +87,8 @@ def _columns(
 
     Args:
         content: Bytes of the file.
-        body_offsets: Where the records (N,) begin behind the number of their subscription.
-        layout: What the records look like.
+        body_offsets: Offset (N,) of the byte after the subscription number of each record.
+        layout: Layout of the records.
         fields: The fields to decode.
 
     Returns:
@@ -124,7 +124,7 @@ def _integers_at(
 
     Args:
         content: Bytes of the file.
-        offsets: Where the integers begin (N,).
+        offsets: Offset (N,) of each integer.
         stored: Type of the integers.
     """
     return rows_of(content, offsets, stored.itemsize).view(stored)[:, 0]
@@ -138,8 +138,8 @@ def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: 
 
     Args:
         records: The records of the file.
-        other_offsets: Where the M records that are no data begin, ascending.
-        data_offsets: Where the N data records begin, ascending.
+        other_offsets: Offset (M,) of each record without data, ascending.
+        data_offsets: Offset (N,) of each data record, ascending.
     """
     content = records.content
     pieces = [records.file_header]
@@ -158,7 +158,7 @@ def _latest_record(records: SoundRecords, data_offsets: Offsets) -> bytes:
 
     Args:
         records: The records of the file.
-        data_offsets: Where the N data records in question begin.
+        data_offsets: Offset (N,) of each data record in question.
     """
     content = np.frombuffer(records.content, dtype=np.uint8)
     stamp_starts = data_offsets + DATA_HEADER.size

@@ -81,7 +81,7 @@ class BootClock:
 
         Args:
             message: a message of this vehicle, in the order of arrival. Its ``stamp`` is in s, 0 for none.
-            reception: when it was received, UNIX s.
+            reception: time when it was received, UNIX s.
         """
         self._reception = reception
         has_own_stamp = message.stamp > 0

@@ -108,8 +108,8 @@ class _ErrorSums:
         """Adds the errors of a prediction, and of its baseline, to the sums.
 
         Args:
-            prediction: has m predicted outputs with half widths of their band, and the outputs at the time when it was
-                made: the baseline predicts that they stay.
+            prediction: prediction that has m predicted outputs with half widths of their band, and the outputs at the
+                time when it was made: the baseline predicts that they stay.
             outputs: the m outputs that were measured at the predicted time.
         """
         for column, measured in enumerate(outputs):
@@ -239,7 +239,7 @@ class LiveHistory:
         Args:
             time: time of the row that the estimate is of, s of the timeline.
             outputs: the row's m measured outputs: the baseline predicts that they stay.
-            estimate: has predicted outputs and half widths of their band, (K, m), for K times ahead.
+            estimate: estimate with predicted outputs and half widths of their band, (K, m), for K times ahead.
         """
         times = (estimate.ahead_times + self.timeline_offset).tolist()
         ahead = estimate.ahead.tolist()

@@ -48,7 +48,7 @@ class LinkIntake:
         Args:
             link: the link.
             frame_reader: finds the frames in its bytes.
-            recording: what records them.
+            recording: recording of the raw stream; None for none.
             log: is called with each fact about link and recording.
         """
         self.recording = recording

@@ -33,7 +33,7 @@ class ModelJudging:
         """Begins without a judgement.
 
         Args:
-            executor: where models are judged in flight; None to judge at the end only.
+            executor: executor in which models are judged in flight; None to judge at the end only.
             recording_name: the log that shows more; empty if it is known later, None without one.
         """
         self.findings: Findings | None = None
@@ -58,8 +58,8 @@ class ModelJudging:
 
         Args:
             now: s of the monotonic clock.
-            learning: has the newest model.
-            stream: has the autopilot's parameters, and changes of the motors' balance.
+            learning: learning that has the newest model.
+            stream: stream that has the autopilot's parameters, and changes of the motors' balance.
             is_busy: whether this computer has no time to judge.
         """
         if self._pending is not None:
@@ -107,7 +107,7 @@ class ModelJudging:
 
         Args:
             model: the final model; None without one.
-            row_format: what the latest rows are; None without any.
+            row_format: format of the latest rows; None without any.
             alarms: changes of the motors' balance.
 
         Returns:

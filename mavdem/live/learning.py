@@ -231,7 +231,7 @@ class FlightLearning:
         has ended, the last model from before the landing is the final one (``has_landed``).
 
         Args:
-            landing_time: when the landing began, s of the boot clock.
+            landing_time: time when the landing began, s of the boot clock.
         """
         assert self.learner is not None
         self.learner.forget_since(landing_time)

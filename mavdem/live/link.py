@@ -111,7 +111,7 @@ class LinkLost(Exception):
 
         Args:
             name: connection string of the link.
-            cause: why it is lost.
+            cause: reason why it is lost.
             error: the system's error, where there is one.
         """
         self.fact = Fact(
@@ -380,7 +380,7 @@ class Link:
 
         Args:
             opened: the socket.
-            address: where ``udpin`` listens, or ``udpout`` sends to, as the socket module gives it.
+            address: address at which ``udpin`` listens, or to which ``udpout`` sends, in the form of the socket module.
 
         Raises:
             OSError: the address is in use, or does not belong to this machine.
@@ -514,7 +514,7 @@ class Link:
         later.
 
         Args:
-            cause: why the link is lost.
+            cause: reason why the link is lost.
             error: error of the system, if there was one.
 
         Raises:

@@ -138,7 +138,7 @@ def decode_message(frame: Frame) -> Message | None:
     It is called for every frame of a link, and therefore reads only these fields, all of them at once.
 
     Args:
-        frame: with a matching checksum; others may hold any bytes.
+        frame: frame with a matching checksum; others may hold any bytes.
 
     Returns:
         The message, with its stamp in s; None if nothing live needs it.

@@ -46,9 +46,10 @@ class Milestones:
         """Reports the first model, as soon as it is there.
 
         Args:
-            learning: has the latest model.
+            learning: learning that has the latest model.
             now: present time on the boot clock, s.
-            takeoff_time: when the vehicle left the ground, s of that clock; minus infinity where that was not seen.
+            takeoff_time: time when the vehicle left the ground, s of that clock; minus infinity where that was not
+                seen.
         """
         learner = learning.learner
         if self._has_model or learner is None or learner.learned is None:
@@ -71,7 +72,7 @@ class Milestones:
         landing, is what the flight has shown, provided that rows were learned from since the last such report.
 
         Args:
-            learning: has the latest estimates.
+            learning: learning that has the latest estimates.
             status: status of the session, with the judgement of the model and the wind.
             now: present time on the boot clock, s.
         """
@@ -155,7 +156,7 @@ def _parameter_figures(learning: FlightLearning, physical: Physical | None) -> d
     """Returns the physical parameters as figures of a fact, each with the half width of its 90 % interval.
 
     Args:
-        learning: has the unit of the inputs.
+        learning: learning that has the unit of the inputs.
         physical: the physical parameters; None without any.
 
     Returns:

@@ -44,7 +44,7 @@ def judge_model(
 
     Args:
         learned: the model, of one axis.
-        row_format: what its rows are made of: message names, mixer geometry, and scale of the motors.
+        row_format: format of its rows: message names, mixer geometry, and scale of the motors.
         alarms: changes of the motors' balance in the flight.
         recording_name: the log that shows what no live message does; empty if it is known later, None without one.
 

@@ -59,11 +59,11 @@ class Presentation:
     def open(self, row_format: RowFormat) -> None:
         """Opens the display for rows of a format, which may replace the present display.
 
-        A first display is given all events so far. If opening fails, that is reported and no display is opened again:
-        a session must not end because it cannot be watched.
+        A first display is given all events so far. If opening fails, that is reported and no display is opened again: a
+        session must not end because it cannot be watched.
 
         Args:
-            row_format: what the next rows are.
+            row_format: format of the next rows.
         """
         had_display = self.has_display
         try:
@@ -94,7 +94,7 @@ class Presentation:
 
         Args:
             row: the row.
-            row_format: has the boot whose clock the row's time is on, and the range of the motors.
+            row_format: format of the row, with the boot of its time, and the range of the motors.
             estimate: estimate of the learner; None of a row that was not learned from.
             wind: the latest; None before any.
         """

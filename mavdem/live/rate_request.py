@@ -414,7 +414,7 @@ class RateRequest:
 
         Args:
             interval: the message.
-            code: what is reported.
+            code: code of the reported fact.
             **figures: figures of the fact by name.
         """
         if interval.is_reported:

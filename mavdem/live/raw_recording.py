@@ -57,7 +57,7 @@ class RawRecording:
         Passing on each frame by itself would take most of the time; what still waits here is lost in a crash.
 
         Args:
-            stamp: when the link completed them, UNIX s.
+            stamp: time when the link completed them, UNIX s.
             frames: the frames.
 
         Raises:
@@ -77,7 +77,7 @@ class RawRecording:
         The mark is no frame of the link, and does not count as one. A recording without frames is left empty.
 
         Args:
-            stamp: when it ended, UNIX s.
+            stamp: time when it ended, UNIX s.
 
         Raises:
             OSError: the mark cannot be written.

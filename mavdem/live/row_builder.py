@@ -298,7 +298,7 @@ class RowBuilder:
         rows stay what they are, and the segment goes on with an updated format.
 
         Args:
-            messages: what ``candidate_messages`` returned, by message name.
+            messages: result of ``candidate_messages``, by message name.
             vehicle: identity and parameters.
             now: present time on the boot clock, s.
         """

@@ -292,7 +292,7 @@ def value_at(
 
     Args:
         stream: samples, at least one.
-        sampling: how they become values.
+        sampling: resampling by which they become values.
         time: the point, s of the boot clock.
         dt: step of the grid, s.
 

@@ -106,12 +106,15 @@ class SampleStream:
         return len(self.time) - bisect_left(self.time, now - DECISION_SECONDS)
 
     def recent_rate(self, now: float) -> float:
-        """Returns the mean rate of the samples in the ``DECISION_SECONDS`` before ``now``, s of the boot clock, in Hz.
+        """Returns the mean rate of the samples in the last ``DECISION_SECONDS``.
 
-        Gaps between samples lower the rate. It is 0 with fewer than two samples.
+        Gaps between samples lower the rate.
 
         Args:
-            now: the present time, s of the boot clock.
+            now: present time on the boot clock, s.
+
+        Returns:
+            Rate, Hz; 0 with fewer than two samples.
         """
         count = self.recent_count(now)
         if count < 2:

@@ -30,7 +30,7 @@ def run_session(
 
     Args:
         session: the session, whose ``step`` is called again and again; ending it is left to the caller.
-        is_end_requested: returns whether the user has requested the end.
+        is_end_requested: function that returns whether the user has requested the end.
         duration: s; None for no limit.
         report_period: s between two calls of ``report``.
         report: is called with the session.

@@ -88,8 +88,8 @@ def resumption(missing: Missing, silence: float) -> Fact | None:
     """Returns the fact that messages, or those of the motion, come again after a silence.
 
     Args:
-        missing: what had not come.
-        silence: for how long, s; infinite where nothing had ever come.
+        missing: messages that had not come.
+        silence: duration of the silence, s; infinite if nothing had ever come.
 
     Returns:
         The fact; None if the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.

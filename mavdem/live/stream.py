@@ -178,7 +178,7 @@ class LiveStream:
         """Takes the next frames of the link, where nobody needs the rows that they complete.
 
         Args:
-            stamp: when they were received, UNIX s.
+            stamp: time when they were received, UNIX s.
             frames: the frames.
         """
         for _ in self.take_frames(stamp, frames):

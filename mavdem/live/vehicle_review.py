@@ -50,7 +50,7 @@ class VehicleReview:
         """Begins without a review.
 
         Args:
-            vehicles: has the vehicle that is followed.
+            vehicles: vehicles that has the vehicle that is followed.
             rate_check: checks its messages.
             motor_alarms: tests its motors, sample by sample.
             wind: estimates the wind of its flights.

@@ -368,7 +368,7 @@ class Watchdog:
         left out, since another part of the review knows about it.
 
         Args:
-            review: what is known of the vehicle at this review.
+            review: results of this review.
             motion: the motion of the last minute; None if too little was received.
         """
         obstacles = self._message_obstacles(review.now, motion)
@@ -433,7 +433,7 @@ class Watchdog:
         fact is kept, whose time says since when it is valid.
 
         Args:
-            kind: what is monitored.
+            kind: monitored part of the vehicle.
             obstacle: reason why it is not monitored; None if it is.
             now: present time on the boot clock, s.
         """
@@ -450,9 +450,9 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
     """Returns a fact that replaces a ``watch_fact`` while the link is silent: nothing is watched then.
 
     Args:
-        watch_fact: since when it was watched, or why it was not.
-        reason: why it is not any more.
-        time: since when, s of the boot clock.
+        watch_fact: fact since when it was monitored, or why it was not.
+        reason: reason why it no longer is.
+        time: time from which on it is not, s on the boot clock.
     """
     figures = dict(watch_fact.figures)
     figures["because"] = reason

@@ -167,9 +167,9 @@ class Loop(Margins):
         acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
-            rows: which of the N plants to take; the estimate comes first in any case.
-            effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The
-                first should be 1, so that row 0 remains the estimate.
+            rows: indices of the plants to take, of N; the estimate comes first in any case.
+            effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
+                should be 1, so that row 0 remains the estimate.
             grid: frequencies of the responses.
 
         Returns:
@@ -245,7 +245,7 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
     """Returns the loops of the axes on which they are known.
 
     Args:
-        loops: by axis, the loops, or the fact that states why they are not known.
+        loops: loops by axis, or the fact that states why they are not known.
     """
     return {axis: loop for axis, loop in loops.items() if isinstance(loop, Loop)}
 

@@ -211,7 +211,7 @@ class GainSearch:
         one step towards it.
 
         Args:
-            stage: which gains to choose.
+            stage: stage of tuning, which decides the gains to choose.
             may_lower_bandwidth: whether the rate loop may lose more than a fifth of its bandwidth, because the logged
                 gains lack margin.
 
@@ -394,7 +394,7 @@ class GainSearch:
         if the attitude loop would have less margin than it should, and than it has.
 
         Args:
-            stage: which gains change.
+            stage: stage of tuning, which decides the gains that change.
             design: gains at the end of the stage, by the autopilot's name.
 
         Returns:
@@ -438,7 +438,7 @@ class GainSearch:
         autopilot's default by more than ``MAX_RATIO_CHANGE``.
 
         Args:
-            stage: which gains change.
+            stage: stage of tuning, which decides the gains that change.
             gains: gains to set, by the autopilot's name.
         """
         names = self.loop.controller.parameter_names

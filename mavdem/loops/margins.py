@@ -308,7 +308,7 @@ def plant_response(
         P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters
 
     Args:
-        controller: has the gyro's filters (``Controller.gyro_path``) and the period of the loop.
+        controller: controller that has the gyro's filters (``Controller.gyro_path``) and the period of the loop.
         effectiveness: control effectiveness k of each plant (N,): angular acceleration per demand, rad/s².
         dynamics: damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters.
         grid: frequencies of the responses, at most up to ``MAX_FREQUENCY_RATIO`` of the controller's rate.

@@ -254,7 +254,7 @@ def _fault(
 
     Args:
         flight: The flight.
-        change: How probable each cause is.
+        change: Probability of each cause.
         change_probability: Probability that anything changed.
         reference: Figures of all facts on the flights of comparison.
     """
@@ -329,7 +329,7 @@ def _balance_change(
 
     Args:
         flight: The flight.
-        change: How probable each cause is.
+        change: Probability of each cause.
         change_probability: Probability that anything changed.
         figures: Size of the change, what is usual, and the flights of comparison.
     """

@@ -97,7 +97,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
 
     Args:
         fact: The fact on a motor.
-        time: When it was detected, s on the boot clock.
+        time: Time when it was detected, s on the boot clock.
 
     Returns:
         An alarm with the fact as its reason; otherwise the fact itself, with the time of its detection and without an

@@ -47,7 +47,9 @@ def parameter_history(flights: Flights) -> list[ParametersOfPart]:
 
 
 def _parts(flights: Flights) -> Iterator[Flight]:
-    """Yields the parts of each segment of a flight, which are equally long within a segment.
+    """Yields the parts of a flight over which its physical parameters are estimated.
+
+    All parts of a segment are equally long, about ``PART_SECONDS`` or longer, and there are about ``MAX_PARTS`` in all.
 
     Args:
         flights: segments of one flight, in order of time.

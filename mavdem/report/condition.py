@@ -39,7 +39,7 @@ def log_blocks(contents: JsonValues) -> Blocks:
     """Returns all that a log contains: each vehicle with its messages, then what was received from each sender.
 
     Args:
-        contents: from ``mavdem.assessment.inventory``.
+        contents: inventory from ``mavdem.assessment.inventory``.
     """
     blocks = Blocks()
     for vehicle in contents["vehicles"]:
@@ -73,7 +73,7 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
     """Groups the names of a vehicle's periodic messages by their rounded rate, the fastest first.
 
     Args:
-        vehicle: what a log contains of the vehicle, by the keys of the inventory.
+        vehicle: contents of a log about the vehicle, by the keys of the inventory.
 
     Returns:
         Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are together. A name is followed by what the log
@@ -98,8 +98,8 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
     """Returns a sentence on each sender that lost messages or that is no vehicle, and one on undecodable messages.
 
     Args:
-        contents: from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles`` those of
-            them that are vehicles, and ``unread`` the messages that could not be decoded.
+        contents: inventory from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles``
+            those of them that are vehicles, and ``unread`` the messages that could not be decoded.
     """
     vehicles = [component_id(vehicle) for vehicle in contents["vehicles"]]
     sentences = []
@@ -172,7 +172,7 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     It is None if the autopilot has no estimate of that time.
 
     Args:
-        evidence: what the log shows of the wind, with the autopilot's own estimate.
+        evidence: evidence of the wind, with the autopilot's own estimate.
         wind: the estimate of mavdem, for its time.
     """
     series = evidence.autopilot_estimate

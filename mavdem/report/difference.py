@@ -84,7 +84,7 @@ def difference_blocks(
     Doubts about the vehicles come first, then parameters, what changed, what could not be compared, and the conditions.
 
     Args:
-        difference: what was compared.
+        difference: comparison of the two states.
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
     """
@@ -124,7 +124,7 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
 
     Args:
         latest: row of the latest flight.
-        difference: from the baseline to that flight; None if the baseline has no flight of the vehicle.
+        difference: difference of that flight from the baseline; None if the baseline has no flight of the vehicle.
     """
     lead = "Since the baseline:"
     if difference is None:
@@ -139,14 +139,17 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
 def _change_sentences(
     difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
 ) -> list[Sentence]:
-    """Returns sentences on the quantities that changed, those that stayed the same, and those that are uncertain.
+    """Returns sentences on the quantities that changed, that stayed the same, and that are uncertain.
 
-    A quantity is uncertain where the data shows neither a change nor its absence. Of the uncertain ones, those that are
-    certain by themselves are named first: only the many others that are tested with them make them doubtful.
+    A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities that would be
+    certain if they were tested alone are named first: the joint test of many quantities makes them doubtful.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
         parameters: parameters of the autopilot that changed.
+
+    Returns:
+        The sentences.
     """
     changed = []
     certain = []
@@ -272,7 +275,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
     Args:
         change: change of one quantity.
-        difference: what changed of the vehicle, for the names of its motors.
+        difference: comparison of the vehicle, with the names of its motors.
     """
     quantity = change.quantity
     shown = SHOWN_QUANTITIES[quantity.kind]

@@ -125,7 +125,7 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
     A vehicle has recovered if its motors are healthy now, but had a fault or a drift in an earlier flight.
 
     Args:
-        vehicles: what is known of each vehicle, by what its logs call it.
+        vehicles: summary of each vehicle, by its name in the logs.
         names: names that were given to vehicles.
 
     Returns:

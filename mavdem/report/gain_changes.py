@@ -150,7 +150,7 @@ def _advised_gain_sets(advice: AdviceByAxis) -> Iterator[_GainSet]:
     one are loaded. With several stages, each set has a suffix for the name of its file.
 
     Args:
-        advice: by axis, the advice, or a fact why there is none.
+        advice: advice by axis, or the fact why there is none.
     """
     axes_of_stage: dict[Stage, dict[str, Gain]] = {}
     for axis_advice in advice.values():

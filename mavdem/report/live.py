@@ -33,7 +33,7 @@ def live_report(
     """Returns the report of a live flight in sentences and tables.
 
     Args:
-        history: what was collected in flight.
+        history: history of the flight.
         status: state of the session at its end.
         account: seconds of the flight by what they were used for.
         axis: axis that was learned.

@@ -103,7 +103,7 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
     """Returns the remedies for the loops of an axis, unless it is to run ``mavdem tune``, which made this report.
 
     Args:
-        decision: on the loops of the axis; None if there is none.
+        decision: decision on the loops of the axis; None if there is none.
     """
     if decision is None or decision.action is None or decision.action.code in ADVICE_TO_TUNE:
         return []
@@ -117,8 +117,8 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     follow its setpoint, the rating says so, since good margins alone are not enough then.
 
     Args:
-        advice: on the axis, with the rating.
-        decision: on the loops of the axis; None if there is none.
+        advice: advice on the axis, with the rating.
+        decision: decision on the loops of the axis; None if there is none.
     """
     if decision is None:
         return [advice.rating]
@@ -180,7 +180,7 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     not gains change. Axes with the same caution share a sentence.
 
     Args:
-        advice_by_axis: by axis, the advice, or a fact why there is none.
+        advice_by_axis: advice by axis, or the fact why there is none.
     """
     axes_and_cautions = []
     for axis, advice in advice_by_axis.items():
@@ -211,7 +211,7 @@ def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
     """Returns tables of the margins now and as advised, and sentences on filters and measurements.
 
     Args:
-        advice: on the axis, with its loops.
+        advice: advice on the axis, with its loops.
         is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
     """
     loop = advice.before

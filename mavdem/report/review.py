@@ -54,7 +54,7 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     loops come last.
 
     Args:
-        findings: what is known.
+        findings: findings on the flight so far.
         columns: characters of a line.
     """
     evidence = findings.evidence
@@ -69,8 +69,8 @@ def further_lines(
     """Returns the lines of the review that :func:`first_lines` lacks.
 
     Args:
-        assessment: what is reviewed.
-        findings: what of it has been shown.
+        assessment: assessment of the flight.
+        findings: findings that have been shown already.
         columns: characters of a line.
     """
     first_lights = lights_with_reason_once(findings.lights)
@@ -101,7 +101,7 @@ def _last_lines(assessment: Assessment, light_count: int, columns: int) -> list[
     """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
 
     Args:
-        assessment: what is reviewed.
+        assessment: assessment of the flight.
         light_count: lines of all lights.
         columns: characters of a line.
     """

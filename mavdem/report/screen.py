@@ -130,7 +130,7 @@ def _learned_blocks(analysis: LogAnalysis) -> Blocks:
     """Returns the report of a log's model or, without one, the reason where there is one.
 
     Args:
-        analysis: what the log shows of the axis, with the model or the reason why there is none.
+        analysis: analysis of the axis, with the model or the reason why there is none.
     """
     if analysis.learned is None:
         if analysis.reason is None:
@@ -152,7 +152,7 @@ def _model_blocks(
         findings: grades of the model by purpose, and warnings.
         learned: the learned model.
         held_out: forecasts of windows that no model was trained on; None without.
-        hover: how hard each motor works in hover; None if that is not known.
+        hover: command and headroom of each motor in hover; None if they are not known.
     """
     return [
         *purpose_tables(findings),
@@ -167,7 +167,7 @@ def purpose_tables(findings: Findings) -> Blocks:
     """Returns a table with the grade of a model for each purpose, and the reason; nothing without a model.
 
     Args:
-        findings: what was found on the model, with its grade for each purpose.
+        findings: findings on the model, with its grade for each purpose.
     """
     rows: list[list[str]] = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
@@ -263,19 +263,22 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Returns columns of a table of motors by header: trim, its deviation, headroom, and time at the limits.
+    """Returns the columns of a table of motors: trim, its deviation, headroom, and time at the limits.
 
-    The lower limit has a column only if a motor was there at all.
+    The lower limit has a column only if a motor reached it.
 
     Args:
-        hover: how hard each motor works in settled flight.
+        hover: command and headroom of each motor in settled flight.
+
+    Returns:
+        Cells of each column by its header, one for each motor.
     """
-    # Commands of a bus, such as DShot, have no unit: their share of the range says more than their number.
+    # Commands of a bus, such as DShot, have no unit, so they are shown as shares of their range.
     if hover.unit:
         trim_column = {f"trim ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
     else:
         trim_column = {"trim (% of range)": [f"{100 * share:.1f}" for share in hover.trim_of_range]}
-    # Adding 0.0 turns a rounded -0.0 into 0.0, which has the sign of nothing.
+    # Adding 0.0 turns a rounded -0.0 into 0.0, so that it is shown as +0.0.
     columns = {
         **trim_column,
         "trim deviation (% of mean)": [

@@ -90,7 +90,7 @@ def sentences_for(medium: Medium) -> Iterator[None]:
     variable, so that other threads are not affected.
 
     Args:
-        medium: where the sentences are shown.
+        medium: medium in which the sentences are shown.
     """
     token = MEDIUM.set(medium)
     try:
@@ -142,7 +142,7 @@ def sentences_by_axes(
 
     Args:
         facts: pairs of an axis and a fact about it.
-        text_of_fact: makes the text of a fact; by default its sentence.
+        text_of_fact: function that makes the text of a fact; by default its sentence.
 
     Returns:
         Sentences in the order in which their facts come first.

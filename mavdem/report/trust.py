@@ -29,7 +29,7 @@ def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
     """Returns a table with a row for each check of each boot. Of several boots, each row has the number.
 
     Args:
-        trust_of_boots: what can be trusted in each boot, at least one.
+        trust_of_boots: checks of the sensors in each boot, at least one.
     """
     rows: list[list[str]] = []
     for trust in trust_of_boots:

@@ -48,7 +48,7 @@ def missing_axes(reasons: NamedFacts) -> list[Sentence]:
     """Returns a sentence for each axis that a twin lacks.
 
     Args:
-        reasons: why an axis was not learned, by axis.
+        reasons: reason why an axis was not learned, by axis.
     """
     return [
         Sentence(f"{axis.capitalize()} is not learned: {reason.advised}")
@@ -61,8 +61,8 @@ def twin_blocks(twin: Twin, comparison: Mapping[str, Mapping[str, list[float]]])
 
     Args:
         twin: the learned vehicle.
-        comparison: by axis, figures of the recorded flight and of the twin's in wind of the same spectrum. "levels" are
-            the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
+        comparison: figures of the recorded flight and of the twin's flight in wind of the same spectrum, by axis.
+            "levels" are the twin's rates relative to the recorded ones in each of ``RATE_BANDS``, dB; the keys of
             ``MOTION_FIGURES`` have the recorded and the twin's figure.
     """
     rows = []

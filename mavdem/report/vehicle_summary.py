@@ -199,7 +199,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     """Returns the summary of the flights under one name.
 
     Args:
-        name: what the logs call the vehicle.
+        name: name of the vehicle in its logs.
         rows: all rows under this name.
     """
     all_flights = flights_of(rows)

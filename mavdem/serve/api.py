@@ -94,7 +94,7 @@ class Api:
 
         Args:
             visible: the library, with the access rights.
-            log_added: called after logs were added to the library, or recordings were asked for.
+            log_added: function that is called after logs were added to the library, or recordings were asked for.
             open_recording: opens a recording in a viewer and returns its address; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """

@@ -75,7 +75,7 @@ class Server:
         Args:
             library: the library.
             rights: who may read, upload and change its flights.
-            reading: reads the logs that were uploaded.
+            reading: threads that read the uploaded logs.
             sample_log: a log that visitors may try the server with.
             open_recording: opens a recording in a viewer on this machine and returns its address; None if that is not
                 possible.

@@ -119,7 +119,7 @@ class FieldStore:
 
         Args:
             limits: time and memory for reading one log.
-            reader: reads one log at a time; None for a process of its own.
+            reader: reader of one log at a time; None for a process of its own.
         """
         self._limits = limits
         self._is_stopping = threading.Event()

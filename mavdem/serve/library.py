@@ -410,7 +410,7 @@ class Library:
         """Gives a name to a vehicle; an empty one takes it away.
 
         Args:
-            vehicle: what its logs call it.
+            vehicle: name of the vehicle in its logs.
             name: the name, as it was typed.
 
         Returns:

@@ -50,9 +50,9 @@ class LinkMonitor:
 
         Args:
             link: address of the link, such as ``udpin:127.0.0.1:14550``.
-            library: where recordings of sessions are added.
-            log_added: called after a recording was added.
-            warn: called with the reason where no session runs any more, and with what was lost.
+            library: library to which recordings of sessions are added.
+            log_added: function that is called after a recording was added.
+            warn: function that is called with the reason where no session runs any more, and with what was lost.
 
         Raises:
             Unreadable: the link cannot be opened.
@@ -196,7 +196,7 @@ def _raise_when_recording_ended(fact: Fact) -> None:
     """Ends the session by an error when its recording cannot be written any more; ignores all other facts.
 
     Args:
-        fact: what the session reports about its link.
+        fact: fact that the session reports about its link.
 
     Raises:
         OSError: the fact reports the end of the recording.

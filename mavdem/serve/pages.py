@@ -93,7 +93,7 @@ class Pages:
 
         Args:
             visible: the library, with the access rights.
-            recordings_wanted: called after recordings were asked for.
+            recordings_wanted: function that is called after recordings were asked for.
             sample_log: a log that visitors may try the server with; None for no offer.
             open_recording: opens a recording in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.

@@ -95,7 +95,7 @@ def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
 
     Args:
         estimate: estimated duration of the whole reading, s.
-        seconds_so_far: since when it is being read, s; below 0 where the clock was set back.
+        seconds_so_far: time since the reading began, s; below 0 if the clock was set back.
     """
     seconds_so_far = max(seconds_so_far, 0.0)
     return max(estimate - seconds_so_far, MIN_REMAINING_SHARE * seconds_so_far)

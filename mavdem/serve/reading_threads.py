@@ -128,7 +128,7 @@ class ReadingThreads:
         There is no outcome where the server ends while the log is read: another server, or the next start, reads it.
 
         Args:
-            reader: reads the log, within the limits of time and memory.
+            reader: reader of the log, within the limits of time and memory.
             entry: the log, as this thread has claimed it.
 
         Raises:
@@ -190,7 +190,7 @@ class ReadingThreads:
         """Has the fleet's table of flights written again, on this machine also where a cluster reads the logs.
 
         Args:
-            reader: what reads logs: a process of this machine, or the workers of a cluster.
+            reader: reader of logs: a process of this machine, or the workers of a cluster.
         """
         # A job opens and closes its file. When a process closes SQLite's file, POSIX drops its locks on it, so the job
         # names the server's file instead.

@@ -56,12 +56,12 @@ class Rights:
     def allows(self, request: HTTPConnection, use: Use) -> bool:
         """Returns whether the sender of a request may use all flights of the library in this way.
 
-        The token, or the key for writing, in the header Authorization allows every use. The cookie allows reading
-        only, and the key in the path of an upload's address allows uploading only.
+        The token, or the key for writing, in the header Authorization allows every use. The cookie allows reading only,
+        and the key in the path of an upload's address allows uploading only.
 
         Args:
             request: the request, whose headers, cookies and path may have a secret.
-            use: what the sender wants to do.
+            use: right that the request needs.
         """
         if self._secret_allows(_bearer_secret(request), Use.WRITE):
             return True
@@ -100,7 +100,7 @@ class Rights:
 
         Args:
             request: the request, which may have a secret.
-            use: what the sender wants to do: see, read or change flights.
+            use: right that the request needs: to see, read or change flights.
 
         Raises:
             Refusal: the sender has no such right.

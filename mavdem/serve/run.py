@@ -83,9 +83,9 @@ def serve(
     """Runs a server until it is asked to end.
 
     Args:
-        options: how it runs.
-        report_address: called with the server's URL when it listens.
-        warn: called with problems that its owner should know.
+        options: options of the server.
+        report_address: function that is called with the server's URL when it listens.
+        warn: function that is called with problems that its owner should know.
         opens_browser: whether to open the URL in a browser of this machine.
 
     Raises:

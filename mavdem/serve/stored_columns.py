@@ -232,7 +232,7 @@ class _MappedMessages(Mapping[str, Columns]):
 
         Args:
             data: its bytes, mapped into memory.
-            columns: where the columns are, by message and field.
+            columns: places of the columns in the file, by message and field.
         """
         self._data = data
         self._columns = columns

@@ -52,7 +52,7 @@ class UploadForm(MultiPartParser):
 
         Args:
             request: the request, whose body is the form.
-            library: gives the files their places on the disk.
+            library: library that gives the files their places on the disk.
         """
         # The chunks of the body are received with limits of their own for time and size.
         super().__init__(
@@ -117,14 +117,14 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
 
     Args:
         request: the request. Its announced length is checked against the free space before anything is received.
-        library: gives the files their places.
+        library: library that gives the files their places on the disk.
 
     Returns:
         The complete form, whose files are on the disk.
 
     Raises:
-        Refusal: the request has no valid form or no file, is too large or too slow, or there is no room for it. No
-            file is left on the disk then.
+        Refusal: the request has no valid form or no file, is too large or too slow, or there is no room for it. No file
+            is left on the disk then.
     """
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
         raise Refusal(Request.UPLOAD_WITHOUT_LOG)

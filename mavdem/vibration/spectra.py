@@ -385,7 +385,7 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:
-    """Returns the motor speeds that ESCs report, those of all motors in one series.
+    """Returns the motor speeds that electronic speed controllers (ESCs) report, those of all motors in one series.
 
     Each sample is of one motor, so a mean over a window is also one over the motors. Motors that stand still are left
     out.
@@ -394,7 +394,7 @@ def _motor_speed(signals: Signals) -> TimeSeries | None:
         signals: signals of the vehicle.
 
     Returns:
-        Speeds in order of time, turns per second; ``None`` where the log has no messages of ESCs.
+        Speeds in the order of time, revolutions per second; None if the log has no messages of ESCs.
     """
     parts = []
     for controller in speed_controllers(signals):

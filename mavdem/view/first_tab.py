@@ -54,7 +54,7 @@ def plot_titles(
     Args:
         axis: "roll" or "pitch".
         angle_unit: unit of the angle.
-        prediction: what is predicted of the angle, such as "0.25 s ahead".
+        prediction: name of the prediction of the angle, such as "0.25 s ahead".
         model: model of this prediction.
     """
     angle = name_with_unit(axis.capitalize(), angle_unit)

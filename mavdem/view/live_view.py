@@ -143,7 +143,7 @@ class SinkThread(threading.Thread):
         with a new one, if the sink is of a kind that is tried again.
 
         Args:
-            error: what Rerun or the operating system raised while the sink was opened or data was sent.
+            error: error of Rerun or the operating system while the sink was opened or data was sent.
         """
         if self._recording is None:
             # The sink could not even be opened.

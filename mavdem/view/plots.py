@@ -150,7 +150,7 @@ def draw_chart(
         chart: the lines with their bands.
         span: the first and the last time of the lines, s; the axis ends later, where the legend is.
         marks: events that are marked.
-        intervals: how many intervals between ticks the plot has room to number.
+        intervals: number of intervals between ticks that the plot has room to number.
 
     Returns:
         The view of the chart, with a legend where there is more than one line.
@@ -261,8 +261,8 @@ def log_event(recording: rr.RecordingStream, time: float, sentence: str, level: 
     Args:
         recording: the recording.
         time: time of the event on the timeline, s.
-        sentence: what happened.
-        level: how much it matters; it decides the colour.
+        sentence: sentence about the event.
+        level: level of the event, which decides the colour.
     """
     recording.set_time(BOOT_CLOCK, duration=time)
     recording.log("log", rr.TextLog(utf8_text(sentence), level=LOG_LEVELS.get(level, "INFO")))

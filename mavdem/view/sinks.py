@@ -288,8 +288,8 @@ class WebServer(Viewer):
         """Starts the server.
 
         Args:
-            port: where it receives recordings.
-            page_port: where it serves browsers.
+            port: port at which it receives recordings.
+            page_port: port at which it serves browsers.
             recording: path or address of a recording that is shown at once; none unless given.
 
         Raises:

@@ -452,9 +452,9 @@ def _doubts(
     Args:
         mean: mean wind of the flight.
         drag_sd: relative standard deviation of the drag force at the air speed of the flight.
-        remaining_sd: that standard deviation, relative to the one before the flight (the prior's).
+        remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
         steered_share: share of the force's variance that manoeuvres explain, 0 to 1; the drag shows only in these.
-        prior_source: what the prior of the drag was known from.
+        prior_source: source of the prior of the drag.
     """
     doubts = []
     drag_uncertain = drag_sd > REPORTED_DRAG_SD

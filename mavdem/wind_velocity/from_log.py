@@ -522,8 +522,8 @@ def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any)
 
     Args:
         change: change of the position, m.
-        speed_before: at its beginning, m/s.
-        speed_after: at its end, m/s.
+        speed_before: speed at its beginning, m/s.
+        speed_after: speed at its end, m/s.
         dt: time that it took, s.
     """
     covered = (speed_before + speed_after) * dt / 2

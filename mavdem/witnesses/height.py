@@ -194,11 +194,12 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
 def _contradictions(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> Intervals:
-    """Returns the intervals in which the climb rates of estimate and barometer differ by more than a limit for long, s.
+    """Returns the intervals in which the climb rates of estimate and barometer differ by more than a limit for long.
 
     Args:
-        barometer_climb: (M,) m/s upward, at ``GRID_RATE``; None without a usable barometer.
-        estimated_climb: (K,) m/s upward; None if it was not recorded.
+        barometer_climb: (M,) climb rate by the barometer, m/s upward, at ``GRID_RATE``; None without a usable
+            barometer.
+        estimated_climb: (K,) climb rate by the estimate, m/s upward; None if it was not recorded.
 
     Returns:
         Intervals, s since boot, of at least ``MIN_CONTRADICTION_SECONDS`` in which both were recorded.
@@ -211,7 +212,7 @@ def _contradictions(
     is_apart = is_covered & (abs(estimate - barometer_climb.values) > MAX_CLIMB_DIFFERENCE)
     long_intervals = []
     for start, end in true_intervals(time, is_apart):
-        # An interval at the edge of the record is open there; only its recorded part counts.
+        # An interval at the end of the record is infinite there, and is cut to its recorded part.
         start, end = max(start, float(time[0])), min(end, float(time[-1]))
         if end - start >= MIN_CONTRADICTION_SECONDS:
             long_intervals.append((start, end))

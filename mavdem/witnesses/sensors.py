@@ -223,7 +223,7 @@ def _force(
         columns: fields of the message.
         fields: those of the three axes.
         factor: converts them to m/s².
-        rows: which messages count; all by default.
+        rows: flags of the messages to use; None for all.
     """
     if not all(field in columns for field in fields):
         return None

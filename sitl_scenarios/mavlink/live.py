@@ -127,7 +127,7 @@ def fly_live(
         simulation: Its simulation, not yet begun.
         ground: Connection to the ground station.
         speed: Simulated seconds per second of wall-clock time.
-        progress: Called with the seconds that have been flown.
+        progress: Function that is called with the seconds that have been flown.
 
     Raises:
         ValueError: The scenario has rates of a message that is not sent, or the vehicle tumbles.

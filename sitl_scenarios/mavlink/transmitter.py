@@ -490,7 +490,7 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     arrival in µs since 1970, as in a telemetry log. The flights of different seeds begin on different days.
 
     Args:
-        scenario: What was flown: its autopilot, message rates, faults and seed.
+        scenario: Scenario of the flight, with autopilot, message rates, faults and seed.
         motion: The flight, one row for each cycle of the autopilot.
 
     Raises:

@@ -173,7 +173,7 @@ def topple(state: State, bearing: float) -> GroundContact:
 
     Args:
         state: A vehicle that stands on the ground.
-        bearing: To which side it tips, degrees clockwise from the nose.
+        bearing: Side to which it tips, degrees clockwise from the nose.
     """
     w, _, _, z = state.attitude
     heading = normalised((w, 0.0, 0.0, z))

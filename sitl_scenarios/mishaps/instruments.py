@@ -178,7 +178,7 @@ class Instruments:
             state: True state, with the accelerations of the last step.
             remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
             readings: Errors of the sensors.
-            knock: What a blow of the ground adds to the accelerometer, m/s².
+            knock: Acceleration of an impact on the ground, m/s².
         """
         noise = next(self._noise)
         board_noise = noise[8]

@@ -19,7 +19,7 @@ def remaining_thrust_history(
     """Lists from when on which share of a motor's thrust is left.
 
     Args:
-        mishap: What fails.
+        mishap: Mishap with the failing motor or propeller.
         end: Time of the flight's end, s after arming.
         random: Generator that decides when a loose propeller slips.
 

@@ -193,7 +193,7 @@ class Pilot:
         """Flies by hand until the pilot closes the throttle in the air; then the motors idle, and the vehicle falls.
 
         Args:
-            start: When the throttle is closed, s after arming.
+            start: Time when the throttle is closed, s after arming.
             time: Seconds after arming.
 
         Returns:

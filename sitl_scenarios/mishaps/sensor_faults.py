@@ -142,13 +142,13 @@ class SensorFaults:
         )
 
     def _run_away(self, mishap: HeightRunaway, time: float) -> None:
-        """Lets the estimated height fall while the mishap lasts, and brings it back to the true one afterwards.
+        """Lets the estimated height fall while the mishap lasts, and returns it to the true height afterwards.
 
-        The accelerometer reads too little upward force. The filter integrates that to a climb rate and a height that
+        The accelerometer measures too little upward force. The filter integrates that to a climb rate and a height that
         are too low, and rejects the barometer, which disagrees.
 
         Args:
-            mishap: Its start and duration, s, bias of the accelerometer and vibration, m/s².
+            mishap: Mishap with its start and duration, s, bias of the accelerometer and vibration, m/s².
             time: Seconds after arming.
         """
         since = time - mishap.start
@@ -167,7 +167,7 @@ class SensorFaults:
         """Advances the error of the estimated height and climb rate by a cycle.
 
         Args:
-            bias: What the accelerometer reads too little, m/s².
+            bias: Amount by which the accelerometer reads too low, m/s².
             barometer_error: Error of the barometer, m upwards.
         """
         frequency = HEIGHT_FILTER_FREQUENCY

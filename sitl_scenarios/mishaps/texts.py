@@ -41,9 +41,9 @@ def announcements(mishap: Mishap | None, is_px4: bool, duration: float) -> list[
     """Returns what the autopilot says of a mishap at times that are known beforehand, in order of time.
 
     Args:
-        mishap: What goes wrong.
+        mishap: Mishap of the flight.
         is_px4: Whether it is PX4 rather than ArduPilot.
-        duration: Of the flight, s.
+        duration: Duration of the flight, s.
     """
     match mishap:
         case FailsafeDisarm(start=start, cause="radio"):

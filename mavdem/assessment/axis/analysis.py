@@ -122,7 +122,7 @@ def analyse(
         log: the log, as ``mavdem.ingest.read_log`` returns it.
         signals: signals of the vehicle; their axis and inputs do not matter.
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
-        options: what is analysed, and how; ``Options()`` unless given.
+        options: choices of the user; None for the defaults.
         progress: shows the steps of the work.
         other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
             are not computed again, nor its physical parameters of this axis, if they are of the same flights.
@@ -450,7 +450,7 @@ def _train_and_test(
 
     Args:
         segments: segments of settled flight.
-        options: what is analysed, with the lengths of training data and test windows.
+        options: choices of the user, with the lengths of training data and test windows.
         progress: shows the steps of the work.
         is_slow: whether it is a model of the slow motion. Then the test decides before the model is learned.
 

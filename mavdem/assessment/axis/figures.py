@@ -229,7 +229,7 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
     trained on, the simulation fit, and the physical parameters. docs/report.md explains each key.
 
     Args:
-        flights: what the model was trained on.
+        flights: segments that the model was trained on.
         learned: the learned model.
         held_out: forecasts of windows that no model was trained on.
     """

@@ -116,7 +116,7 @@ def findings_of(
         condition: condition of the vehicle.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain.
-        trim: how even the motors work.
+        trim: deviations of the motors' commands from their mean.
     """
     if learned is None:
         # Whether rates and angles agree matters to a model only.
@@ -204,12 +204,12 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
 def _grade(parameter: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
     """Returns the grade of an estimate.
 
-    It is GOOD if it is reported without bias and its interval is narrow, LIMITED if it is biased or uncertain, and
-    NOT IDENTIFIABLE if the flight does not show it. A relative half width that is NaN, of an estimate of 0, counts as
+    It is GOOD if it is reported without bias and its interval is narrow, LIMITED if it is biased or uncertain, and NOT
+    IDENTIFIABLE if the flight does not show it. A relative half width that is NaN, of an estimate of 0, counts as
     narrow.
 
     Args:
-        parameter: what was estimated, a key of ``MAX_RELATIVE_HALF_WIDTHS``.
+        parameter: name of the estimate, a key of ``MAX_RELATIVE_HALF_WIDTHS``.
         relative_half_width: half width of its 90 % interval over the estimate.
         status: status of the estimate.
     """

@@ -131,7 +131,7 @@ def axes_with_doubtful_loop(
     """Returns the axes whose loop was identified, and a measured response speaks against it.
 
     Args:
-        margins: what is known of the stability margins of each axis.
+        margins: stability margins of each axis, as far as they are known.
         loops: the identified loop of each axis, or why it is not known.
     """
     identified = identified_loops(loops)
@@ -244,7 +244,7 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
 
     Args:
         loop: the identified loop.
-        contradiction: that the measured response differs from the predicted one; None if nothing shows that.
+        contradiction: fact that the measured response differs from the predicted one; None if nothing shows that.
 
     Returns:
         A fact with the figures of the rating, its axis, whether the estimate of the plant is biased, and the
@@ -332,7 +332,7 @@ def _peak_fact(code: MarginsLight, level: Level | None, resonance: Resonance) ->
     """Returns a fact that states the peak of a response or spectrum with its figures.
 
     Args:
-        code: what the fact says.
+        code: code of the fact.
         level: its level; None for that of the code.
         resonance: peak of a measured response or spectrum.
 

@@ -32,7 +32,7 @@ class LimitedMotors(NamedTuple):
         """Returns a fact of these motors, with all fields as figures.
 
         Args:
-            code: what the fact states of the motors.
+            code: code of the fact.
         """
         return Fact(
             code,
@@ -59,7 +59,7 @@ def overrides_of(
         condition: condition of the vehicle; None if it is not known.
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
-        trim: how even the motors work; None if it is not known.
+        trim: deviations of the motors' commands from their mean; None if they are not known.
     """
     losses = thrust_losses(alarms)
     overrides: list[Fact] = []

@@ -122,7 +122,7 @@ def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
 
     Args:
         series: N samples.
-        rows: which samples are selected (N,).
+        rows: (N,) whether a sample is selected.
     """
     # With a row that is not selected at each end, every run of selected rows has a first row and an end.
     is_selected = np.concatenate([[False], rows, [False]])

@@ -67,7 +67,7 @@ def responses_of(evidence: Evidence) -> Responses:
     the setpoint is not what moves the vehicle. Axes without an identified loop have no prediction.
 
     Args:
-        evidence: what the log shows of the vehicle, with the identified loop of each axis.
+        evidence: signals and measurements of the vehicle, with the identified loop of each axis.
 
     Returns:
         The responses by axis, and then by "rate" and "attitude".

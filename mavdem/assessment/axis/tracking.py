@@ -340,7 +340,7 @@ def _setpoint_errors(
     half of its sampling rate would vanish.
 
     Args:
-        setpoint: in the unit of the response.
+        setpoint: setpoint in the unit of the response.
         response: angle, rad, or body rate, rad/s.
         segments: parts of the flight to compare.
         delays: (D,) s.

@@ -184,7 +184,7 @@ def _advice_on_loop(
     Args:
         loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
-        doubts: why gains must not be computed from the loop; empty if they may be.
+        doubts: reason why gains must not be computed from the loop; empty if they may be.
         notch_parameters: parameters that set the notch filter; empty without one.
         more: whether to raise gains of a loop that has enough margin.
         is_too_slow: whether the axis is too slow, so that the rate loop's gains are raised even without ``more``.

@@ -147,8 +147,8 @@ def _unread_bytes(repair: Fact) -> int:
     """Returns the number of bytes of a file that could not be read, by one repair; 0 if the file was merely cut.
 
     Args:
-        repair: what a reader had to do to read the file. A file that was cut within its last message lacks only the
-            rest of that message, which is no damage.
+        repair: repair that was needed to read the file. A file that was cut within its last message lacks only the rest
+            of that message, which is no damage.
     """
     if repair.code is Repair.ULOG_DAMAGED:
         return int(repair.figures["count"])

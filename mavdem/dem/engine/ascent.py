@@ -263,7 +263,7 @@ def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
 
     Args:
         theta: (k,) the parameters.
-        posterior: where λ and the covariances start from.
+        posterior: posterior whose λ and covariances the iteration starts from.
 
     Returns:
         The posterior with θ as given, and with λ, the states and all covariances that belong to it.

@@ -114,7 +114,7 @@ def gauss_newton(
     Args:
         objective: the function.
         start: its expansion about the starting point.
-        damping: how steps are damped.
+        damping: settings of the damping of steps.
         iterations: largest number of steps.
         stop: ends the search where it returns true for the latest expansion.
 
@@ -168,7 +168,7 @@ def _higher_expansion(
     Args:
         objective: the function.
         point: the point (f,).
-        value: what the function has to exceed, nats.
+        value: value that the function must exceed, nats.
         is_likely: whether the function is likely to exceed it.
     """
     # A comparison with NaN, where the function is not defined, is false.

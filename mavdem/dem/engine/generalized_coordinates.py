@@ -28,7 +28,7 @@ def taylor_weights(
         order: highest derivative.
         dt: sampling step, s.
         window: number of samples, more than ``order``.
-        position: where in the window the derivatives are taken, in samples from the first one.
+        position: position in the window at which the derivatives are taken, in samples from the first one.
 
     Returns:
         Weights (order + 1, window): row k times the samples is the k-th derivative, per second to the k.

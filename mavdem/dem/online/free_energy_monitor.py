@@ -164,7 +164,7 @@ class Surprise:
         self.update_quantiles()
 
     def add(self, value: float) -> float:
-        """Takes the next value of F(t) and returns its surprise.
+        """Adds the next value of F(t), and returns its surprise.
 
         Args:
             value: F(t), nats.

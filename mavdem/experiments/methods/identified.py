@@ -139,7 +139,7 @@ class Identified(Baseline):
             steps: samples of each forecast.
             inputs: (H, r) after the training data. Without feedthrough row h of the forecast depends on those before h.
             outputs: (H, m) of the same samples, from which the state at the start of each forecast is filtered.
-            smooth: has no effect: inputs are causes in these models, not measurements.
+            smooth: option without effect: inputs are causes in these models, not measurements.
 
         Returns:
             Means (H, m), which may overflow to infinity or NaN for an unstable model. Variances are NaN: these methods

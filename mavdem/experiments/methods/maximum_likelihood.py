@@ -326,7 +326,7 @@ def maximize_expected_likelihood(
     are therefore added to the blocks of the products in which a state meets a state (Shumway and Stoffer, 1982).
 
     Args:
-        model: of the last iteration, for its shapes: n states, k inputs, m outputs.
+        model: model of the last iteration, for its shapes: n states, k inputs, m outputs.
         smoothed: the states of each segment under that model.
         segments: inputs (T, k) and outputs (T, m) of each segment.
     """
@@ -370,8 +370,8 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
     """Regresses targets on regressors, given the sums of their products.
 
     Args:
-        products: of each segment, (c + d, c + d) expected sums over samples of the products of c regressors and then d
-            targets. The upper right block is not used.
+        products: (c + d, c + d) expected sums over the samples of each segment, of the products of c regressors and
+            then d targets. The upper right block is not used.
         target_count: d.
         samples: number of samples in all segments.
 

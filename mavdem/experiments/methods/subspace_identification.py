@@ -263,7 +263,7 @@ def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
     determine it, the smallest one is taken.
 
     Args:
-        model: in innovation form, in the units of the data.
+        model: model in innovation form, in the units of the data.
         inputs: (T, k) of the segment.
         outputs: (T, m) of the segment.
     """

@@ -65,7 +65,7 @@ def run(runner: Runner) -> ExperimentResult:
     their error lies within the range of ours.
 
     Args:
-        runner: says whether recorded data are to be used, and runs the fits.
+        runner: runner of the fits, which knows whether recorded data are used.
 
     Returns:
         A check for each method and start of the forecasts, and the MSPE of both codes as ``numbers``. Without the

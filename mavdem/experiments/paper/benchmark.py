@@ -89,7 +89,7 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
     """Returns the error of every compared method on each of the five simulated experiments.
 
     Args:
-        runner: has the outcomes of all methods, that is, their forecasts of each experiment's test data.
+        runner: runner that has the outcomes of all methods, that is, their forecasts of each experiment's test data.
         start: state from which the forecasts start, a key of ``QUESTION_BY_START``: "the data" (the state estimated at
             the end of training) or "state 0".
 
@@ -109,11 +109,11 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
 def _experiment_outcome(runner: Runner, method: str, number: int, start: str) -> Outcome:
     """Returns the outcome of a method on one experiment: its forecasts of the test data, and their errors.
 
-    DEM was trained from many random priors, and has an outcome for each. The one with the median error stands for
-    them, so that neither a lucky nor an unlucky prior decides the comparison.
+    DEM was trained from many random priors, and has an outcome for each. The one with the median error stands for them,
+    so that neither a lucky nor an unlucky prior decides the comparison.
 
     Args:
-        runner: has the outcomes.
+        runner: runner that has the outcomes.
         method: name of the method.
         number: number of the experiment.
         start: start of the forecasts whose errors decide which prior is the median, a key of ``QUESTION_BY_START``.
@@ -267,7 +267,7 @@ def _pictures(
     """Returns the figures of the forecasts and of their errors by step, in one experiment.
 
     Args:
-        runner: has the window of that experiment.
+        runner: runner that has the window of that experiment.
         forecasts: (H, m) forecasts by method.
         squared_errors: (H,) squared errors summed over the outputs, by method.
 

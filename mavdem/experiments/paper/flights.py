@@ -102,12 +102,12 @@ def settled_hover(scenario: Scenario, motion: Motion) -> Flight:
     The first seconds in the air, ``TAKE_OFF_SECONDS``, are left out.
 
     Args:
-        scenario: gives the sampling rate.
+        scenario: scenario that gives the sampling rate.
         motion: the simulated motion, with the autopilot's estimates.
 
     Returns:
-        A flight with the motors as inputs and four outputs: lateral position y (m), its rate ẏ (m/s), roll angle
-        φ (rad) and roll rate φ̇ (rad/s).
+        A flight with the motors as inputs and four outputs: lateral position y (m), its rate ẏ (m/s), roll angle φ
+        (rad) and roll rate φ̇ (rad/s).
     """
     airborne_times = motion.time[motion.landed_state == IN_AIR]
     rate = scenario.stream.rate

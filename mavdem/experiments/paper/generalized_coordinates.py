@@ -92,7 +92,7 @@ def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
     """Returns the MSPE (experiments, priors) of DEM's forecasts on the simulated flights.
 
     Args:
-        runner: has the outcomes of the methods.
+        runner: runner that has the outcomes of the methods.
         method: ``DEM_P2`` or ``DEM_P1``.
         start: start of the forecasts, a key of ``QUESTION_BY_START``.
     """
@@ -157,7 +157,7 @@ def _error_table(runner: Runner, errors: Mapping[str, ErrorsByOrder]) -> tuple[B
     """Returns the table of errors by experiment, the paper's first.
 
     Args:
-        runner: has the numbers of the experiments.
+        runner: runner that has the numbers of the experiments.
         errors: (experiments, priors) MSPE by order, by name of the settings and of the start.
 
     Returns:

@@ -217,7 +217,8 @@ def end_spread(ascents: list[list[Posterior]]) -> float:
     """Returns the spread of the ends of ascents: the larger one of A and B, in posterior standard deviations.
 
     Args:
-        ascents: for each prior, the posteriors by iteration. The first ascent gives the posterior standard deviation.
+        ascents: posterior after each iteration, for each prior. The first ascent gives the posterior standard
+            deviation.
     """
     ends = np.array([posteriors[-1].theta[:2] for posteriors in ascents])
     posterior_sd = np.sqrt(np.diag(ascents[0][-1].theta_covariance)[:2])
@@ -248,7 +249,7 @@ def draw_ascents(model: GenerativeModel, ascents: list[list[Posterior]]) -> Figu
 
     Args:
         model: model of the scalar system.
-        ascents: for each prior of the circle, the posterior after each iteration.
+        ascents: posterior after each iteration, for each prior of the circle.
 
     Returns:
         The figure.

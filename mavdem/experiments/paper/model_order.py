@@ -339,7 +339,7 @@ def order_checks(chosen_orders: Mapping[str, list[int]]) -> tuple[Check, ...]:
     The number of a system is its order.
 
     Args:
-        chosen_orders: by whether the inputs are known, the order that is chosen for each of ``SYSTEMS``.
+        chosen_orders: chosen order of each of ``SYSTEMS``, by whether the inputs are known.
 
     Returns:
         One check for each system.

@@ -142,7 +142,7 @@ def document(reports: Sequence[ItemReport], seconds: float) -> JsonValues:
 
     Args:
         reports: one for each claim whose experiment ran.
-        seconds: how long all experiments took, s.
+        seconds: duration of all experiments, s.
     """
     return {
         "paper": TITLE,
@@ -159,7 +159,7 @@ def write(folder: Path, reports: Sequence[ItemReport], seconds: float) -> None:
     Args:
         folder: folder of the report, which is created if need be.
         reports: one for each claim whose experiment ran.
-        seconds: how long all experiments took, s.
+        seconds: duration of all experiments, s.
 
     Raises:
         OSError: the folder or the page cannot be written.

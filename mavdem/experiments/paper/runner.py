@@ -181,7 +181,7 @@ class Runner:
         One batch keeps all workers busy to its end, which a batch for each key would not.
 
         Args:
-            trials: by key, pairs of a method and a window.
+            trials: pairs of a method and a window, by key.
 
         Returns:
             By the same keys, the outcome of each pair.

@@ -209,8 +209,8 @@ def _last_values_at(
     Args:
         target: The message (T rows) with the stamps.
         source: The message (N rows) with the fields; those that it does not have are left out.
-        names: The fields' names in ``source`` by their new names.
-        factor: What the values are multiplied by.
+        names: Names of the fields in ``source``, by their new names.
+        factor: Factor by which the values are multiplied.
 
     Returns:
         Columns (T,), NaN before the first message.

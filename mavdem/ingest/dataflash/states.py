@@ -112,8 +112,8 @@ def _changes(
         tables: DataFlash's messages by name.
         message: Name of the message with the events ("EV").
         field: Its field with the kind of event ("Id").
-        changes_by_value: What each kind of event changes; others are left out.
-        boot_stamps: Returns the stamps of a boot.
+        changes_by_value: Change that each kind of event makes; other events are left out.
+        boot_stamps: Function that returns the stamps of a boot.
 
     Returns:
         The changes in the order of boot and time.
@@ -151,7 +151,7 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     Args:
         changes: The K changes of base_mode.
         vehicle_type: MAV_TYPE.
-        boot_stamps: Returns the stamps of a boot.
+        boot_stamps: Function that returns the stamps of a boot.
 
     Returns:
         Columns (5 K,) of HEARTBEAT.
@@ -207,14 +207,14 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
     the last change before it, unless this is unsure. There are two such cases:
 
     - Two successive changes contradict each other: the second begins with another state than the first led to, so an
-      event between them was not logged. The state between them is undefined, but for the last
-      ``CONTRADICTION_SECONDS`` before the second change, which have the state that this change begins with.
+      event between them was not logged. The state between them is undefined, but for the last ``CONTRADICTION_SECONDS``
+      before the second change, which have the state that this change begins with.
     - After the last change it is undefined, since a later event may not have been logged.
 
     Args:
         changes: The changes of landed_state, in the order of boot and time; the first of each boot changes nothing and
             dates the first state.
-        boot_stamps: Returns the stamps of a boot.
+        boot_stamps: Function that returns the stamps of a boot.
 
     Returns:
         Columns (N,) of EXTENDED_SYS_STATE.

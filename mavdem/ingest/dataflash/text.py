@@ -93,7 +93,7 @@ def _definition(values: bytes) -> FormatDefinition | None:
     """Reads the definition of a message in an FMT line.
 
     Args:
-        values: What follows "FMT,": id, length, name, format characters, and then the names of all fields.
+        values: Text after "FMT,": id, length, name, format characters, and then the names of all fields.
 
     Returns:
         The definition; None if it is damaged.
@@ -157,7 +157,7 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
 
     Args:
         texts: The values as they are written.
-        is_numeric: For each field whether it is a number.
+        is_numeric: Flag for each field, whether it is a number.
 
     Returns:
         Numbers, and texts without the spaces around them; None if there are fewer or more values than fields, or a

@@ -75,7 +75,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
             data: The recording (B,).
             starts: Offset (n,) of the frame of each message.
             definition: Definition of the message.
-            boot_times: When each was sent, on the boot clock.
+            boot_times: Time when each was sent, on the boot clock.
             decoded: The columns of all messages that were decoded; own ones unless given.
         """
         self._data = data

@@ -290,7 +290,7 @@ class _FrameBlock:
         bytes after the payload, the lower one first.
 
         Args:
-            selection: Which of the candidates are tried (N,).
+            selection: (N,) whether a candidate is tried.
         """
         # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
         rows = np.flatnonzero(selection & (self.end <= self._size))

@@ -218,7 +218,7 @@ class SenderLinks:
         """Remembers readable frames, by which later copies are recognised.
 
         Args:
-            contents: how many frames had come with each, and its bytes, in the order of the stream.
+            contents: number of frames up to each, and its bytes, in the order of the stream.
         """
         for frame_count, content in contents:
             # The latest of equal frames takes the last place.
@@ -265,7 +265,7 @@ class SenderLinks:
         earlier frame; it has a time stamp; or the second link numbered the frame before it.
 
         Args:
-            earlier_count: how many frames had come with the earlier frame.
+            earlier_count: number of frames up to the earlier frame.
             content: the bytes of both.
             message_id: number of their message.
             sequence: their sequence number.

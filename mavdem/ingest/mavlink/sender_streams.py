@@ -314,7 +314,7 @@ class _RunTaker:
         Args:
             data: Bytes (B,) of the stream.
             frames: The frames (n,) of one sender, in stream order.
-            links: What they are taken by.
+            links: Links that receive them.
         """
         self._data = data
         self._frames = frames

@@ -201,7 +201,7 @@ class AttitudeComparison:
         """Adds the next attitude, and compares it with the nearest one in time of the other counter.
 
         Args:
-            counter: which counter numbered its frame, 0 or 1.
+            counter: number of the counter of its frame, 0 or 1.
             reading: the attitude.
         """
         # Attitudes are filed by short intervals of the clock, so that the nearest one is in this or the next interval.

@@ -286,7 +286,7 @@ class VehicleTracks:
         """Notes that a former vehicle came back; enough of them in a short time show that there are two.
 
         Args:
-            contradiction: what shows that the reading is not of the vehicle of the reading before.
+            contradiction: kind of evidence that the reading is of another vehicle than the reading before.
         """
         count = self._reading_counts[contradiction]
         limit = SWITCH_LIMITS[contradiction]

@@ -196,7 +196,7 @@ class McapRecording:
         library then parses the unpacked records, and checks their checksum.
 
         Args:
-            location: Where the chunk is in the file.
+            location: Location of the chunk in the file.
         """
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):

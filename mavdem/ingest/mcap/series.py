@@ -232,7 +232,7 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
     Args:
         definitions: Records with which the chunk begins.
         messages: Messages of the chunk, at least one.
-        offset: Where the chunk is in the file.
+        offset: Offset of the chunk in the file.
 
     Returns:
         The bytes of all these records, and the index of the chunk for the summary.
@@ -289,7 +289,7 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
 
     Args:
         groups: Records by their kind.
-        offset: Where the summary is in the file.
+        offset: Offset of the summary in the file.
     """
     summary = b""
     summary_offsets = b""

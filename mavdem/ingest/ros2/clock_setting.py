@@ -45,7 +45,7 @@ def with_joined_clocks(
     Args:
         stamps: Stamps (n,) of each topic, ns; 0 for none.
         positions: Numbers (n,) of the messages of each topic in the recording.
-        receive_times: When each message was recorded.
+        receive_times: Reception time of each message.
 
     Returns:
         The stamps on one clock, and the repair if there was one.

@@ -231,7 +231,7 @@ def _px4_telemetry(
 
     Args:
         tables: PX4's topics by name.
-        receive_times: When each message was recorded.
+        receive_times: Reception time of each message.
         source: Name of the file.
 
     Returns:
@@ -273,7 +273,7 @@ def _mavros_telemetry(
 
     Args:
         tables: MAVROS's topics by name, each with columns (N,).
-        receive_times: When each message was recorded.
+        receive_times: Reception time of each message.
         source: Name of the file.
 
     Returns:
@@ -313,7 +313,7 @@ def _on_boot_clock(
 
     Args:
         tables: The topics by name.
-        receive_times: When each message was recorded.
+        receive_times: Reception time of each message.
         stamp_units: Fields that together are the stamp of a message, and the unit of each, ns.
 
     Returns:

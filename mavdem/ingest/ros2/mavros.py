@@ -65,7 +65,7 @@ def mavros_autopilot(mode_counts: Counter[str]) -> int:
     Modes of PX4 and ArduPilot have different names ("POSCTL", "LOITER"); those of the flight are counted for each.
 
     Args:
-        mode_counts: How often each flight mode occurs, by its name (``lib/uas_stringify.cpp``).
+        mode_counts: Number of occurrences of each flight mode, by its name (``lib/uas_stringify.cpp``).
 
     Returns:
         MAV_AUTOPILOT; GENERIC where as many are PX4's as ArduPilot's.

@@ -499,14 +499,17 @@ def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) 
 
 
 def wind_torque_output(theta: Array, state_sd: Array) -> Array:
-    """Returns the output row (n,) of the wind torque: its product with the scaled states is the torque, rad/s².
+    """Returns the output row of the wind torque: its product with the scaled states is the torque, rad/s².
 
-    Scaled states are x / state_sd: a Kalman filter of the sampled loop works with these, which all have the stationary
-    variance 1, since states of very different sizes round badly.
+    Scaled states are x / state_sd, which all have the stationary variance 1. The Kalman filter of the sampled loop
+    works with these, since states of very different sizes cause rounding errors.
 
     Args:
         theta: (k,) logarithms of the parameters.
         state_sd: (n,) stationary standard deviations of the states, :attr:`SampledLoop.state_sd`.
+
+    Returns:
+        (n,) output row.
     """
     parameters = GenerativeParameters(*np.exp(theta))
     return _wind_torque_weights(parameters) * state_sd

@@ -48,7 +48,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
     """Returns the changes of all quantities in one drawing, those that changed first; None if nothing was compared.
 
     Args:
-        difference: what changed of a vehicle between two states.
+        difference: changes of a vehicle between two states.
     """
     changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
     if not changes:

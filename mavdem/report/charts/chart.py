@@ -131,11 +131,11 @@ class Line(NamedTuple):
         """Returns a line with a band around it, from ``y - half_width`` to ``y + half_width``.
 
         Args:
-            name: what the legend calls it.
+            name: name in the legend.
             colour: colour from ``mavdem.report.palette``.
             x, y: abscissae and values (N,) each.
             half_width: (N,) half widths of the band, in the unit of ``y``.
-            style: how the line is drawn.
+            style: style in which the line is drawn.
 
         Returns:
             The line, with the lower and upper edge of its band.
@@ -418,7 +418,7 @@ class Group(NamedTuple):
         Args:
             columns: the panels of each axis, by axis.
             light: a fact that names the axis which decides, by its figure "axis"; None where no axis does.
-            caption: what stands below.
+            caption: text below the charts.
         """
         deciding_axis = "" if light is None else str(light.figures.get("axis", ""))
         return cls(tuple(map(tuple, columns.values())), caption, tuple(columns), deciding_axis)
@@ -429,7 +429,7 @@ class Group(NamedTuple):
 
         Args:
             panels: the panels, from left to right; None, for what there is nothing to draw of, is left out.
-            caption: what stands below.
+            caption: text below the charts.
         """
         return cls(tuple((panel,) for panel in panels if panel is not None), caption)
 
@@ -438,7 +438,7 @@ def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
     """Returns a chart of a flight over the boot clock; all such charts of a page are zoomed together.
 
     Args:
-        title: what is shown; it is also the label of the vertical axis.
+        title: title of the chart, which is also the label of the vertical axis.
         unit: unit of the lines.
         lines: lines over times, s.
     """

@@ -51,7 +51,7 @@ def flight_history_charts(
 
     Args:
         vehicles: the vehicle of each log, by side.
-        names: what the legend calls each side.
+        names: name of each side in the legend.
         colours: colour of each side.
     """
     lines_by_title: dict[str, list[Line]] = {"Roll (°)": [], "Pitch (°)": [], "Height (m)": []}

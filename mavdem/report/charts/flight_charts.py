@@ -88,7 +88,7 @@ def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> dict[s
     response are left out.
 
     Args:
-        responses: by axis and loop.
+        responses: responses by axis and loop.
         advised: predicted step responses with the advised gains, by axis and loop.
 
     Returns:

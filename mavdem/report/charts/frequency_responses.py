@@ -20,7 +20,7 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
 
     Args:
         learned: the model, with matrices A, B and C.
-        motors: what the motors do for a command of 1: the vector m (r,) of model inputs.
+        motors: (r,) model inputs m for a command of 1.
         frequency: frequencies f (F,), Hz.
         output: index of the output.
 
@@ -41,7 +41,7 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
 
     Args:
         physical: the parameters with their covariance.
-        motors: what the motors do for a command of 1, m (r,).
+        motors: (r,) motor commands m for a command of 1.
         frequency: frequencies f (F,), Hz.
         is_angle: whether the response of the angle is returned, that of the rate divided by s.
 

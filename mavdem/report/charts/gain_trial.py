@@ -138,7 +138,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
     Args:
         title: names the axis and the flight; the error of the angle with both sets of gains is added to it.
         motion: the whole motion, from which the error is computed.
-        is_drawn: which samples are drawn (T,).
+        is_drawn: (T,) whether a sample is drawn.
     """
     errors = f"{motion.present_error:.2g} → {motion.advised_error:.2g}°"
     time = motion.time[is_drawn]

@@ -168,7 +168,7 @@ def _wind_rose(
         description: the drawing in words.
         direction: directions that the wind comes from (N,), degrees.
         speed: wind speeds (N,), m/s.
-        weight: how much each of the N winds counts: 1 for numbers of flights, otherwise percent of the time.
+        weight: weight of each of the N winds: 1 for numbers of flights, otherwise percent of the time.
         mean_direction: direction, degrees, from which an arrow shows the mean wind; None without an arrow.
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT

@@ -256,7 +256,7 @@ def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line
     """Returns the line of a wind speed with its band, which does not go below zero.
 
     Args:
-        name: what the legend calls it.
+        name: name in the legend.
         time: (T,) s.
         speed: (T,) m/s.
         half_width: (T,) half widths of the band, m/s.

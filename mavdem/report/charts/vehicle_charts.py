@@ -93,7 +93,7 @@ def _lines(estimates: Estimates) -> Iterator[Line]:
     has the same colour in all charts.
 
     Args:
-        estimates: for each name of a line, the estimates and the half widths of their intervals (flights, 2).
+        estimates: (flights, 2) estimates and half widths of their intervals, by the name of the line.
     """
     for number, (name, values_and_half_widths) in enumerate(estimates.items()):
         values, half_widths = values_and_half_widths.T

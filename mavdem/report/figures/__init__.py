@@ -33,7 +33,7 @@ class Plots:
         Args:
             held_out: the windows of ``mavdem.evaluate.held_out_windows``, for which five models are trained unless
                 given.
-            output: which, in the order of the flight's outputs.
+            output: index in the order of the flight's outputs.
         """
         if held_out is None:
             held_out = held_out_windows(self._training_flights(), self.learned.settings)

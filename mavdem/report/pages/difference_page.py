@@ -70,7 +70,7 @@ def comparison_page(
     Args:
         names: names of the flights, A and B.
         reviews: their documents.
-        difference: what differs between the vehicles.
+        difference: differences between the vehicles.
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
         back: the page that leads here, if any.

@@ -87,9 +87,9 @@ def fleet_page(
     """Renders the index of a fleet; the same flights give the same bytes, in whatever order they were read.
 
     Args:
-        summaries: what is known of the flights under each name, in the order of the names.
-        changes: what changed since a baseline, by vehicle; None without a baseline.
-        charts: returns the charts of a vehicle over its flights, which are drawn for few vehicles.
+        summaries: summary of the flights under each name, in the order of the names.
+        changes: changes since a baseline, by vehicle; None without a baseline.
+        charts: function that returns the charts of a vehicle over its flights, which are drawn for few vehicles.
         names: names that were given to vehicles and flights.
     """
     lines = _newest_first(summaries)
@@ -271,8 +271,8 @@ def _vehicle_parts(
 
     Args:
         summaries: summary of the flights under each name.
-        changes: what changed since a baseline, by name of the vehicle.
-        charts: returns the charts of a vehicle.
+        changes: changes since a baseline, by name of the vehicle.
+        charts: function that returns the charts of a vehicle.
         names: names that were given to vehicles.
     """
     vehicles = vehicles_with_parts(summaries)
@@ -317,7 +317,7 @@ def _label(name: str, last: LastFlight, names: GivenNames) -> str:
     """Returns what a vehicle is called at the beginning of its line.
 
     Args:
-        name: what its logs call it.
+        name: name of the vehicle in its logs.
         last: its latest flight.
         names: names that were given to vehicles.
     """
@@ -335,7 +335,7 @@ def _note(vehicle: VehicleFlights) -> str:
     same.
 
     Args:
-        vehicle: what is known of the vehicle from its flights.
+        vehicle: summary of the vehicle's flights.
     """
     if vehicle.urgency.rank < MAX_URGENT_RANK:
         return f"{vehicle.words.conclusion} {vehicle.words.reason}".strip()
@@ -426,7 +426,7 @@ def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
     Many vehicles of a fleet lack the same thing, such as enough flights to compare. Their parts would all say so.
 
     Args:
-        parts: what the page shows of each vehicle; those with a repeated sentence lose it.
+        parts: parts of the page, one for each vehicle; repeated sentences are removed from them.
 
     Returns:
         Sentence and number of vehicles, the most frequent first.

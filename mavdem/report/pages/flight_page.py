@@ -141,7 +141,7 @@ def log_page(
     Args:
         name: title of the page.
         assessment: assessment of the log.
-        contents: what the log contains, from ``mavdem.assessment.inventory``. Without it the page is small, for fleets
+        contents: inventory of the log, from ``mavdem.assessment.inventory``. Without it the page is small, for fleets
             of many flights: with fewer points, and without spectrograms and advice on gains.
         back: the page that leads here, if any.
     """
@@ -352,7 +352,7 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
 
     Args:
         light: the fact of the light "tracking".
-        axes: by axis, a fact whose figures are the errors and the delay, each with its unit.
+        axes: fact for each axis, whose figures are the errors and the delay, each with its unit.
     """
     # That only multirotors are judged stands beside the lights.
     if light.code is not Unjudged.MULTIROTORS_ONLY:
@@ -500,7 +500,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
 
     Args:
         assessment: assessment of the log.
-        analysis: what the log shows of the axis, with the wind torque.
+        analysis: analysis of the axis, with the wind torque.
     """
     blocks: Blocks = []
     # That only multirotors are judged stands beside the lights.
@@ -535,7 +535,7 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
 
     Args:
         axis: name of the axis.
-        analysis: what the log shows of that axis.
+        analysis: analysis of that axis.
     """
     learned = analysis.learned
     findings = analysis.findings
@@ -589,7 +589,7 @@ def live_page(
     Args:
         link: address of the vehicle.
         axis: axis that was learned.
-        history: what was collected in flight.
+        history: history of the flight.
         status: state of the session at its end.
         account: seconds of the flight by what they were used for.
         learned: the model at the end; None if there was none.

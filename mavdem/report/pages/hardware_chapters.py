@@ -47,7 +47,7 @@ def _chapter(
 
     Args:
         title: heading.
-        facts: by the name of the part.
+        facts: facts by the name of the part.
         groups: charts by the name of the part.
         blocks: tables by the name of the part.
     """

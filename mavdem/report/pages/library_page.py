@@ -138,7 +138,7 @@ def with_bar(page: str, **values: Any) -> str:
 
     Args:
         page: HTML of the flight's page.
-        **values: what the template of the bar uses, by name.
+        **values: values that the template of the bar uses, by name.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
     bar = render_server_page("bar", self_set_parameters=pattern, **values)
@@ -150,7 +150,7 @@ def without_policy(page: str, **values: Any) -> str:
 
     Args:
         page: HTML of a flight's page.
-        **values: what the template ``key.html`` uses, by name.
+        **values: values that the template ``key.html`` uses, by name.
     """
     head = render_server_page("key", **values)
     return POLICY_ELEMENT.sub(lambda _: head, page, count=1)

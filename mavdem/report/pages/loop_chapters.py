@@ -60,8 +60,8 @@ def responses_chapter(
     """Returns the chapter of step responses: their figures, doubts about them, and charts of measured and predicted.
 
     Args:
-        responses: by axis and loop, the measured response or the fact why there is none, and the prediction. Loops
-            without a response for the same reason share one sentence; a prediction that does not agree gives a caution.
+        responses: measured response or the fact why there is none, and the prediction, by axis and loop. Loops without
+            a response for the same reason share one sentence; a prediction that does not agree gives a caution.
         advised: predicted step responses with the advised gains, by axis and loop.
         light: fact of the light of the margins, whose axis a phone shows first; None where there is none.
     """
@@ -185,7 +185,7 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
 
     Args:
         evidence: the margins of each axis; in the place of an unidentified loop, the fact that says why.
-        decisions: what was decided on the loops, by axis. The page gives its reason elsewhere.
+        decisions: decisions on the loops, by axis. The page gives their reason elsewhere.
     """
     axes_and_facts = []
     for margin in evidence.margins:

@@ -155,7 +155,7 @@ def _least_squares_variances(measured: Array, scales: Array, effects: list[Array
     Args:
         measured: (lags, n, n) autocovariances.
         scales: (n,) standard deviations of the series, in units of which the squares are summed up.
-        effects: for each variance, the autocovariances (lags, n, n) that it makes when it is 1.
+        effects: (lags, n, n) autocovariances that each variance causes if it is 1.
     """
     weights = 1 / np.outer(scales, scales)
     columns = np.stack([(weights * effect).ravel() for effect in effects], axis=1)

@@ -284,7 +284,7 @@ def run(runner: Runner) -> ExperimentResult:
     """Compares DEM's estimates of a hidden motor command with those of unknown input observers, by their SSE.
 
     Args:
-        runner: has the recorded flights, if there are any, and runs the windows in several processes.
+        runner: runner that has the recorded flights, if there are any, and runs the windows in several processes.
 
     Returns:
         Checks, tables, and the SSE of every estimator as ``numbers``.

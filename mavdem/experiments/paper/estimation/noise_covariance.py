@@ -214,7 +214,7 @@ def run(runner: Runner) -> ExperimentResult:
     """Compares DEM's estimates of the variances of measurement noise with those of standard estimators.
 
     Args:
-        runner: has the recorded flights, if there are any, and runs the records in several processes.
+        runner: runner that has the recorded flights, if there are any, and runs the records in several processes.
 
     Returns:
         Checks, tables, and the errors of all estimators as ``numbers``.

@@ -115,7 +115,7 @@ def run(runner: Runner) -> ExperimentResult:
     """Learns the smoothness of simulated noise and, if there are any, of recorded flights.
 
     Args:
-        runner: has the windows of recorded flights, and runs the fits in several processes.
+        runner: runner that has the windows of recorded flights, and runs the fits in several processes.
 
     Returns:
         Checks and tables; ``numbers`` has the results of all records and windows.

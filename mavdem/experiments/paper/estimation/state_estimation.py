@@ -284,7 +284,7 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
 
     Args:
         rates: (T,) estimates, rad/s.
-        window: has the measured or true ones.
+        window: window that has the measured or true ones.
         delay: samples by which the estimates are delayed before they are compared.
     """
     measured_rates = window.states[:, 1]
@@ -299,7 +299,7 @@ def run(runner: Runner) -> ExperimentResult:
     On simulated windows the true roll rate is known. On the recorded flights the measured one stands for it.
 
     Args:
-        runner: has the recorded flights, if there are any, and runs the windows in several processes.
+        runner: runner that has the recorded flights, if there are any, and runs the windows in several processes.
 
     Returns:
         Checks, tables, a figure, and all mean errors as ``numbers``.
@@ -346,7 +346,7 @@ def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
     """Returns the errors in the windows of the recorded flights, by whether they were flown in wind.
 
     Args:
-        runner: has the flights, and runs the windows.
+        runner: runner that has the flights, and runs the windows.
 
     Returns:
         Errors by ``WITH_WIND`` and ``WITHOUT_WIND``; a group without windows is left out.
