@@ -123,10 +123,31 @@ def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
         boot: Number of the boot.
         time: Times (T,) in that boot, s.
     """
-    has_other_source = any(telemetry.parameters.get(name) for name in OTHER_SOURCE_PARAMETERS)
-    if telemetry.autopilot == "PX4" or has_other_source:
+    if telemetry.autopilot == "PX4" or has_other_position_source(telemetry):
         return np.ones(len(time), np.bool_)
     return has_position_fix(telemetry, boot, time)
+
+
+def has_other_position_source(telemetry: Telemetry) -> bool:
+    """Returns whether ArduPilot's parameters set up a sensor of velocity or position other than satellites."""
+    return any(telemetry.parameters.get(name) for name in OTHER_SOURCE_PARAMETERS)
+
+
+def most_satellites(telemetry: Telemetry) -> int | None:
+    """Returns the largest number of satellites that a receiver reported; None if no number is known.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    largest = None
+    for name in RECEIVER_MESSAGES:
+        columns = telemetry.messages.get(name, {})
+        if "satellites_visible" in columns:
+            counts = float_column(columns, "satellites_visible")
+            counts = counts[np.isfinite(counts) & (counts < UNKNOWN_SATELLITES)]
+            if len(counts):
+                largest = max(largest or 0, int(counts.max()))
+    return largest
 
 
 def _has_no_receiver(telemetry: Telemetry) -> bool:

@@ -10,6 +10,7 @@ class EstimatorLight(Code):
     FILTER_DOUBTED = "filter_doubted"
     SPARE_DOUBTED = "spare_doubted"
     FIX_POOR = "fix_poor"
+    FIX_MISSING = "fix_missing"
     GPS_GLITCHED = "gps_glitched"
     GPS_DOUBTED = "gps_doubted"
     COMPASS_DISTURBED = "compass_disturbed"

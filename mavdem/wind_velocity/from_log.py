@@ -11,7 +11,12 @@ from mavdem.dataset import intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
-from mavdem.dataset.position_fix import RECEIVER_MESSAGES, measures_velocity
+from mavdem.dataset.position_fix import (
+    RECEIVER_MESSAGES,
+    has_fix_by_row,
+    measures_velocity,
+    most_satellites,
+)
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
 from mavdem.errors import NotLearnable
@@ -262,14 +267,19 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
         time = ground_motion.time[ground_motion.boot == boot]
         if measures_velocity(telemetry, boot, time).any():
             return
-    if not boots:
+    if not boots and not _lacks_fix(telemetry):
         return
-    satellites = [
-        np.max(telemetry.messages[name]["satellites_visible"], initial=0)
+    raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
+
+
+def _lacks_fix(telemetry: Telemetry) -> bool:
+    """Returns whether satellite receivers were recorded, and none ever had a fix."""
+    receivers = [
+        telemetry.messages[name]
         for name in RECEIVER_MESSAGES
-        if "satellites_visible" in telemetry.messages.get(name, {})
+        if len(telemetry.messages.get(name, {}).get("fix_type", ()))
     ]
-    raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=max(satellites, default=None))
+    return bool(receivers) and not any(has_fix_by_row(columns).any() for columns in receivers)
 
 
 def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:

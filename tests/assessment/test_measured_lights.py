@@ -267,6 +267,20 @@ def test_gps(satellites, dilution, code):
     assert fact.code is code and fact.figures.get("dilution", dilution) == approx(dilution)
 
 
+def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from_elsewhere():
+    searching = columns(TIME, fix_type=1, satellites_visible=2, eph=9999)
+    telemetry = changed(filtered(), "GPS_RAW_INT", **searching)
+    # The bits 3 and 4 say that the filter has a position.
+    telemetry = changed(telemetry, "EKF_STATUS_REPORT", flags=831 - 24)
+    fact = estimator_light(evidence(telemetry))
+    assert (fact.code, fact.level) == (EstimatorLight.FIX_MISSING, "watch")
+    assert "GPS had no fix in flight (2 satellites at most)" in fact.sentence
+    fact = estimator_light(evidence(changed(telemetry, "LOCAL_POSITION_NED", valid=True)))
+    assert fact.is_good and "Position without GPS (no fix, 2 satellites at most)" in fact.sentence
+    submarine = replace(telemetry, vehicle="SUBMARINE")
+    assert estimator_light(evidence(submarine)).code is not EstimatorLight.FIX_MISSING
+
+
 def test_what_a_receiver_does_not_know_is_not_printed():
     unknown = columns(TIME, fix_type=3, satellites_visible=255, eph=65535)
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **unknown))).is_good

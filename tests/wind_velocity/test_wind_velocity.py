@@ -105,6 +105,17 @@ def test_without_a_position_fix_there_is_no_wind(changes, parameters, code):
         assert evidence.obstacle.code is code
 
 
+def test_a_flight_without_a_fix_has_no_wind_for_that_reason():
+    telemetry = Hover().telemetry(20.0, 20.0, autopilot="PX4")
+    stamps = Hover().stamps(5.0)
+    invalid = columns(stamps, z=-stamps, vx=stamps, vy=stamps, vz=stamps, valid=False)
+    telemetry = changed(telemetry, "LOCAL_POSITION_NED", **invalid)
+    assert wind_evidence(Signals(telemetry)).obstacle.code is NoWind.NO_FLIGHT_WITH_VELOCITY
+    searching = columns(stamps, fix_type=0, satellites_visible=2)
+    obstacle = wind_evidence(Signals(changed(telemetry, "GPS_RAW_INT", **searching))).obstacle
+    assert (obstacle.code, obstacle.figures["satellites"]) == (NoWind.NO_POSITION_FIX, 2)
+
+
 @mark.slow
 @mark.parametrize("seed", range(2))
 def test_legs_show_wind_drag_and_lean(seed):

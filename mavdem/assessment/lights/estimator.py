@@ -11,12 +11,15 @@ from mavdem.assessment.gps_jumps import position_jumps
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
 from mavdem.dataset.intervals import intersection, longest_true_duration, true_intervals
+from mavdem.dataset.phases import SURFACE_VEHICLES
 from mavdem.dataset.position_fix import (
     FIX_3D,
     RECEIVER_MESSAGES,
     UNKNOWN_DILUTION,
     UNKNOWN_SATELLITES,
+    has_other_position_source,
     has_position_fix,
+    most_satellites,
 )
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.time_series import (
@@ -33,6 +36,7 @@ from mavdem.facts.events import Reported
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
+from mavdem.witnesses.position import position_fix, position_validity
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
 INNOVATIONS = tuple(EstimatorRatio)
@@ -108,11 +112,18 @@ def estimator_light(evidence: Evidence) -> Fact:
         key=lambda fact: (fact.figures["duration"], fact.figures["ratio"]),
         reverse=True,
     )
+    missing_fix = _missing_fix(evidence)
+    if missing_fix is not None and _has_other_position_source(evidence):
+        # The light is good, but the pilot should know that GPS could not have taken over.
+        satellites = missing_fix.figures["satellites"] or 0
+        filter_facts = [fact.replace(satellites=satellites) for fact in filter_facts]
+        missing_fix = None
     facts = [
         *filter_facts,
         *_glitches(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
+        *([] if missing_fix is None else [missing_fix]),
         *_compass_disturbances(evidence),
         *_wrong_accelerometers(evidence),
         *evidence.warnings_in_flight(ESTIMATOR_EVENTS),
@@ -400,6 +411,32 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
             )
 
 
+def _missing_fix(evidence: Evidence) -> Fact | None:
+    """Returns the fact that no satellite receiver had a fix in any flight; None if one had, or none was recorded.
+
+    Vehicles that stay on the ground or below the water are not judged.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        A fact with the largest number of satellites in the log, None if it is not known.
+    """
+    has_fix = evidence.values_in_flight(position_fix(evidence.signals))
+    telemetry = evidence.signals.telemetry
+    if not len(has_fix) or has_fix.any() or telemetry.vehicle in SURFACE_VEHICLES:
+        return None
+    return Fact(EstimatorLight.FIX_MISSING, satellites=most_satellites(telemetry))
+
+
+def _has_other_position_source(evidence: Evidence) -> bool:
+    """Returns whether the estimator had a position for most of the time in flight, or a sensor for it is set up."""
+    validity = evidence.values_in_flight(position_validity(evidence.signals))
+    if len(validity):
+        return bool(np.median(validity) > 0)
+    return has_other_position_source(evidence.signals.telemetry)
+
+
 def _best_receiver(evidence: Evidence) -> TimeSeries | None:
     """Returns the samples of the GPS receiver that had the most satellites in flight, on average with a 3D fix.
 
@@ -411,7 +448,7 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
         recorded.
     """
     best = None
-    most_satellites = -1.0
+    largest_mean = -1.0
     for message in RECEIVER_MESSAGES:
         fixes = recorded_series(
             evidence.signals.telemetry, message, "fix_type", "satellites_visible", "eph"
@@ -421,9 +458,9 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
         ]
         satellites = np.concatenate([np.zeros(0), *counts])
         mean_satellites = float(satellites.mean()) if len(satellites) else 0.0
-        if fixes is not None and mean_satellites > most_satellites:
+        if fixes is not None and mean_satellites > largest_mean:
             best = fixes
-            most_satellites = mean_satellites
+            largest_mean = mean_satellites
     return best
 
 
