@@ -1,7 +1,9 @@
 """Assessing a log: computes models, loops, events and lights of a vehicle, each from those before it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from math import inf
 from typing import NamedTuple
 
@@ -10,8 +12,8 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import ShowStep, analyse_without_model, show_nothing
-from mavdem.assessment.axis.figures import ALL_AXES
-from mavdem.assessment.axis.loops import loops_of_axes
+from mavdem.assessment.axis.figures import ALL_AXES, AxisFigures
+from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_axis
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
@@ -24,12 +26,14 @@ from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
+from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.ending import MotionEvent
 from mavdem.files import AnyPath
-from mavdem.immutable import ReadOnlyDict
+from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log, read_log
+from mavdem.loops.axis_loops import Loop
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
@@ -140,11 +144,25 @@ def assess_signals(
         lights = lights_without_loops(evidence)
     show_findings(FirstFindings(evidence, analysis, ReadOnlyDict(lights)))
 
-    # The models of the axes, and the control loops, which need their physical parameters.
-    analysis = analyse(log, signals, axis, options, progress=progress, other_axis=analysis)
+    # The models of the axes, and the control loops, which need their physical parameters. Pitch and yaw need nothing of
+    # roll, so that a second core computes them.
+    loop_signals = signals.for_axis(AXES[0], options.inputs)
+    with _other_axes(log, loop_signals, axis, options, analysis) as other_axes:
+        analysis = analyse(
+            log,
+            signals,
+            axis,
+            options,
+            progress=progress,
+            other_axis=analysis,
+            figures_of_other_axes=other_axes.figures,
+        )
+        # Loops rest on the physical parameters, which are only kept if the model of roll could be learned.
+        known_loops = other_axes.loops() if analysis.axes else {}
     with progress("Identifying the loops", measured=False):
-        loop_signals = signals.for_axis(AXES[0], options.inputs)
-        loops, autotune = loops_of_axes(log, loop_signals, options.start, analysis.figures_by_axis)
+        loops, autotune = loops_of_axes(
+            log, loop_signals, options.start, analysis.figures_by_axis, known_loops
+        )
     evidence = replace(
         evidence,
         learnability=analysis.learnability,
@@ -157,6 +175,50 @@ def assess_signals(
         judgement = judge(evidence, analysis.findings.purposes, **lights)
     analyses = ReadOnlyDict({analysis.learnability.axis: analysis})
     return Assessment(log, judgement, evidence, analyses)
+
+
+class _OtherAxes:
+    """Figures and loops of pitch and yaw, as another process has computed them; nothing where there is none."""
+
+    def __init__(self, result: Callable[[], dict[str, AxisResults] | None]) -> None:
+        """Takes the function that waits for the results of the axes, by name."""
+        self._results = cache(lambda: freeze(result() or {}))
+
+    def figures(self) -> dict[str, AxisFigures]:
+        """Waits for the figures and returns them by axis."""
+        return {axis: results.figures for axis, results in self._results().items()}
+
+    def loops(self) -> dict[str, Loop | Fact]:
+        """Waits for the loops, or the facts on why they are not known, and returns them by axis."""
+        return {axis: results.loop for axis, results in self._results().items()}
+
+
+@contextmanager
+def _other_axes(
+    log: Log, signals: Signals, axis: str, options: Options, analysis: LogAnalysis
+) -> Iterator[_OtherAxes]:
+    """Computes figures and loops of pitch and yaw in a second process, where that takes long and there is a core.
+
+    Args:
+        log: the log.
+        signals: signals of the vehicle, with the inputs to use.
+        axis: which axes are analysed.
+        options: what is analysed.
+        analysis: the analysis without a model, with the changes of the motors.
+    """
+    if axis != ALL_AXES or not (options.with_model and analysis.learnability.learnable):
+        yield _OtherAxes(lambda: None)
+        return
+
+    def results_by_axis() -> dict[str, AxisResults]:
+        """Computes figures and loops of pitch and yaw."""
+        return {
+            name: results_of_axis(name, log, signals, analysis.alarms, options.start)
+            for name in AXES[1:]
+        }
+
+    with in_second_process(results_by_axis) as result:
+        yield _OtherAxes(result)
 
 
 def _evidence_without_loops(

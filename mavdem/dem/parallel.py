@@ -12,14 +12,14 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from functools import partial
 from itertools import chain, islice
 from multiprocessing import active_children, current_process, get_context, parent_process
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from threading import Lock, Thread, active_count, current_thread, main_thread
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from mavdem.facts import Fact
 from mavdem.facts.model import Workers
@@ -306,6 +306,91 @@ class LearningProcess(Executor):
                 gc.collect()
                 gc.freeze()
             self._pool = self._exits.enter_context(process_pool(1, prepare, start_method))
+
+
+class ForkedCall(Generic[Result]):
+    """A function that runs in a second process, a copy of this one, while this one goes on.
+
+    The function may be any: the copy has all that this process has. Only its result is pickled. Where the second
+    process fails or is ended, :meth:`result` is None, and the caller does the work itself.
+    """
+
+    def __init__(self, work: Callable[[], Result]) -> None:
+        """Starts the process."""
+        context = get_context("fork")
+        self._receiver, sender = context.Pipe(duplex=False)
+        # Ctrl-C reaches both processes: this one decides what it means, and ends the other.
+        with blocked_signals(*TERMINATION_SIGNALS):
+            self._process = context.Process(
+                target=_send_result, args=(work, sender, self._receiver), daemon=True
+            )
+            self._process.start()
+        # The pipe ends with the process, which alone has this end then.
+        sender.close()
+
+    def result(self) -> Result | None:
+        """Waits for the result and returns it; None where the function raised an error, or the process was ended."""
+        try:
+            outcome: tuple[Result] | None = self._receiver.recv()
+        except (EOFError, OSError):
+            return None
+        return None if outcome is None else outcome[0]
+
+    def close(self) -> None:
+        """Ends the process, whether it has finished or not."""
+        with blocked_signals(*TERMINATION_SIGNALS), self._receiver:
+            self._process.kill()
+            self._process.join()
+
+
+@contextmanager
+def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Result | None]]:
+    """Starts a function in a second process, where there is a core for it, and ends that with the block.
+
+    Args:
+        work: the function.
+
+    Yields:
+        A function that waits for the result and returns it; it returns None where the work must be done by the caller,
+        because there is only one core, or this process cannot be copied.
+    """
+    if available_workers() == 1 or not _is_fork_safe():
+        yield lambda: None
+        return
+    try:
+        call = ForkedCall(work)
+    except OSError:
+        # There is no memory, or no number, for another process.
+        yield lambda: None
+        return
+    with closing(call):
+        yield call.result
+
+
+def _send_result(
+    work: Callable[[], Result],
+    sender: "Connection[Any, Any]",
+    receiver: "Connection[Any, Any]",
+) -> None:
+    """Calls a function in the process of a :class:`ForkedCall`, and sends its result, or None where that fails.
+
+    Args:
+        work: the function.
+        sender: end of the pipe that takes the result.
+        receiver: the other end, which belongs to the parent process.
+    """
+    receiver.close()
+    gc.freeze()
+    Thread(target=_exit_with_parent, daemon=True).start()
+    outcome = None
+    # The caller does the work again, and meets the same error there.
+    with suppress(Exception):
+        outcome = (work(),)
+    try:
+        sender.send(outcome)
+    except Exception:
+        # What cannot be pickled cannot be sent.
+        sender.send(None)
 
 
 @contextmanager

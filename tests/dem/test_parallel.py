@@ -8,9 +8,10 @@ import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from subprocess import PIPE, run
 
-from pytest import mark, raises
+from pytest import fixture, mark, raises, skip
 
-from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, process_pool
+from mavdem.dem import parallel
+from mavdem.dem.parallel import LOW_PRIORITY, LearningProcess, in_second_process, process_pool
 from mavdem.processes import resource_use
 
 pytestmark = mark.slow
@@ -81,3 +82,55 @@ def test_pools_that_are_started_at_once_know_their_own_processes():
 
     with ThreadPoolExecutor(2) as threads:
         assert all(known == own for known, own in threads.map(pids, range(2)))
+
+
+@fixture
+def two_cores(monkeypatch):
+    """A machine with two cores, and a test that no other thread runs beside."""
+    if sys.platform != "linux":
+        skip("processes are copied on Linux only")
+    monkeypatch.setattr(parallel, "available_workers", lambda: 2)
+    monkeypatch.setattr(parallel, "_is_fork_safe", lambda: True)
+
+
+def test_a_second_process_returns_what_the_function_returns(two_cores):
+    with in_second_process(lambda: (os.getpid(), "result")) as result:
+        pid, text = result()
+    assert (text, pid != os.getpid()) == ("result", True)
+
+
+def test_an_error_in_a_second_process_and_its_end_leave_the_work_to_the_caller(two_cores):
+    with in_second_process(lambda: 1 / 0) as result:
+        assert result() is None
+    with in_second_process(lambda: os.kill(os.getpid(), signal.SIGKILL)) as result:
+        assert result() is None
+    # A function cannot be pickled.
+    with in_second_process(lambda: lambda: None) as result:
+        assert result() is None
+
+
+def test_a_second_process_ends_with_its_block_and_takes_no_interrupt(two_cores, tmp_path):
+    number = tmp_path / "pid"
+
+    def work():
+        number.write_text(f"{os.getpid()}\n", encoding="utf-8")
+        time.sleep(3600)
+
+    began = time.monotonic()
+    with raises(KeyboardInterrupt), in_second_process(work):
+        while not number.exists() or not number.read_text(encoding="utf-8").endswith("\n"):
+            time.sleep(0.01)
+        pid = int(number.read_text(encoding="utf-8"))
+        os.kill(pid, signal.SIGINT)
+        time.sleep(0.1)
+        os.kill(pid, 0)
+        raise KeyboardInterrupt
+    with raises(ProcessLookupError):
+        os.kill(pid, 0)
+    assert time.monotonic() - began < 600
+
+
+def test_there_is_no_second_process_without_a_second_core(monkeypatch):
+    monkeypatch.setattr(parallel, "available_workers", lambda: 1)
+    with in_second_process(os.getpid) as result:
+        assert result() is None

@@ -5,7 +5,7 @@ model was trained on, and graded by the findings. A model of the slow motion is 
 baselines.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -77,6 +77,15 @@ def show_nothing(title: str, measured: bool = True) -> AbstractContextManager[Pr
     return nullcontext(lambda share: None)
 
 
+FiguresOfAxes = Callable[[], Mapping[str, AxisFigures]]
+"""Returns figures of some axes by name, when they are there."""
+
+
+def no_figures() -> Mapping[str, AxisFigures]:
+    """Returns the figures of no axis: the default of :func:`analyse`."""
+    return {}
+
+
 @dataclass(frozen=True)
 class Options:
     """What of a log is analysed, and how a model is learned."""
@@ -112,6 +121,7 @@ def analyse(
     *,
     progress: ShowStep = show_nothing,
     other_axis: LogAnalysis | None = None,
+    figures_of_other_axes: FiguresOfAxes = no_figures,
 ) -> LogAnalysis:
     """Returns all that a log shows of one vehicle and axis.
 
@@ -126,6 +136,8 @@ def analyse(
         progress: shows the steps of the work.
         other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
             are not computed again, nor its physical parameters of this axis, if they are of the same flights.
+        figures_of_other_axes: returns figures of pitch and yaw by axis that another process has computed meanwhile;
+            those that it does not return are computed here.
 
     Raises:
         NotLearnable: the ``start``, ``train`` or ``test`` of the options does not fit.
@@ -170,7 +182,7 @@ def analyse(
         truth = truth_of(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
     if axis == ALL_AXES:
-        analysis = _with_other_axes(analysis, log, signals, progress)
+        analysis = _with_other_axes(analysis, log, signals, progress, figures_of_other_axes)
     return analysis
 
 
@@ -342,7 +354,11 @@ def _with_physical_parameters(
 
 
 def _with_other_axes(
-    analysis: LogAnalysis, log: Log, signals: Signals, progress: ShowStep
+    analysis: LogAnalysis,
+    log: Log,
+    signals: Signals,
+    progress: ShowStep,
+    figures_of_other_axes: FiguresOfAxes,
 ) -> LogAnalysis:
     """Returns the analysis of roll with the physical parameters of pitch and yaw too.
 
@@ -351,12 +367,19 @@ def _with_other_axes(
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
+        figures_of_other_axes: returns the figures that need not be computed here.
     """
     figures_by_axis = {**analysis.figures_by_axis}
     with progress("Estimating the physical parameters") as show_share:
+        computed_figures = figures_of_other_axes()
         for axis in AXES[1:]:
-            axis_signals = signals.for_axis(axis, signals.inputs)
-            figures_by_axis[axis] = figures_of_axis(axis_signals, log.components, analysis.alarms)
+            if axis in computed_figures:
+                figures_by_axis[axis] = computed_figures[axis]
+            else:
+                axis_signals = signals.for_axis(axis, signals.inputs)
+                figures_by_axis[axis] = figures_of_axis(
+                    axis_signals, log.components, analysis.alarms
+                )
             show_share(len(figures_by_axis) / len(AXES))
     return replace(analysis, axes=ReadOnlyDict(figures_by_axis))
 

@@ -1,12 +1,12 @@
 """Control loops of a log: the plant identified in its settled flight, with the controller of its parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
 from mavdem.assessment.axis.analysis import flights_after_start
-from mavdem.assessment.axis.figures import AxisFigures
+from mavdem.assessment.axis.figures import AxisFigures, figures_of_axis
 from mavdem.assessment.axis.gains import (
     autotune_fact,
     gains_since,
@@ -25,6 +25,7 @@ from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identification import identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
+from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.plant import Physical, physical
 
 
@@ -45,6 +46,7 @@ def loops_of_axes(
     signals: Signals,
     start: float = 0.0,
     figures: Mapping[str, AxisFigures] = MappingProxyType({}),
+    known_loops: Mapping[str, Loop | Fact] = MappingProxyType({}),
 ) -> LogLoops:
     """Identifies the control loops of roll, pitch and yaw.
 
@@ -53,6 +55,7 @@ def loops_of_axes(
         signals: signals of the vehicle, with the inputs to use.
         start: time at the beginning of the settled flight that is left out, s.
         figures: physical parameters by axis, if they were estimated before.
+        known_loops: loops by axis, or why they are not known, if they were identified before.
 
     Returns:
         By axis the identified loop, or the fact that says why it was not identified; and the facts about AutoTune.
@@ -61,18 +64,59 @@ def loops_of_axes(
     autotune = []
     for axis in AXES:
         axis_signals = signals.for_axis(axis, signals.inputs)
-        try:
-            loop = loop_of_axis(axis_signals, log, start, figures.get(axis))
-        except NotLearnable as error:
-            loops[axis] = error.fact
-            fact = autotune_fact(axis_signals, error.fact)
+        if axis in known_loops:
+            loop = known_loops[axis]
+        else:
+            loop = loop_or_reason(axis_signals, log, start, figures.get(axis))
+        loops[axis] = loop
+        if isinstance(loop, Loop):
+            # A loop has what AutoTune changed among its cautions.
+            autotune += [caution for caution in loop.cautions if caution.code is Loops.AUTOTUNED]
+        else:
+            fact = autotune_fact(axis_signals, loop)
             if fact is not None:
                 autotune.append(fact)
-            continue
-        loops[axis] = loop
-        # A loop has what AutoTune changed among its cautions.
-        autotune += [caution for caution in loop.cautions if caution.code is Loops.AUTOTUNED]
     return LogLoops(loops, autotune)
+
+
+class AxisResults(NamedTuple):
+    """What is computed of one axis without a model."""
+
+    figures: AxisFigures
+    """Physical parameters and wind torque, or why there are none."""
+    loop: Loop | Fact
+    """The control loops, or why they are not known."""
+
+
+def results_of_axis(
+    axis: str, log: Log, signals: Signals, alarms: Sequence[MotorAlarm], start: float
+) -> AxisResults:
+    """Returns physical parameters, wind torque and control loops of one axis, as a second process computes them.
+
+    Args:
+        axis: "roll", "pitch" or "yaw".
+        log: the log.
+        signals: signals of the vehicle, with the inputs to use.
+        alarms: changes of the motors in flight.
+        start: time at the beginning of the settled flight that is left out of the loops, s.
+    """
+    axis_signals = signals.for_axis(axis, signals.inputs)
+    figures = figures_of_axis(axis_signals, log.components, alarms)
+    return AxisResults(figures, loop_or_reason(axis_signals, log, start, figures))
+
+
+def loop_or_reason(
+    signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
+) -> Loop | Fact:
+    """Returns the control loops of the axis of ``signals``, or why they are not known.
+
+    Args:
+        signals, log, start, figures: as for :func:`loop_of_axis`.
+    """
+    try:
+        return loop_of_axis(signals, log, start, figures)
+    except NotLearnable as error:
+        return error.fact
 
 
 def loop_of_axis(
