@@ -1,6 +1,8 @@
 """Optional dependencies ("extras" of the package): which are installed, and the errors that name the missing ones."""
 
+import os
 from importlib.util import find_spec
+from pathlib import Path
 
 from mavdem.facts import Fact
 from mavdem.facts.sources import Package
@@ -8,6 +10,7 @@ from mavdem.facts.sources import Package
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
+    "mcap": ("lz4", "mcap", "zstandard"),
     "mcp": ("mcp",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
@@ -19,6 +22,10 @@ EXTRAS = {
     "xarray": ("xarray",),
 }
 """Modules that each extra of ``pyproject.toml`` installs, by the name of the extra."""
+
+
+EXTRAS_OF_ENDINGS = {".mcap": "mcap", ".parquet": "parquet", ".rrd": "view"}
+"""Extras that reading or writing a file needs, by the ending of its name."""
 
 
 class MissingExtra(ImportError):
@@ -64,3 +71,10 @@ def require_extra(extra: str, subject: str = "") -> None:
     fact = missing_extra_fact(extra, subject)
     if fact is not None:
         raise MissingExtra(fact)
+
+
+def require_extra_of_file(path: str | os.PathLike[str]) -> None:
+    """Raises ``MissingExtra`` unless the extra that a file of this ending needs, if any, is installed."""
+    extra = EXTRAS_OF_ENDINGS.get(Path(path).suffix.lower())
+    if extra is not None:
+        require_extra(extra, f"{path}")

@@ -12,7 +12,7 @@ from mavdem.assessment.axis import Options
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
-from mavdem.extras import missing_modules, require_extra
+from mavdem.extras import EXTRAS_OF_ENDINGS, missing_modules, require_extra_of_file
 from mavdem.files import reporting_write_errors, writable_target
 from mavdem.ingest import read_log
 
@@ -57,8 +57,10 @@ def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
 
 
 def possible_recordings() -> Names:
-    """Returns those of the ``RECORDINGS`` that can be written here; flight.rrd needs the package ``rerun``."""
-    return (CHANNELS_FILE,) if missing_modules("view") else RECORDINGS
+    """Returns those of the ``RECORDINGS`` that can be written here: whose packages are installed."""
+    return tuple(
+        name for name in RECORDINGS if not missing_modules(EXTRAS_OF_ENDINGS[Path(name).suffix])
+    )
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
@@ -124,12 +126,11 @@ def convert_to_recording(
     Raises:
         Unreadable: The log cannot be read, or ``out`` cannot be written.
         NotLearnable: No model can be learned from the log.
-        MissingExtra: ``out`` is an .rrd, and Rerun is not installed.
+        MissingExtra: The format of ``out`` needs a package that is not installed.
         ValueError: ``out`` is the source.
     """
     ending = out.suffix.lower()
-    if ending == Path(RECORDING_FILE).suffix:
-        require_extra("view", f"{out}")
+    require_extra_of_file(out)
     with reporting_write_errors(out):
         # A target that cannot be written is refused before the work.
         writable_target(out)

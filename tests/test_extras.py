@@ -15,6 +15,7 @@ from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.open import load
 from mavdem.extras import EXTRAS, MissingExtra, Package, require_extra
 from mavdem.facts import Fact
+from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -65,6 +66,31 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, mon
     dashboard.close()
 
 
+@mark.parametrize(
+    ("words", "name"),
+    [
+        (("info", "FLIGHT.mcap"), "FLIGHT.mcap"),
+        (("convert", str(LOG), "flight.mcap"), "flight.mcap"),
+        (("convert", "FLIGHT.mcap", "flight.tlog"), "FLIGHT.mcap"),
+        (("fly", "hover_blower", "--out", "flight.mcap"), "flight.mcap"),
+        (("live", "udpin:127.0.0.1:0", "--record", "flight.mcap"), "flight.mcap"),
+        (("review", str(LOG), "--mcap"), "flight.mcap"),
+    ],
+)
+def test_without_the_libraries_of_mcap_a_recording_is_refused_in_one_sentence(
+    words, name, here, monkeypatch, capsys
+):
+    recording = here / "FLIGHT.mcap"
+    recording.write_bytes(FORMAT_SIGNATURES[Format.MCAP].first_bytes)
+    monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None if name == "mcap" else name)
+    assert main(list(words)) == 2
+    out, said = capsys.readouterr()
+    # A review says first what it reviews.
+    assert not out and said.count("\n") <= 2
+    assert said.endswith(f"{name} needs mcap: pip install 'mavdem[mcap]'.\n")
+    assert list(here.iterdir()) == [recording]
+
+
 def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
     monkeypatch.setattr("mavdem.extras.find_spec", lambda name: None)
     for extra, modules in EXTRAS.items():
@@ -78,7 +104,7 @@ def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
 def test_no_module_but_its_own_needs_an_extra(tmp_path):
     """What any command or ``import mavdem`` imports first is there in a core installation, which runs as a module.
 
-    It writes all but the recording for Rerun, and the server begins, without Matplotlib.
+    It writes all but the recordings, and the server begins, without Matplotlib.
     """
     (tmp_path / "flight.rrd").write_text("of a run before")
     words = [
@@ -87,7 +113,6 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
         "--out",
         str(tmp_path),
         *QUICK,
-        "--mcap",
         "--json",
     ]
     libraries = sorted({library for modules in EXTRAS.values() for library in modules})
@@ -108,5 +133,5 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
     assert done.returncode == 0 and "version" in done.stdout, done.stderr
     document, _ = json.JSONDecoder().raw_decode(done.stdout)
     written = {path.name for path in tmp_path.iterdir()} - {LOG.name}
-    assert written == {*document["files"]} >= {"model.json", "report.json", "flight.mcap"}
+    assert written == {*document["files"]} >= {"model.json", "report.json"}
     assert "flight.rrd" not in written

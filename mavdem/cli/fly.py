@@ -15,7 +15,6 @@ from mavdem.cli.output_files import check_output_file
 from mavdem.cli.streams import print_to_stderr, print_to_stdout
 from mavdem.containers import JsonValues, Names
 from mavdem.export.conversion import STREAM_WRITERS
-from mavdem.extras import require_extra
 from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.files import (
@@ -277,8 +276,6 @@ def _fly_into_files(
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_output_file(truth, "--out", (".npz",))
     check_output_file(rrd, "--rrd", (".rrd",))
-    if rrd is not None:
-        require_extra("view", "--rrd")
     # The log is the last to appear, so that the other files are there when a program waits for it.
     files = [path for path in (truth, rrd, out) if path is not None]
     start_time = perf_counter()

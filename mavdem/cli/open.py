@@ -18,7 +18,7 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.extras import missing_extra_fact, require_extra
+from mavdem.extras import MissingExtra, missing_extra_fact, require_extra
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import looks_like_log
 from mavdem.report.blocks import Sentence
@@ -91,6 +91,9 @@ def load(arguments: list[str]) -> int:
     log: Log | Unreadable
     try:
         log = read_log(path)
+    except MissingExtra:
+        # Rerun itself can read recordings whose libraries are missing here.
+        return EXIT_INCOMPATIBLE
     except Unreadable as error:
         if path.suffix.lower() == ".mcap":
             # It may hold data of another program, which Rerun itself can read.

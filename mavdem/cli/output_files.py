@@ -9,6 +9,7 @@ import click
 
 from mavdem.containers import Names
 from mavdem.errors import Unreadable
+from mavdem.extras import require_extra_of_file
 from mavdem.facts.command import Unwritable
 from mavdem.files import (
     PathName,
@@ -66,12 +67,14 @@ def check_output_file(path: Path | None, option: str, endings: Names) -> None:
 
     Raises:
         click.BadParameter: The name has another ending.
+        MissingExtra: Its format needs a package that is not installed.
         Unreadable: The file cannot be written.
     """
     if path is None:
         return
     if path.suffix.lower() not in endings:
         raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+    require_extra_of_file(path)
     with reporting_write_errors(path):
         writable_target(path)
 

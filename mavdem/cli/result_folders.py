@@ -9,7 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.cli.output import json_text, progress
 from mavdem.cli.output_files import replaced_files
 from mavdem.containers import JsonValues, Names
-from mavdem.extras import require_extra
+from mavdem.extras import require_extra_of_file
 from mavdem.results import (
     CHANNELS_FILE,
     RECORDING_FILE,
@@ -86,14 +86,15 @@ def chosen_recordings(rrd: bool, mcap: bool) -> Names:
         mcap: Whether --mcap was given.
 
     Raises:
-        MissingExtra: --rrd asks for a recording that needs a package which is not installed.
+        MissingExtra: One of them needs a package that is not installed.
     """
     names = []
     if rrd:
-        require_extra("view", RECORDING_FILE)
         names.append(RECORDING_FILE)
     if mcap:
         names.append(CHANNELS_FILE)
+    for name in names:
+        require_extra_of_file(name)
     return tuple(names)
 
 

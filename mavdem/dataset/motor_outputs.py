@@ -329,7 +329,9 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
     for number in np.unique(port):
         is_of_port = port == number
         has_output = np.isfinite(outputs[is_of_port, :channels_per_port]).any(axis=0)
-        table = np.where(has_output, outputs[:, :channels_per_port], 0.0)
+        table = outputs[:, :channels_per_port]
+        if not has_output.all():
+            table = np.where(has_output, table, 0.0)
         first_channel = 1 + channels_per_port * int(number)
         banks.append(_OutputBank(first_channel, clean_series(columns, table, is_of_port)))
     return banks

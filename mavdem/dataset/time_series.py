@@ -67,7 +67,12 @@ def float_column(columns: Columns, field: str) -> Array:
 
 def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
     """Returns several scalar fields of a message as the columns (N, k) of one array, like :func:`float_column`."""
-    return np.column_stack([float_column(columns, field) for field in fields])
+    names = tuple(fields)
+    table = np.empty((len(columns[names[0]]), len(names)))
+    # One field at a time: of hours of flight the columns beside the array would take as much as it.
+    for number, name in enumerate(names):
+        table[:, number] = float_column(columns, name)
+    return table
 
 
 def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:

@@ -1,6 +1,7 @@
 """Conversion of a log into another stream format, or of its flight into a table or a path, by the files' endings."""
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -13,14 +14,23 @@ from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.export.geographic_paths import geographic_paths, write_geojson, write_kml
 from mavdem.export.tables import TIME_COLUMN, columns, wind_columns, write_csv, write_parquet
-from mavdem.extras import require_extra
+from mavdem.extras import require_extra_of_file
 from mavdem.files import PathName, atomic_write, reporting_write_errors, writable_target
 from mavdem.flight import boot_number
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.mavlink.frame_stream import MAX_NANOSECOND_STAMP, FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
-from mavdem.ingest.mcap.records import MAX_STAMP, write_mcap
 from mavdem.ingest.tlog import write_tlog
+
+
+def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
+    """Writes every frame of a stream as an MCAP recording and returns how many there were."""
+    # The libraries of MCAP are an extra, which is asked for where the file is named.
+    from mavdem.ingest.mcap.records import write_mcap as write
+
+    return write(file, stream)
+
 
 STREAM_WRITERS = {".tlog": write_tlog, ".mcap": write_mcap}
 """Writers of streams of MAVLink frames, by the ending of the file."""
@@ -63,7 +73,7 @@ def convert(
 
     Raises:
         Unreadable: ``source`` cannot be read, or ``out`` cannot be written.
-        MissingExtra: ``out`` is a .parquet, and pyarrow is not installed.
+        MissingExtra: The format of ``out`` or of the source needs a package that is not installed.
         NotLearnable: there is no vehicle, or several and none was chosen, or attitude or inputs are missing.
         ValueError: ``out`` is the source, or has no known ending, or the ending of the source.
     """
@@ -75,8 +85,7 @@ def convert(
         # A recording for Rerun is made above this room, by ``mavdem.results``.
         listed = ", ".join([*endings, ".rrd"])
         raise ValueError(f"{out} must end in {listed}: the ending chooses the format")
-    if ending == ".parquet":
-        require_extra("parquet", f"{out}")
+    require_extra_of_file(out)
     with reporting_write_errors(out):
         # A target that cannot be written is refused before the work, which may take long.
         writable_target(out)
@@ -112,7 +121,7 @@ def convert_stream(source: Path, out: Path) -> JsonValues:
         frames_written = STREAM_WRITERS[ending](file, stream)
     # MCAP counts nanoseconds in 64 bits. The writer fills stamps that do not fit, like those that are missing.
     is_missing = stream.stamps == 0
-    is_too_large = stream.stamps > MAX_STAMP if ending == ".mcap" else np.False_
+    is_too_large = stream.stamps > MAX_NANOSECOND_STAMP if ending == ".mcap" else np.False_
     return {
         "frames": frames_written,
         "left_out": len(stream.frames) - frames_written,

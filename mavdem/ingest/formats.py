@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from mavdem.errors import Unreadable
+from mavdem.extras import require_extra
 from mavdem.facts.sources import Source
 from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
@@ -59,6 +60,7 @@ def read_log(path: AnyPath) -> Log:
         case Format.DATAFLASH:
             from mavdem.ingest.dataflash.log import read_dataflash as read
         case Format.MCAP:
+            require_extra("mcap", name)
             from mavdem.ingest.mcap.log import read_mcap as read
         case Format.TLOG:
             from mavdem.ingest.tlog import read_tlog as read
@@ -80,6 +82,7 @@ def read_stream(path: AnyPath) -> "FrameStream":
     """
     name, log_format = detect_format(path)
     if log_format is Format.MCAP:
+        require_extra("mcap", name)
         from mavdem.ingest.mcap.log import mcap_stream
 
         return mcap_stream(name)

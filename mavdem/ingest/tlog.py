@@ -21,7 +21,7 @@ from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import mapped_bytes
 from mavdem.ingest.mavlink.clocks import Rows
 from mavdem.ingest.mavlink.dialect import crc_extra_table
-from mavdem.ingest.mavlink.frame_stream import FrameStream
+from mavdem.ingest.mavlink.frame_stream import STAMPS_AT_ONCE, FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, SCANNED_BYTES, Frames, find_frames
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Log, repair_facts
@@ -108,9 +108,10 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
         Unreadable: There is no MAVLink, or hardly any for the size.
     """
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
-    stamp_bytes = np.minimum(_bytes_before(frames, slice(None)), STAMP_BYTES)
-    covered = stamp_bytes.sum(dtype=np.int64) + frames.size.sum(dtype=np.int64)
-    skipped = len(data) - int(covered)
+    skipped = len(data) - int(frames.size.sum(dtype=np.int64))
+    for first in range(0, len(frames), STAMPS_AT_ONCE):
+        gaps = _bytes_before(frames, slice(first, first + STAMPS_AT_ONCE))
+        skipped -= int(np.minimum(gaps, STAMP_BYTES).sum(dtype=np.int64))
     matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
     if len(frames) and not matching:
         count = len(frames)

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from mavdem.errors import Unreadable, error_message
+from mavdem.extras import require_extra_of_file
 from mavdem.facts.session import LinkFact
 from mavdem.files import PathName
 from mavdem.ingest.mavlink.frame_reader import Frame
 from mavdem.ingest.mavlink.recording_end import end_mark
-from mavdem.ingest.mcap.records import register_frame_channel, start_writer, write_message
 from mavdem.ingest.tlog import write_stamped
 
 BATCH_SECONDS = 0.5
@@ -33,7 +33,9 @@ class RawRecording:
 
         Raises:
             Unreadable: the file exists, or cannot be created.
+            MissingExtra: the libraries of MCAP are not installed.
         """
+        require_extra_of_file(path)
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
         except FileExistsError:
@@ -46,6 +48,8 @@ class RawRecording:
         self._mcap = None
         self._channel = 0
         if Path(path).suffix.lower() == ".mcap":
+            from mavdem.ingest.mcap.records import register_frame_channel, start_writer
+
             self._mcap = start_writer(self._file, MCAP_CHUNK_BYTES)
             self._channel = register_frame_channel(self._mcap)
         # UNIX time of the frames that were last passed on to the operating system, s.
@@ -95,7 +99,8 @@ class RawRecording:
         if self._mcap is None:
             write_stamped(self._file, [(microseconds, content)])
         else:
-            write_message(self._mcap, self._channel, microseconds * 1000, content)
+            nanoseconds = microseconds * 1000
+            self._mcap.add_message(self._channel, nanoseconds, content, nanoseconds)
 
     def close(self) -> None:
         """Writes the rest and closes the file; closing it again does nothing.

@@ -1,14 +1,18 @@
 """Reading of long logs: mapped into memory, and column by column."""
 
 import pickle
+import re
+from pathlib import Path
 
 import numpy as np
+from pytest import mark
 
 from mavdem.ingest import byte_rows, contents
 from mavdem.ingest.byte_rows import mapping_of
 from mavdem.ingest.contents import mapped_bytes
-from mavdem.ingest.mavlink import frame_columns
-from mavdem.ingest.tlog import read_tlog
+from mavdem.ingest.mavlink import frame_columns, sender_streams
+from mavdem.ingest.mavlink.sender_streams import sender_stream_of
+from mavdem.ingest.tlog import read_tlog, tlog_stream
 from tests.ingest.mavlink_streams import flight, heartbeat, tlog
 
 
@@ -71,3 +75,30 @@ def test_a_mapped_log_keeps_the_latest_columns_only(tmp_path, monkeypatch):
         attitude[name]
     assert attitude["roll"] is not roll
     np.testing.assert_array_equal(attitude["roll"], roll)
+
+
+def resident_bytes(path):
+    """Returns how much of a mapped file is in the memory of this process."""
+    mapping = Path("/proc/self/smaps").read_text().partition(str(path))[2]
+    return 1024 * int(re.search(r"^Rss: +(\d+) kB", mapping, re.MULTILINE)[1])
+
+
+@mark.skipif(not Path("/proc/self/smaps").exists(), reason="needs the memory maps of Linux")
+def test_frames_that_are_compared_all_over_a_mapped_log_do_not_stay_in_memory(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(contents, "MIN_MAPPED_BYTES", 1)
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(tlog(flight(np.arange(0.5, 120.5, 0.02))))
+    stream = tlog_stream(path)
+    byte_rows.release_pages(stream.data)
+    sender_stream_of(stream.data, stream.frames, np.arange(len(stream.frames)))
+    assert resident_bytes(path) < len(stream.data) / 2
+
+
+def test_sequence_numbers_are_compared_across_parts(monkeypatch):
+    sequence = np.random.default_rng(0).integers(0, 3, 1000).cumsum().astype(np.uint8)
+    whole = sender_streams._sequence_steps(sequence)
+    monkeypatch.setattr(sender_streams, "ROWS_AT_ONCE", 7)
+    assert sender_streams._sequence_steps(sequence) == whole
+    assert whole.irregular > 0 and whole.missing > 0

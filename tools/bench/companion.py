@@ -168,6 +168,21 @@ def usage_now(session: psutil.Process) -> Usage:
     return Usage(time.monotonic(), processor, memory)
 
 
+def compiled_environment(python: str, checkout: Path, folder: Path) -> dict[str, str]:
+    """Compiles the modules of a checkout, as an installation has them, and returns the environment that uses them.
+
+    Args:
+        python: interpreter that will run them.
+        checkout: folder with ``mavdem``.
+        folder: where the compiled modules are written to.
+    """
+    environment = os.environ | {"PYTHONPATH": str(checkout), "PYTHONPYCACHEPREFIX": str(folder)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    compiling = [python, "-m", "compileall", "-q", str(checkout / "mavdem")]
+    subprocess.run(compiling, env=environment, check=True)
+    return environment
+
+
 def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | None) -> LiveRun:
     """Runs a live session while a flight is sent to it, and observes it.
 
@@ -189,7 +204,7 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         scenario = folder / "flight.toml"
         scenario.write_text(SCENARIO.format(rate=rate))
         words = f"-m mavdem live udpin:{LINK} --plain --json --record".split()
-        environment = os.environ | {"PYTHONPATH": str(checkout)}
+        environment = compiled_environment(python, checkout, folder / "compiled")
         session = subprocess.Popen(
             [python, *words, str(folder / "live.tlog")],
             cwd=folder,

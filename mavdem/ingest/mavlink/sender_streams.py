@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
-from mavdem.ingest.byte_rows import Bytes, Offsets, rows_of
+from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
@@ -79,28 +79,42 @@ def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStrea
     Returns:
         A flag for each frame (n,) that is not a copy, and the number of missing frames.
     """
-    # Signed numbers, so that their differences may be negative.
-    sequence = all_frames.sequence[rows].astype(np.int16)
-    steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-    is_irregular = (steps == 0) | (steps > MAX_LATE_STEPS)
-    has_irregular = bool(is_irregular.any())
-    has_several_links = np.count_nonzero(is_irregular) > MIN_IRREGULAR_SHARE * len(steps)
-    lost = int(missing_messages(sequence[:-1], sequence[1:]).sum())
-    # Of a recording of hours each of these arrays takes tens of megabytes.
-    del sequence, steps, is_irregular
+    steps = _sequence_steps(all_frames.sequence[rows])
+    has_several_links = steps.irregular > MIN_IRREGULAR_SHARE * max(len(rows) - 1, 0)
     reading_rows = _rows_of_possible_readings(all_frames, rows)
     frame_rows = rows[reading_rows]
     keys = np.zeros(0, dtype=np.uint32)
-    if has_irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
+    if steps.irregular or _first_reading_is_repeated(data, all_frames, frame_rows):
         keys = _frame_keys(data, all_frames, frame_rows)
     if not has_several_links and not _has_copies(data, all_frames, frame_rows, keys):
         # One flag stands for all frames, and takes no memory.
-        return SenderStream(np.broadcast_to(np.True_, len(rows)), max(lost, 0))
+        return SenderStream(np.broadcast_to(np.True_, len(rows)), max(steps.missing, 0))
     return _sender_stream_of_links(data, all_frames[rows], reading_rows[_possible_copies(keys)])
 
 
 ROWS_AT_ONCE = 1 << 18
 """Number of frames of which columns are compared at once: a choice, which bounds the memory for long recordings."""
+
+
+class _SequenceSteps(NamedTuple):
+    """What the sequence numbers of a sender say, each compared with the one before it."""
+
+    irregular: int
+    """Number of steps that are none, or backwards by more than late messages make."""
+    missing: int
+    """Number of missing frames, less those that came late or twice."""
+
+
+def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
+    """Counts irregular steps and missing frames by the sequence numbers (n,) of a sender, in stream order."""
+    irregular = missing = 0
+    for first in range(0, len(sequence), ROWS_AT_ONCE):
+        # With the first number of the next part. Signed numbers, so that their differences may be negative.
+        part = sequence[first : first + ROWS_AT_ONCE + 1].astype(np.int16)
+        steps = np.diff(part) & (SEQUENCE_NUMBERS - 1)
+        irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))
+        missing += int(missing_messages(part[:-1], part[1:]).sum())
+    return _SequenceSteps(irregular, missing)
 
 
 def _rows_of_possible_readings(all_frames: Frames, rows: Rows) -> NDArray[np.int32]:
@@ -232,6 +246,8 @@ def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> b
         for row in part[is_alike].tolist():
             if row != first_row and frame_content(data, all_frames, row) == first_content:
                 return True
+        # These frames lie all over the file.
+        release_pages(data)
     return False
 
 
@@ -272,7 +288,11 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
     if not len(repeated_keys):
         return False
     contents = set[bytes]()
+    resident_start = 0
     for row in rows[np.isin(keys, repeated_keys)].tolist():
+        if all_frames.start[row] > resident_start + RESIDENT_BYTES:
+            release_pages(data)
+            resident_start = int(all_frames.start[row])
         frame = frame_content(data, all_frames, row)
         if frame in contents and clock_reading(frame, int(all_frames.message_id[row])) is not None:
             return True

@@ -20,7 +20,6 @@ from math import isfinite
 from typing import Any, BinaryIO, NamedTuple
 
 import lz4.frame
-import numpy as np
 import zstandard
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
@@ -34,7 +33,7 @@ from mavdem.facts.sources import Repair
 from mavdem.ingest.contents import MAX_COMPRESSION_RATIO, MIN_UNPACKED_LIMIT
 from mavdem.ingest.mavlink.dialect import MessageDefinition, definitions_by_id
 from mavdem.ingest.mavlink.frame_reader import Frame, parse_frame
-from mavdem.ingest.mavlink.frame_stream import FrameStream
+from mavdem.ingest.mavlink.frame_stream import MAX_NANOSECOND_STAMP, FrameStream
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.mavlink.payloads import field_values
 from mavdem.ingest.telemetry import repair_facts
@@ -285,9 +284,6 @@ def _unpacked(compression: str, packed: bytes, max_size: int) -> bytes:
     return bytes(records)
 
 
-MAX_STAMP = np.iinfo(np.uint64).max // NANOSECONDS_PER_MICROSECOND - 1
-"""The last receive stamp, µs, that 64 bits of nanoseconds hold: in the year 2554."""
-
 LIBRARY = "mavdem"
 """Name of the writing program in the header of a file."""
 
@@ -314,7 +310,7 @@ def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     last_stamp = 0
     count = 0
     for stamp, content in stream.stamped_frames():
-        last_stamp = stamp if stamp <= MAX_STAMP else last_stamp
+        last_stamp = stamp if stamp <= MAX_NANOSECOND_STAMP else last_stamp
         log_time = last_stamp * NANOSECONDS_PER_MICROSECOND
         write_message(writer, frame_channel, log_time, content)
         count += 1
