@@ -37,13 +37,16 @@ class ResourceUse(NamedTuple):
 
 
 def resource_use(process_id: int) -> ResourceUse:
-    """Returns the processor time and memory that a process of this machine has taken; nothing if it has ended.
+    """Returns the processor time and memory that a process of this machine has taken.
 
     Its memory is what the process has allocated, where the system counts that: Windows as "private", Linux as "data".
     Elsewhere it is the resident memory.
 
     Args:
         process_id: number of the process.
+
+    Returns:
+        Processor time and memory; empty if the process has ended.
     """
     import psutil
 

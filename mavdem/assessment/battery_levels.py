@@ -64,7 +64,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
 
 
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:
-    """Returns how many cells a battery has in series; None if that is not clear.
+    """Returns the number of cells that a battery has in series.
 
     A parameter of PX4 or the messages have the number. Otherwise each of the usual ``CELL_COUNTS`` is tried: the
     voltage of the full battery over the count must be one with which a cell begins a flight. Only if exactly one count
@@ -73,6 +73,9 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     Args:
         parameters: parameters of the autopilot.
         battery: battery with its voltages.
+
+    Returns:
+        The number; None if it cannot be determined.
     """
     names = [name.format(battery.number) for name in CELL_COUNT_PARAMETERS]
     if battery.number != FIRST_BATTERY:

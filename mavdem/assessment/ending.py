@@ -91,13 +91,16 @@ def ending_of(
 
 
 def _throttle_closed(loss: Fact) -> Fact | None:
-    """Returns the fact that the pilot closed the throttle before a vehicle toppled; None if no witness shows it.
+    """Returns the fact that the pilot closed the throttle before a vehicle toppled.
 
     It must be closed within ``FIRST_RESPONSE_SECONDS`` of the loss. Most pilots close it later, when they see that the
     vehicle topples: that is a reaction and no cause.
 
     Args:
         loss: the event of the vehicle that toppled, with its witnesses, among which the closed throttle may be.
+
+    Returns:
+        The fact; None if no witness shows it.
     """
     latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:

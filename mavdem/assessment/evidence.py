@@ -260,10 +260,13 @@ class Evidence:
                 yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:
-        """Returns the part of a boot before the vehicle was lost, s; all time if it was not lost in this boot.
+        """Returns the part of a boot before the vehicle was lost.
 
         Args:
             boot: number of the boot.
+
+        Returns:
+            The intervals, s; all time if it was not lost in this boot.
         """
         ending = self.ending
         if ending is None or ending.figures.get("boot", boot) != boot:

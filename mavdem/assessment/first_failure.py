@@ -225,12 +225,15 @@ def _trouble_of_attitude(error: AttitudeError, onset: float) -> _Trouble:
 
 
 def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
-    """Returns the first motor that stood still as a loss began; None if none did, or no second witness confirms it.
+    """Returns the first motor that stood still as a loss began.
 
     Args:
         events: events of the flight.
         boot: number of the boot.
         onset: time when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
+
+    Returns:
+        The motor, as a fact; None if none did, or no second witness confirms it.
     """
     for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
         if event.is_bad:
@@ -239,7 +242,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
 
 
 def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
-    """Returns the fact that the pilot closed the throttle between a diverged height and the loss; None if not.
+    """Returns the fact that the pilot closed the throttle between a diverged height and the loss.
 
     Only in a mode in which the stick is the thrust does the vehicle fall from that.
 
@@ -248,6 +251,9 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
         boot: number of the boot.
         diverged: the height estimate that diverged before.
         onset: time when the loss began, s since boot.
+
+    Returns:
+        The fact; None if the log does not show it.
     """
     start = max(diverged.until or inf, onset - STOP_REASON_SECONDS)
     closed = Scene(signals, boot).throttle_closed((start, onset))
@@ -258,12 +264,15 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
 
 
 def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | None:
-    """Returns the last height estimate that diverged shortly before a loss; None if none did.
+    """Returns the last height estimate that diverged shortly before a loss.
 
     Args:
         events: events of the flight.
         boot: number of the boot.
         onset: time when the loss began, s since boot.
+
+    Returns:
+        The event; None if none did.
     """
     diverged = None
     for event in events:
@@ -515,7 +524,7 @@ def _is_first_at_limit(at_limit: Flags, motor: int) -> bool:
 def _sinking_at_full_throttle(
     signals: Signals, boot: int, motors: MotorOutputs, time: float
 ) -> Fact | None:
-    """Returns the fact that the vehicle sank at full throttle with a motor at its limit; None if it did not.
+    """Returns the fact that the vehicle sank at full throttle with a motor at its limit.
 
     Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
 
@@ -524,6 +533,9 @@ def _sinking_at_full_throttle(
         boot: number of the boot.
         motors: its motors.
         time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
+
+    Returns:
+        The fact; None if it did not.
     """
     interval = (time - SINKING_SECONDS, time)
     stick = Scene(signals, boot).stick
@@ -563,7 +575,7 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 def _frozen_output(
     signals: Signals, motors: MotorOutputs, commands: Array, idle: float
 ) -> Fact | None:
-    """Returns the fact that one motor's output froze while the others worked to save the vehicle; None otherwise.
+    """Returns the fact that one motor's output froze while the others worked to save the vehicle.
 
     Exactly one motor must be constant, over ``MIN_FROZEN_SAMPLES``, while the range of the commands is on average
     ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
@@ -573,6 +585,9 @@ def _frozen_output(
         motors: its motors, k of them.
         commands: (N, k) as shares of the motors' range.
         idle: the least command in flight, as a share of the range.
+
+    Returns:
+        The fact; None if no output froze.
     """
     ranges = np.ptp(commands, axis=0)
     is_within_limits = (commands[0] > idle) & (commands[0] < motors.scale.stop - MIN_COMMAND_RANGE)

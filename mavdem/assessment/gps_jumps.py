@@ -49,11 +49,14 @@ class PositionJumps:
     """(N,) how far the position jumped beyond the motion of the vehicle, m."""
 
     def largest_in(self, boot: int, interval: Interval) -> float | None:
-        """Returns the largest jump, m, in an interval of a boot or up to ``FLAG_DELAY`` before it; None without one.
+        """Returns the largest jump in an interval of a boot or up to ``FLAG_DELAY`` before it.
 
         Args:
             boot: number of the boot.
             interval: start and end, s since boot.
+
+        Returns:
+            The distance, m; None without a jump.
         """
         start, end = interval
         is_inside = (self.time >= start - FLAG_DELAY) & (self.time <= end)
@@ -83,11 +86,14 @@ def position_jumps(telemetry: Telemetry) -> PositionJumps:
 
 
 def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None:
-    """Returns the positions (N, 2) of a receiver, m north and east of its first fix; None if it recorded none.
+    """Returns the positions of a receiver.
 
     Args:
         telemetry: messages of the vehicle.
         message: GPS_RAW_INT or GPS2_RAW.
+
+    Returns:
+        The positions (N, 2), m north and east of its first fix; None if it recorded none.
     """
     columns = telemetry.messages.get(message, {})
     if not all(field in columns for field in ("lat", "lon", "fix_type")):

@@ -167,11 +167,14 @@ class _Contact:
         return self._weighed_contact(time, rest, witnesses)
 
     def _search_end(self, rest: Rest | None, record_end: float) -> float | None:
-        """Returns the end of the time in which the contact is sought, s since boot; None if the flight goes on.
+        """Returns the end of the time in which the contact is sought.
 
         Args:
             rest: rest of the vehicle afterwards; None if it did not come to rest.
             record_end: time of the last attitude of the boot, s since boot.
+
+        Returns:
+            The end, s since boot; None if the flight goes on.
         """
         if rest is not None:
             return rest.time
@@ -239,7 +242,7 @@ class _Contact:
         return record_end - since < RECOVERY_SECONDS
 
     def _contact_time(self, start: float, end: float) -> float | None:
-        """Returns the time at which the vehicle touched the ground, s since boot; None if no sensor shows it.
+        """Returns the time at which the vehicle touched the ground.
 
         The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
         then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
@@ -248,6 +251,9 @@ class _Contact:
         Args:
             start: beginning of the search, s since boot.
             end: its end, s since boot.
+
+        Returns:
+            The time, s since boot; None if no sensor shows it.
         """
         accelerometer = self.scene.accelerometer
         if accelerometer is not None and accelerometer.peak((start, end)) is not None:
@@ -263,13 +269,16 @@ class _Contact:
         return self._time_of_sudden_stop((start, end + RECOVERY_SECONDS))
 
     def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
-        """Returns the largest knock of an interval that can be a contact; None if none was felt.
+        """Returns the largest knock of an interval that can be a contact.
 
         A knock high in the air, such as that of a propeller that breaks, is none, and the search goes on after it.
 
         Args:
             start: beginning of the interval, s since boot.
             end: its end, s since boot.
+
+        Returns:
+            The largest knock; None if none was felt.
         """
         while start < end:
             knock = self.scene.knock((start, end))
@@ -296,13 +305,16 @@ class _Contact:
         return before is None or bool(knock.figures["acceleration"] > before[1])
 
     def _time_of_sudden_stop(self, interval: Interval) -> float | None:
-        """Returns the time at which the estimated speed downward was suddenly lost, s; None if it was not.
+        """Returns the time at which the estimated speed downward was suddenly lost.
 
         A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
         ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
 
         Args:
             interval: start and end of the time to examine, s.
+
+        Returns:
+            The time, s; None if it was not.
         """
         climb_rate = series_of_boot(self.scene.signals.climb_rate, self.scene.boot)
         if climb_rate is None:
@@ -466,7 +478,7 @@ class _Contact:
         return MotionEvent.HIT
 
     def _contact_speed(self, contact: float, fall_speed: float | None) -> float | None:
-        """Returns the speed downward with which the vehicle touched the ground, m/s; None if it is not known.
+        """Returns the speed downward with which the vehicle touched the ground.
 
         A pilot or height controller often brakes a fall before its end. Only the estimate shows that: the slope of the
         barometer is a mean over the fall.
@@ -474,6 +486,9 @@ class _Contact:
         Args:
             contact: time when the vehicle touched the ground, s since boot.
             fall_speed: largest speed downward of the fall, m/s, which the contact cannot exceed.
+
+        Returns:
+            The speed, m/s; None if it is not known.
         """
         if fall_speed is None:
             return None
@@ -513,12 +528,15 @@ class _Contact:
         return peak_time
 
     def _height_of_contact(self, time: float) -> float | None:
-        """Returns the height above the take-off at a contact, m; None without a height source that can be trusted.
+        """Returns the height above the take-off at a contact.
 
         Recorded heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
 
         Args:
             time: time of the contact, s since boot.
+
+        Returns:
+            The height, m; None without a height source that can be trusted.
         """
         height = self.scene.height_above_take_off
         if height is None:

@@ -172,7 +172,7 @@ def _median_stick_travel(scene: Scene, interval: Interval) -> float | None:
 
 
 def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
-    """Returns the fact that the accelerometer measures a wrong force, at rest or in flight; None if it does not.
+    """Returns the fact that the accelerometer measures a wrong force, at rest or in flight.
 
     An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
     known. Otherwise vibration is, which the accelerometer feels in flight only.
@@ -180,6 +180,9 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
     Args:
         scene: sensors of the boot.
         interval: interval of the divergence, s since boot.
+
+    Returns:
+        The fact; None if it does not.
     """
     accelerometer = scene.accelerometer
     if accelerometer is None:

@@ -131,11 +131,14 @@ def _judged_light(
 
 
 def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
-    """Returns the decision on the loops of each axis; none for a vehicle that did not fly or is no multirotor.
+    """Returns the decision on the loops of each axis.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         motors: the fact of the light on motors: bad motors must be repaired before the vehicle is tuned.
+
+    Returns:
+        Decisions by axis; empty for a vehicle that did not fly or is not a multirotor.
     """
     if evidence.not_flown is not None or evidence.other_vehicle is not None:
         return {}

@@ -90,11 +90,14 @@ def _events_of_other_vehicle(
 
 
 def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
-    """Returns an event if the vehicle did not fly in a boot although its motors ran; None if it may have flown.
+    """Returns the event that the vehicle did not fly in a boot although its motors ran.
 
     Args:
         signals: signals of the vehicle.
         trust: checks of the sensors in the boot.
+
+    Returns:
+        The event; None if it may have flown.
     """
     if trust.flew is not False:
         return None

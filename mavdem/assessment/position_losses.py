@@ -135,11 +135,14 @@ def _is_reaction(report: Fact) -> bool:
 
 
 def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
-    """Returns a witness if GPS had no fix in an interval; nothing if it had, or no receiver was recorded.
+    """Returns the witness that GPS had no fix in an interval.
 
     Args:
         fix: whether a receiver had one (N,), 1 or 0.
         interval: start and end, s since boot.
+
+    Returns:
+        One statement; empty if it had a fix, or no receiver was recorded.
     """
     if fix is None:
         return ()

@@ -249,11 +249,14 @@ def _is_watchdog_report(fact: Fact) -> bool:
 
 
 def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
-    """Returns the last report of ``FAILSAFE_TRIGGERS`` shortly before a failsafe; None without one.
+    """Returns the last report of ``FAILSAFE_TRIGGERS`` shortly before a failsafe.
 
     Args:
         failsafe: any event; None is returned for one that is no failsafe.
         faults: reports of the same boot, in order of time.
+
+    Returns:
+        The last report; None without one.
     """
     if failsafe.code is not Reported.FAILSAFE or failsafe.time is None:
         return None

@@ -181,11 +181,14 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
 
 
 def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
-    """Returns the samples of a signal within a segment; None if these are less than two, or it was not recorded.
+    """Returns the samples of a signal within a segment.
 
     Args:
         signal: samples of the whole log; None if the signal was not recorded.
         segment: boot, start and end.
+
+    Returns:
+        The samples; None if these are less than two, or it was not recorded.
     """
     if signal is None:
         return None
@@ -196,13 +199,16 @@ def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
 
 
 def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
-    """Returns the outputs of the motors within a segment, in percent of their range; None if not recorded.
+    """Returns the outputs of the motors within a segment, in percent of their range.
 
     The deviations from the mean of all motors show what steers the vehicle, without the common thrust.
 
     Args:
         signals: signals of the vehicle.
         segment: part of the log.
+
+    Returns:
+        The outputs; None if they were not recorded.
     """
     motors = signals.motors
     if motors is None:
@@ -231,11 +237,14 @@ def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None
 
 
 def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
-    """Returns angle and rate of one axis within a segment, with their setpoints; None without an attitude.
+    """Returns angle and rate of one axis within a segment, with their setpoints.
 
     Args:
         signals: signals of the vehicle, for this axis.
         segment: part of the log.
+
+    Returns:
+        Angle and rate with their setpoints; None without an attitude.
     """
     attitude = signals.attitude
     if attitude is None:

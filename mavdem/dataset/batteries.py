@@ -214,12 +214,15 @@ def _series_or_none(columns: Columns, values: Array) -> TimeSeries | None:
 
 
 def _volts(columns: Columns) -> Array | None:
-    """Returns the voltage (N,), V, NaN where it is not known; None if the message has no voltage.
+    """Returns the voltage in the messages of a battery.
 
     BATTERY_STATUS has the voltage of each cell, or of several cells, in up to 14 elements, whose sum is the battery's.
 
     Args:
         columns: Columns (N,) of a message with the voltage of a battery.
+
+    Returns:
+        Voltage (N,), V, NaN where it is not known; None if the message has no voltage.
     """
     if "voltage_battery" in columns:
         millivolts = float_column(columns, "voltage_battery")
@@ -232,10 +235,13 @@ def _volts(columns: Columns) -> Array | None:
 
 
 def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
-    """Returns the elements (N, k) of BATTERY_STATUS with voltages, mV; NaN where one is not in use.
+    """Returns the elements of BATTERY_STATUS with voltages.
 
     Args:
         columns: Columns (N,) of BATTERY_STATUS.
+
+    Returns:
+        The elements (N, k), mV; NaN where one is not in use.
     """
     cells = np.array(float_column(columns, "voltages"), ndmin=2)
     cells[cells == UINT16_UNKNOWN] = np.nan
@@ -248,11 +254,14 @@ def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
 
 
 def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
-    """Returns how many cells the messages of a battery have; None if they do not say it.
+    """Returns the number of cells that the messages of a battery report.
 
     Args:
         columns: Fields of the messages, N rows.
         is_possible: Whether each row has a possible voltage (N,).
+
+    Returns:
+        The number; None if they do not report it.
     """
     if "cell_count" in columns:
         count = int(np.median(columns["cell_count"][is_possible]))

@@ -137,11 +137,14 @@ JAMMING = HardwareQuantity(
 
 
 def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSeries | None:
-    """Returns a quantity (N,) in its unit from the first of its sources that measures it; None without any.
+    """Returns a quantity in its unit from the first of its sources that measures it.
 
     Args:
         signals: signals of the vehicle.
         quantity: the quantity, with its sources in the order of preference.
+
+    Returns:
+        The values (N,); None if no source was recorded.
     """
     for source in quantity.sources:
         is_of_log = source.message in signals.telemetry.source_names

@@ -248,11 +248,14 @@ def slow_streams(
 
 
 def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:
-    """Returns the reason why a log cannot have a usable flight, as a fact; None if it can.
+    """Returns the reason why a log cannot have a usable flight.
 
     Args:
         signals: Signals of the vehicle for an axis.
         components: All components in the log.
+
+    Returns:
+        The reason, as a fact; None if it can.
     """
     telemetry = signals.telemetry
     attitude = signals.attitude

@@ -36,12 +36,15 @@ class PilotInput(NamedTuple):
 
 
 def pilot_input(signals: Signals) -> PilotInput:
-    """Returns the sticks and switches that were recorded; empty if none was.
+    """Returns the sticks and switches that were recorded.
 
     PX4's manual control has the sticks without their channels; then the first four channels count as those.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        The sticks and switches; empty if none was recorded.
     """
     channels = _channels(signals)
     stick_channels = _stick_channels(signals.telemetry.parameters)

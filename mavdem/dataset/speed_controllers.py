@@ -59,13 +59,16 @@ class SpeedController:
         return f"ESC {self.number}"
 
     def motor_index(self, geometry: MotorGeometry) -> int | None:
-        """Returns the index of its motor among those of a vehicle; None if it drives none of them.
+        """Returns the index of its motor among those of a vehicle.
 
         If the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and in
         PX4 where channels count the motors.
 
         Args:
             geometry: number and channel of each motor.
+
+        Returns:
+            The index; None if it drives none of them.
         """
         numbers = geometry.channels if self.motor is None else geometry.motors
         wanted = self.number if self.motor is None else self.motor

@@ -105,10 +105,13 @@ class HeldOut(ImmutableResult):
 
     @may_overflow
     def squared_errors(self, name: HeldOutForecast) -> Array:
-        """Returns the mean squared error of one kind of forecast in each window (W, m); infinite without a forecast.
+        """Returns the mean squared error of one kind of forecast in each window.
 
         Args:
             name: name of the forecast.
+
+        Returns:
+            (W, m) errors; infinite without a forecast.
         """
         squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)

@@ -117,10 +117,13 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
 
 
 def _comparable_kinds(obstacle: Fact | None) -> list[str]:
-    """Returns the kinds of quantities that can be compared in spite of an obstacle; all kinds without one.
+    """Returns the kinds of quantities that can be compared in spite of an obstacle.
 
     Args:
         obstacle: reason why two states cannot be compared, from :func:`comparison_obstacle`; None without one.
+
+    Returns:
+        The kinds; all kinds without one.
     """
     if obstacle is None:
         return list(SD_BETWEEN_FLIGHTS)

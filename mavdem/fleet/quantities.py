@@ -135,13 +135,16 @@ def flight_estimates(flight: AxisRows) -> dict[Quantity, Estimate]:
 
 
 def estimate_from_interval(value: float | None, half_width: float | None) -> Estimate | None:
-    """Returns an estimate with its standard deviation; None if value or interval are unknown or infinite.
+    """Returns an estimate with its standard deviation.
 
     A loop that no gain makes unstable has an infinite margin, with which nothing can be compared.
 
     Args:
         value: the estimate.
         half_width: half width of its 90 % interval, in the same unit.
+
+    Returns:
+        The estimate; None if value or interval are unknown or infinite.
     """
     if value is None or half_width is None or not isfinite(value + half_width):
         return None
@@ -149,7 +152,7 @@ def estimate_from_interval(value: float | None, half_width: float | None) -> Est
 
 
 def log_estimate(value: float | None, half_width: float | None) -> Estimate | None:
-    """Returns the logarithm of a positive quantity with its error; None if it is unknown or too uncertain.
+    """Returns the logarithm of a positive quantity with its error.
 
     The error of ln x is that of x divided by x, to first order. This holds for small errors only, so a value with a
     wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.
@@ -157,6 +160,9 @@ def log_estimate(value: float | None, half_width: float | None) -> Estimate | No
     Args:
         value: the quantity. Its sign is ignored: an effect has that of the motor's side.
         half_width: half width of its 90 % interval, in the same unit.
+
+    Returns:
+        The logarithm with its error; None if the quantity is unknown or too uncertain.
     """
     if value is None or half_width is None:
         return None

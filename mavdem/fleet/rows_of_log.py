@@ -153,12 +153,15 @@ def _row_without_flight(
 
 
 def _balance_columns(signals: Signals) -> JsonValues:
-    """Returns the columns of the motors' balance in steady flight, by name; empty if it is not known.
+    """Returns the columns of the motors' balance in steady flight, by name.
 
     A column of the table is flat: the effects of lean, (3, 2), are six numbers, row by row.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        Columns by name; empty if the balance is not known.
     """
     balance = balance_of_steady_flight(signals)
     if balance is None:

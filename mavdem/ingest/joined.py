@@ -176,13 +176,16 @@ def _densest_time(messages: Tables, boot: int) -> Array:
 
 
 def _utc_at_boot(messages: Tables, boot: int) -> float | None:
-    """Returns the UNIX time at which the clock of a boot read 0, s; None if the autopilot had no UTC.
+    """Returns the UNIX time at which the clock of a boot read 0.
 
     It is the median over all messages SYSTEM_TIME of the boot.
 
     Args:
         messages: Columns by message, with ``time`` and ``boot``.
         boot: Number of the boot.
+
+    Returns:
+        The UNIX time, s; None if the autopilot had no UTC.
     """
     calendar = messages.get("SYSTEM_TIME", {})
     if "time_unix_usec" not in calendar:
@@ -238,10 +241,13 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns the reason why two logs are not of the same vehicle; None if nothing separates them.
+    """Returns the reason why two logs are not of the same vehicle.
 
     Args:
         earlier, later: The vehicle as each log describes it, in the order of time.
+
+    Returns:
+        The reason; None if nothing separates them.
     """
     if (earlier.system, earlier.component) != (later.system, later.component):
         return Separation.OTHER_SYSTEM
@@ -279,11 +285,14 @@ def _changed_parameters(earlier: Telemetry, later: Telemetry) -> float:
 def _separation_in_time(
     earlier: Recording, later: Recording, gap: float | None
 ) -> Separation | None:
-    """Returns the reason why two logs of a vehicle are not of one flight; None if nothing separates them.
+    """Returns the reason why two logs of a vehicle are not of one flight.
 
     Args:
         earlier, later: The recordings in the order of time.
         gap: Time by UTC between them, s; None if it is not known.
+
+    Returns:
+        The reason; None if nothing separates them.
     """
     armed_flags = _heartbeats(earlier.vehicle, earlier.last_boot)["base_mode"] & ARMED
     if len(armed_flags) and not armed_flags[-1]:

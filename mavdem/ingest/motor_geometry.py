@@ -399,13 +399,16 @@ def _matching_bank(
     moving_channels: Sequence[int],
     max_constant_share: float,
 ) -> int | None:
-    """Returns the first bank in which enough of a driver's motor outputs change; None if there is none.
+    """Returns the first bank in which enough of a driver's motor outputs change.
 
     Args:
         banks: Free banks, each as its number of channels before it.
         outputs: The driver's motor outputs, from 1.
         moving_channels: Channels, from 1, whose outputs change.
         max_constant_share: Share of the outputs that may be constant, 0 to 1.
+
+    Returns:
+        The first bank; None if there is none.
     """
     distinct_outputs = set(outputs)
     if not distinct_outputs:

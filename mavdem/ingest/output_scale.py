@@ -222,7 +222,7 @@ def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Inter
 
 
 def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
-    """Returns one end, "MIN" or "MAX", of the range of one of PX4's outputs; 0 where no parameter has it.
+    """Returns one end, "MIN" or "MAX", of the range of one of PX4's outputs.
 
     An output has a parameter of its own since PX4 1.13 (PWM_MAIN_MIN1), where -1 means the driver's. The driver's is
     PWM_MAIN_MIN in PX4 1.12, and PWM_MIN, of the main outputs only, before.
@@ -231,6 +231,9 @@ def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
         driver: Driver and number of the output.
         end: "MIN" or "MAX".
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        The output; 0 if no parameter has it.
     """
     names = [f"{driver.name}_{end}{driver.channel}", f"{driver.name}_{end}"]
     if driver.name == "PWM_MAIN":
@@ -246,7 +249,7 @@ MIN_STOP = 0.5
 
 
 def _ardupilot_stop(parameters: Parameters) -> float:
-    """Returns the share of the range at which ArduPilot's mixer limits motors, 0.5 to 1; 1 without such a parameter.
+    """Returns the share of the range at which ArduPilot's mixer limits motors.
 
     The parameter is MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, a share of what is above THR_MIN, per
     mille of the range; and MOT_TCRV_MAXPCT, in percent, before. Source: ``AP_MotorsMulticopter`` and, before it,
@@ -254,6 +257,9 @@ def _ardupilot_stop(parameters: Parameters) -> float:
 
     Args:
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        The share, 0.5 to 1; 1 without such a parameter.
     """
     stop = 1.0
     idle = parameters.get("THR_MIN", 0.0) / 1000

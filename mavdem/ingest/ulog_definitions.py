@@ -300,10 +300,13 @@ class RecordDefinitions:
                     self.lengths_by_number[number] = topic.min_bytes + 2
 
     def data_length(self, data_header: bytes) -> int | None:
-        """Returns the number of bytes of a whole data record, header included; None where the header is of none.
+        """Returns the number of bytes of a whole data record, header included.
 
         Args:
             data_header: The first five bytes of the record, or fewer at the end of the file.
+
+        Returns:
+            The number; None if the header is not that of a data record.
         """
         if len(data_header) < DATA_HEADER.size:
             return None

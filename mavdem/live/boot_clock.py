@@ -74,7 +74,7 @@ class BootClock:
         self._mean_step = MIN_RESET_STEP
 
     def place(self, message: Message, reception: float) -> TimedMessage | None:
-        """Returns the message with its time on the boot clock; None if it has none and is to be dropped.
+        """Returns the message with its time on the boot clock.
 
         Only attitude moves the clock. It is frequent and stamped by the autopilot itself, while other stamps may be of
         other clocks. A message without a stamp gets the time of the message before it.
@@ -82,6 +82,9 @@ class BootClock:
         Args:
             message: a message of this vehicle, in the order of arrival. Its ``stamp`` is in s, 0 for none.
             reception: time when it was received, UNIX s.
+
+        Returns:
+            The message; None if it has no time and is dropped.
         """
         self._reception = reception
         has_own_stamp = message.stamp > 0

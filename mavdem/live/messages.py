@@ -157,13 +157,16 @@ def decode_message(frame: Frame) -> Message | None:
 
 
 def attitude_sample(message: Message) -> AttitudeSample | None:
-    """Returns the attitude of an ATTITUDE or ATTITUDE_QUATERNION; None if it is not finite or impossible.
+    """Returns the attitude of an ATTITUDE or ATTITUDE_QUATERNION.
 
-    A quaternion becomes roll, pitch and yaw, rad. Impossible is what lies beyond ``MAX_ANGLE`` or ``MAX_BODY_RATE``,
-    as in a damaged message whose checksum matches by chance.
+    A quaternion becomes roll, pitch and yaw, rad. Impossible is what lies beyond ``MAX_ANGLE`` or ``MAX_BODY_RATE``, as
+    in a damaged message whose checksum matches by chance.
 
     Args:
         message: a decoded message of one of these two types.
+
+    Returns:
+        The attitude; None if it is not finite or impossible.
     """
     if message.name == "ATTITUDE":
         roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = message.values

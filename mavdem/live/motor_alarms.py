@@ -42,7 +42,7 @@ class MotorAlarms:
         self.change_time = nan
 
     def obstacle(self, now: float, is_flying: bool) -> Fact | None:
-        """Returns the reason why a motor that weakens would not be detected now, as a fact; None if it would.
+        """Returns the reason why a motor that weakens would not be detected now.
 
         The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of
         ``REFERENCE_SECONDS`` to compare with.
@@ -50,6 +50,9 @@ class MotorAlarms:
         Args:
             now: present time on the boot clock, s.
             is_flying: whether the vehicle is airborne.
+
+        Returns:
+            The reason, as a fact; None if it would.
         """
         if not is_flying:
             return Fact(Watch.ON_GROUND_NOW)

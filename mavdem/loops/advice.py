@@ -229,7 +229,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 
 
 def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
-    """Returns the reasons why no gains can be advised for a loop, as facts; none if they can be.
+    """Returns the reasons why no gains can be advised for a loop.
 
     Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, or, where gains are to be raised, a motor lag that the flight does not show. A control
@@ -239,6 +239,9 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
     Args:
         loop: rate and attitude loop of one axis.
         raises: whether the loop has its margins, and gains are to be raised.
+
+    Returns:
+        The reasons as facts; empty if gains can be advised.
     """
     record = loop.record
     changed = parameters_changed_in_flight(record, loop.controller)

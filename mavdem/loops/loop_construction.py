@@ -184,11 +184,14 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
 
 
 def at_limit_share(record: Record, controller: Controller) -> float:
-    """Returns the fraction of a flight with a motor at a limit; 0 if the range of the inputs is not known.
+    """Returns the fraction of a flight with a motor at a limit.
 
     Args:
         record: the flight, with the inputs.
         controller: controller of the axis, which knows the limits.
+
+    Returns:
+        The fraction; 0 if the range of the inputs is not known.
     """
     if len(record.input_range) != 2:
         return 0.0

@@ -245,7 +245,7 @@ def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
 def _reason_of_disagreement(
     controller_gain: float, highest_frequency: float, agreement: float
 ) -> Fact | None:
-    """Returns the first reason why the measured response is not the predicted one; None if they agree.
+    """Returns the first reason why the measured response is not the predicted one.
 
     With other gains than those of the parameters, the prediction is of another loop, and nothing else matters. In a
     narrow band there is too little to compare.
@@ -254,6 +254,9 @@ def _reason_of_disagreement(
         controller_gain: gain of the logged demand over the one that the parameters give; NaN where it is not known.
         highest_frequency: upper end of the compared band, Hz.
         agreement: fit of the prediction to what the setpoint explains of the rate, %.
+
+    Returns:
+        The first reason, as a fact; None if they agree.
     """
     # A gain of NaN fails this comparison, and is no reason.
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:

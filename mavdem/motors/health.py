@@ -127,7 +127,7 @@ def _unknown_reason(
     candidate_flights: HealthFlights,
     reference: JsonValues,
 ) -> Fact | None:
-    """Returns the reason why the motors of a flight cannot be judged, as a fact; None if they can.
+    """Returns the reason why the motors of a flight cannot be judged.
 
     Either the flight itself lacks something, or there are too few healthy flights to compare it with.
 
@@ -136,6 +136,9 @@ def _unknown_reason(
         comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
         candidate_flights: All flights of which some might have been healthy ones.
         reference: Figures of all facts on the flights of comparison.
+
+    Returns:
+        The reason, as a fact; None if they can.
     """
     if flight.missing is not None:
         return flight.missing

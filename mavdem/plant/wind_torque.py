@@ -223,13 +223,16 @@ def estimate_wind_torque(
 def _reason_against_wind(
     duration: float, has_wind: bool, error_variance: float, power: float
 ) -> Fact | None:
-    """Returns the reason why an estimated torque is not that of the wind, as a fact; None if it is.
+    """Returns the reason why an estimated torque is not that of the wind.
 
     Args:
         duration: duration of the flight, s.
         has_wind: whether there is enough flight with sound motors.
         error_variance: variance of the torque's errors, without those of its scale, (rad/s²)².
         power: mean square of the torque about its means, (rad/s²)².
+
+    Returns:
+        The reason, as a fact; None if it is.
     """
     if duration < MIN_WIND_SECONDS:
         return Fact(NoPhysical.WIND_TORQUE_TOO_SHORT, least_duration=MIN_WIND_SECONDS)

@@ -149,10 +149,13 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
 
 
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
-    """Returns the number of flights, settled hours, dates, and counts of tiers in words; None without a flight.
+    """Returns the number of flights, settled hours, dates, and counts of tiers in words.
 
     Args:
         summaries: summary of the flights under each name.
+
+    Returns:
+        Values by name; None without a flight.
     """
     flown = [summary.flown for summary in summaries if summary.flown.flights]
     if not flown:

@@ -164,10 +164,13 @@ def _model_blocks(
 
 
 def purpose_tables(findings: Findings) -> Blocks:
-    """Returns a table with the grade of a model for each purpose, and the reason; nothing without a model.
+    """Returns a table with the grade of a model for each purpose, and the reason.
 
     Args:
         findings: findings on the model, with its grade for each purpose.
+
+    Returns:
+        The table; empty without a model.
     """
     rows: list[list[str]] = [
         [str(purpose), Rated(grade, grade.level), reason.advised]
@@ -319,13 +322,16 @@ def _motor_table(motors: Sequence[str], columns: Mapping[str, list[str]]) -> Tab
 
 
 def torque_blocks(learned: Learned) -> Blocks:
-    """Returns the wind torque of a model in a sentence: its level, share and gusts; nothing if not identifiable.
+    """Returns the wind torque of a model in a sentence: its level, share and gusts.
 
     The largest gust is named with the time at which it began. A wind torque whose scale has a wide interval, since it
     is computed with the effect of the motors, is called uncertain.
 
     Args:
         learned: the learned model.
+
+    Returns:
+        The sentence; empty if the torque is not identifiable.
     """
     physical = learned.physical
     wind = learned.resolved_wind_torque

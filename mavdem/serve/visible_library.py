@@ -118,10 +118,13 @@ class VisibleLibrary:
         return SearchResult(entries, total, query, order, offset)
 
     def previous_flight(self, entry: Entry) -> Entry | None:
-        """Returns the flight of the same vehicle before this one, by date; None if none is known.
+        """Returns the flight of the same vehicle before this one, by date.
 
         Args:
             entry: a flight. One without a date, or of a vehicle without a name, has none before it.
+
+        Returns:
+            The flight; None if none is known.
         """
         if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
             return None
@@ -168,10 +171,13 @@ class VisibleLibrary:
         return documents
 
     def review(self, entry: Entry) -> JsonValues | None:
-        """Returns the document of a flight's review; None before it is done, and for flights of ``mavdem track``.
+        """Returns the document of a flight's review.
 
         Args:
             entry: index entry of the flight.
+
+        Returns:
+            The document; None before it is done, and for flights of ``mavdem track``.
 
         Raises:
             Refusal: the flight is being deleted.

@@ -190,7 +190,7 @@ def _accelerometer_witness(
 
 @cached_per_vehicle()
 def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | None:
-    """Returns the accelerometer that counts in a boot; None if none was recorded.
+    """Returns the accelerometer that is used for a boot.
 
     It is that of the estimator's primary core, where the log names it; otherwise the first that the parameters do not
     exclude.
@@ -198,6 +198,9 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The accelerometer; None if none was recorded.
     """
     witnesses = accelerometer_witnesses(signals, boot)
     primary = _imu_of_primary_core(signals, boot)
@@ -209,7 +212,7 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
 
 
 def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
-    """Returns the number of the IMU, from 1, of the core that flies for most of a boot; None if it is not known.
+    """Returns the number of the IMU, from 1, of the core that flies for most of a boot.
 
     ArduPilot runs one instance ("core") of its estimator for each IMU in its mask: the first core has the IMU of the
     lowest bit.
@@ -217,6 +220,9 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
     Args:
         signals: signals of the vehicle, with the log of the core in use and the parameters.
         boot: number of the boot.
+
+    Returns:
+        The number; None if it is not known.
     """
     mask = _imu_mask(signals.telemetry.parameters)
     cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")

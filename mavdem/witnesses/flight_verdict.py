@@ -104,11 +104,14 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
 
 
 def _rise_statements(rise: float | None, source: str) -> Facts:
-    """Returns the statement of the vehicle's rise on a flight; nothing if it is not known, or neither large nor small.
+    """Returns the statement of the vehicle's rise on a flight.
 
     Args:
         rise: height gained under power, m; None if it is not known.
         source: "barometer" or "estimate".
+
+    Returns:
+        The statement; empty if it is not known, or neither large nor small.
     """
     if rise is None:
         return ()

@@ -222,11 +222,14 @@ def _contradictions(
 def _median_difference(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> float | None:
-    """Returns the median absolute difference of two climb rates, m/s; None if they have no time in common.
+    """Returns the median absolute difference of two climb rates.
 
     Args:
         barometer_climb: (M,) m/s upward; None without a usable barometer.
         estimated_climb: (K,) m/s upward; None if it was not recorded.
+
+    Returns:
+        The median absolute difference, m/s; None if they have no time in common.
     """
     if barometer_climb is None or estimated_climb is None:
         return None

@@ -245,10 +245,13 @@ class Scene:
         )
 
     def fast_rotation(self, interval: Interval) -> Fact | None:
-        """Returns a witness if the vehicle tumbled in an interval; None if its body rates were below ``FAST_RATE``.
+        """Returns the witness that the vehicle tumbled in an interval.
 
         Args:
             interval: start and end, s since boot.
+
+        Returns:
+            The statement; None if its body rates were below ``FAST_RATE``.
         """
         fastest = 0.0
         time = interval[0]
@@ -509,7 +512,7 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
 
 
 def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the angle of the vehicle from upright at some times (W,), rad; NaN where no sensor shows it.
+    """Returns the angle of the vehicle from upright at some times.
 
     The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
     crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.
@@ -518,6 +521,9 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
         signals: signals of the vehicle.
         boot: number of the boot.
         time: (W,) s since boot.
+
+    Returns:
+        The angle (W,), rad; NaN where no sensor shows it.
     """
     accelerometer = accelerometer_in_use(signals, boot)
     if accelerometer is not None:

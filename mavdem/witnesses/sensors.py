@@ -104,10 +104,13 @@ def primary_barometer(telemetry: Telemetry) -> int:
 
 
 def _altitude_in(columns: Columns) -> TimeSeries | None:
-    """Returns the altitude (N,), m, that one barometer measured; None if it was not recorded, or never changes.
+    """Returns the altitude that one barometer measured.
 
     Args:
         columns: fields of the barometer's messages: the altitude itself, or else the pressure, hPa.
+
+    Returns:
+        The altitude (N,), m; None if it was not recorded, or never changes.
     """
     if "altitude" in columns:
         altitude = clean_series(columns, float_column(columns, "altitude"))
@@ -217,13 +220,16 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
 def _force(
     columns: Columns, fields: tuple[str, str, str], factor: float, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the specific force (N, 3), m/s², of a message; None if it was not measured.
+    """Returns the specific force of a message.
 
     Args:
         columns: fields of the message.
         fields: those of the three axes.
         factor: converts them to m/s².
         rows: flags of the messages to use; None for all.
+
+    Returns:
+        The specific force (N, 3), m/s²; None if it was not measured.
     """
     if not all(field in columns for field in fields):
         return None

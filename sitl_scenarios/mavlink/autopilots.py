@@ -54,12 +54,15 @@ class Autopilot:
     def rates(
         self, rate: float, replacements: Mapping[str, float], has_instruments: bool = False
     ) -> dict[str, float]:
-        """Returns the rates of all messages that the autopilot can send, Hz by name; 0 for those on request only.
+        """Returns the rates of all messages that the autopilot can send.
 
         Args:
             rate: Rate of attitude and motor outputs, Hz.
             replacements: Rates that replace the usual ones, Hz by name.
             has_instruments: Whether the vehicle sends what its instruments measure.
+
+        Returns:
+            Rates, Hz, by name; 0 for messages that are sent on request only.
 
         Raises:
             ValueError: A replacement names a message that the autopilot does not send.

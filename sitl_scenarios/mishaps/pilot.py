@@ -139,12 +139,15 @@ class Pilot:
         )
 
     def control(self, time: float, estimate: State, reference: Reference) -> ControlOutput | None:
-        """Returns the output where pilot or failsafe fly; None if the plan is flown.
+        """Returns the output of the pilot or the failsafe, if one of them flies.
 
         Args:
             time: Seconds after arming.
             estimate: State as the autopilot estimates it.
             reference: Setpoints of this cycle.
+
+        Returns:
+            The output; None if the plan is flown.
         """
         match self.mishap:
             case ThrottleCut(start=start) if time >= start - PILOT_SECONDS:

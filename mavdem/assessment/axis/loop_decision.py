@@ -258,13 +258,16 @@ def _decision_by_identified_loop(
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
-    """Returns the decision on an axis that follows its setpoint badly; None if it follows well, or that is not known.
+    """Returns the decision on an axis that follows its setpoint badly.
 
     Its margins are not below the goal, as far as they are known. So an identified loop does not explain the flight,
     unless the axis is just slow: no gains are computed from it.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
+
+    Returns:
+        The decision; None if it follows well, or that is not known.
     """
     tracking = observations.tracking
     if not tracking.warns:

@@ -68,10 +68,13 @@ class CalibratedSensor(NamedTuple):
 
 
 def calibration_fact(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on which sensors are calibrated, to be watched where a used one is not; None if none is used.
+    """Returns the fact on the calibration of the sensors; it warns if a used one is not calibrated.
 
     Args:
         telemetry: telemetry of the vehicle.
+
+    Returns:
+        The fact; None if no sensor is used.
     """
     used = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
     if not used:

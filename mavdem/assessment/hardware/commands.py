@@ -42,10 +42,13 @@ def command_facts(evidence: Evidence) -> NamedFacts:
 
 
 def _targets_fact(evidence: Evidence) -> Fact | None:
-    """Returns the errors (RMS) of the position in flight; None without a setpoint in flight.
+    """Returns the fact on the errors (RMS) of the position in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None without a setpoint in flight.
     """
     squares = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
     velocities = [
@@ -65,11 +68,14 @@ def _targets_fact(evidence: Evidence) -> Fact | None:
 
 
 def _squared_errors(evidence: Evidence, axis: str) -> Array:
-    """Returns the squared error of the position at each setpoint in flight (N,), m²; empty without any.
+    """Returns the squared error of the position at each setpoint in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         axis: field of the position along one axis: "x", "y" or "z".
+
+    Returns:
+        The squared error (N,), m²; empty without any.
     """
     telemetry = evidence.signals.telemetry
     position = recorded_series(telemetry, POSITION_MESSAGE, axis)

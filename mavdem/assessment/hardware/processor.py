@@ -76,10 +76,13 @@ def _exceeds(value: float | None, limit: float | None) -> bool:
 
 
 def _share_of_long_loops(evidence: Evidence) -> float | None:
-    """Returns the share of ArduPilot's main loops in flight that took too long; None if they were not counted.
+    """Returns the share of ArduPilot's main loops in flight that took too long.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The share; None if they were not counted.
     """
     for field in LOOP_COUNT_FIELDS:
         loops = recorded_series(evidence.signals.telemetry, "PM", "NLon", field)

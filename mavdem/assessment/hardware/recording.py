@@ -12,12 +12,15 @@ from mavdem.facts.sources import Repair
 
 
 def recording_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on how evenly the attitude was recorded in flight; None without two samples in flight.
+    """Returns the fact on how evenly the attitude was recorded in flight.
 
     It is to be watched where the light on the log would be: a gap above ``MAX_GAP``, or messages that the logger lost.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None without two samples in flight.
     """
     attitude = evidence.signals.attitude
     if attitude is None:

@@ -7,10 +7,13 @@ from mavdem.facts.hardware import HardwareFact
 
 
 def temperatures_fact(evidence: Evidence) -> Fact | None:
-    """Returns the lowest and highest temperatures in flight of each sensor that has one; None if none has.
+    """Returns the fact on the lowest and highest temperature of each sensor in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The fact; None if no sensor has a temperature.
     """
     names = []
     lowest = []

@@ -144,11 +144,14 @@ def _damage(telemetry: Telemetry) -> Fact | None:
 
 
 def _unread_bytes(repair: Fact) -> int:
-    """Returns the number of bytes of a file that could not be read, by one repair; 0 if the file was merely cut.
+    """Returns the number of bytes of a file that could not be read, by one repair.
 
     Args:
         repair: repair that was needed to read the file. A file that was cut within its last message lacks only the rest
             of that message, which is no damage.
+
+    Returns:
+        The number; 0 if the file was merely cut.
     """
     if repair.code is Repair.ULOG_DAMAGED:
         return int(repair.figures["count"])
@@ -160,11 +163,14 @@ def _unread_bytes(repair: Fact) -> int:
 
 
 def _longest_gap(evidence: Evidence, attitude: Attitude) -> float:
-    """Returns the longest time between two samples of the attitude in flight, s; 0 without flight.
+    """Returns the longest time between two samples of the attitude in flight.
 
     Args:
         evidence: the flights of the vehicle.
         attitude: its attitude.
+
+    Returns:
+        The longest time, s; 0 without flight.
     """
     longest_gap = 0.0
     for flight in evidence.in_flight(attitude.angle_series):
@@ -200,13 +206,16 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
 
 
 def simulation_fact(signals: Signals) -> Fact | None:
-    """Returns the fact that the flight was simulated, and how; None if nothing in the log shows it.
+    """Returns the fact that the flight was simulated, and how.
 
     In a simulation with the autopilot's own hardware, PX4 has the parameter SYS_HITL. One in software is recognised by
     the names of a simulator, or by a gyroscope without noise.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        The fact; None if nothing in the log shows it.
     """
     if signals.telemetry.parameters.get("SYS_HITL", 0) > 0:
         return Fact(LogLight.SIMULATED, kind=Simulator.HARDWARE)

@@ -118,11 +118,14 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
 
 
 def _with_cores(tables: Tables, name: str) -> Columns:
-    """Returns the messages of all cores with the number of each as ``C``; empty if there are none.
+    """Returns the messages of all cores with the number of each as ``C``.
 
     Args:
         tables: DataFlash's messages by name.
         name: Name of the first core's message.
+
+    Returns:
+        The messages; empty if there are none.
     """
     logged = tables.get(name, {})
     if "C" in logged:

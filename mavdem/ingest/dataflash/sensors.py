@@ -77,13 +77,16 @@ INSTANCE_FIELD = "I"
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
-    """Returns the messages of one sensor; empty if it was not logged.
+    """Returns the messages of one sensor.
 
     Args:
         tables: DataFlash's messages by name.
         name: Message of the first sensor, or of all of them.
         old_names: Messages of the second sensor and so on in old versions.
         number: Number of the sensor, from 0.
+
+    Returns:
+        The messages; empty if it was not logged.
     """
     logged = tables.get(name, {})
     if INSTANCE_FIELD in logged:

@@ -73,7 +73,7 @@ class FrameStream:
 
 
 def receive_interval(stream: FrameStream) -> Interval:
-    """Returns the first and the last receive stamp of a recording, UNIX s; NaN where there is none.
+    """Returns the first and the last receive stamp of a recording.
 
     Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set. A
     long recording is read in parts; the stamps at a part's end wait for the next part, since they are compared with the
@@ -81,6 +81,9 @@ def receive_interval(stream: FrameStream) -> Interval:
 
     Args:
         stream: The recording.
+
+    Returns:
+        The first and the last receive stamp, UNIX s; NaN where there is none.
     """
     first_stamps, last_stamps = [], []
     margin = STAMP_WINDOW // 2

@@ -464,12 +464,15 @@ def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> S
 
 
 def frame_length(marker: int, payload_length: int, flags: int) -> int | None:
-    """Returns the number of bytes of a frame from the first three bytes of its header; None if no header begins so.
+    """Returns the number of bytes of a frame from the first three bytes of its header.
 
     Args:
         marker: First byte.
         payload_length: Second byte.
         flags: Third byte: the incompatibility flags of MAVLink 2, without meaning in MAVLink 1.
+
+    Returns:
+        The number; None if no header begins so.
     """
     if marker == MARKER_V1:
         return HEADER_BYTES_V1 + payload_length + CHECKSUM_BYTES

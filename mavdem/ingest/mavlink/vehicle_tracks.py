@@ -143,10 +143,13 @@ class _VehicleTrack:
             self.position = reading
 
     def contradiction(self, reading: Reading) -> Contradiction | None:
-        """Returns the contradiction between a reading and this vehicle; None if it can be.
+        """Returns the contradiction between a reading and this vehicle.
 
         Args:
             reading: the next reading under the same ids.
+
+        Returns:
+            The contradiction; None if the reading may be of this vehicle.
         """
         if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
             return Contradiction.CLOCK

@@ -187,7 +187,7 @@ class McapRecording:
                 yield self._decoded(location)
 
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
-        """Returns the records of a chunk; none if it is damaged, whose size and duration are counted.
+        """Returns the records of a chunk.
 
         What a damaged chunk unpacks to before the damage is not used: no checksum shows that it is right.
 
@@ -196,6 +196,9 @@ class McapRecording:
 
         Args:
             location: Location of the chunk in the file.
+
+        Returns:
+            The records; empty if the chunk is damaged, whose size and duration are then counted.
         """
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):

@@ -45,7 +45,7 @@ class TopicColumns(NamedTuple):
 
 
 def decoder(schema: Schema) -> Decoder | None:
-    """Returns the decoder of a type; None if its definition is damaged, malicious, or in another language.
+    """Returns the decoder of a type.
 
     The recording has the definition of each type as a text, which the library compiles. It makes Python code of it and
     runs it, so that a bad definition may do and raise anything. Definitions that are very long, or announce very long
@@ -53,6 +53,9 @@ def decoder(schema: Schema) -> Decoder | None:
 
     Args:
         schema: Name and definition of the type.
+
+    Returns:
+        The decoder; None if its definition is damaged, malicious, or in another language.
     """
     # It belongs to an extra that need not be installed.
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore

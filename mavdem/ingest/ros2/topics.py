@@ -70,12 +70,15 @@ def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
 
 
 def _px4_topic(full_name: str) -> RosTopic | None:
-    """Returns PX4's topic of this full name; None for one that is not read.
+    """Returns PX4's topic of this full name.
 
     Setpoints to the autopilot are not read: a companion stamps what it sends by a clock of its own.
 
     Args:
         full_name: Name with the namespace of the vehicle, such as "/drone1/fmu/out/vehicle_odometry".
+
+    Returns:
+        The topic; None for one that is not read.
     """
     match = _PX4_TOPIC.fullmatch(full_name)
     if match is None or match["name"] not in TOPIC_FIELDS:

@@ -294,10 +294,13 @@ class LoopPosterior:
             ]
 
     def value(self, at: Array) -> float:
-        """Returns the log posterior density, up to a constant; NaN where the loop is unstable.
+        """Returns the log posterior density, up to a constant.
 
         Args:
             at: logarithms of the parameters (k,).
+
+        Returns:
+            The log posterior density; NaN where the loop is unstable.
         """
         try:
             likelihoods = self.likelihoods(at[None])

@@ -45,10 +45,13 @@ class DrawnChange(NamedTuple):
 
 
 def change_plan(difference: VehicleDifference) -> Plan | None:
-    """Returns the changes of all quantities in one drawing, those that changed first; None if nothing was compared.
+    """Returns a drawing of the changes of all quantities, those that changed first.
 
     Args:
         difference: changes of a vehicle between two states.
+
+    Returns:
+        The drawing; None if nothing was compared.
     """
     changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
     if not changes:

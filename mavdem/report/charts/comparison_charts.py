@@ -27,12 +27,15 @@ class FlightInterval(NamedTuple):
 
 
 def longest_flight(signals: Signals) -> FlightInterval | None:
-    """Returns the longest time off the ground in a log; None if the vehicle never flew.
+    """Returns the longest time off the ground in a log.
 
     A flight that began before the record counts from the first attitude on, one that it does not end until the last.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        The flight; None if the vehicle never flew.
     """
     flights = []
     for attitude in signals.attitudes[:1]:

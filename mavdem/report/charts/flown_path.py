@@ -165,10 +165,13 @@ def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> I
 
 
 def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
-    """Returns the arrow of the mean wind; None if its direction is not known.
+    """Returns the arrow of the mean wind.
 
     Args:
         wind: wind of the flight.
+
+    Returns:
+        The arrow; None if the direction of the wind is not known.
     """
     if not wind.direction_identifiable:
         return None

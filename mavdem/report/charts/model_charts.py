@@ -183,12 +183,15 @@ def wind_torque_charts(learned: Learned) -> Charts:
 
 
 def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
-    """Returns the wind torque of a model over time, °/s², with its 90 % band; None if it is not identifiable.
+    """Returns the wind torque of a model over time with its 90 % band.
 
     Args:
         learned: the learned model.
         name: name of the line in the legend.
         colour: its colour.
+
+    Returns:
+        The wind torque, °/s²; None if it is not identifiable.
     """
     wind = learned.resolved_wind_torque
     if wind is None:

@@ -51,13 +51,16 @@ Estimates = dict[str, Array]
 
 
 def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
-    """Returns the charts of a vehicle over its flights, with 90 % intervals; None if no quantity is known.
+    """Returns the charts of a vehicle over its flights, with 90 % intervals.
 
     Each quantity has a chart, whose horizontal axis counts the flights. Flights with a fault or a drift of the motors
     are marked in all of them.
 
     Args:
         flights: rows of each flight by axis, in order of time; at least two flights.
+
+    Returns:
+        The charts; None if no quantity is known.
     """
     axis = _flight_axis(flights)
     marks = []

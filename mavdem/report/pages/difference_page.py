@@ -212,10 +212,13 @@ def _main_difference(
 
 
 def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange | None:
-    """Returns the phase margin that differs most, of those whose difference is certain; None without one.
+    """Returns the phase margin that differs most, of those whose difference is certain.
 
     Args:
         changes: differences of phase margins, rad.
+
+    Returns:
+        The phase margin; None without one.
     """
     certain = []
     for change in changes:

@@ -250,11 +250,14 @@ def _numbered_events(
 
 
 def _labels_in_charts(events: Sequence[PageEvent], timeline: Timeline) -> Names:
-    """Returns the label of each event of the timeline: its number in the list of events; empty if it has none.
+    """Returns the label of each event of the timeline: its number in the list of events.
 
     Args:
         events: the numbered list of events on the page.
         timeline: timeline of the flight, with its own events.
+
+    Returns:
+        The labels; empty for an event without a number.
     """
     numbers = {}
     for page_event in events:
@@ -396,12 +399,15 @@ def _fastest_loop(assessment: Assessment) -> Loop | None:
 
 
 def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
-    """Returns the notch filter whose settings the page lets one try; None without a spectrum or a known controller.
+    """Returns the notch filter whose settings the page lets one try.
 
     Args:
         name: name of the log.
         assessment: assessment of the log.
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The notch filter; None without a spectrum or a known controller.
     """
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))

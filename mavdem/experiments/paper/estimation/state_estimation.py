@@ -280,12 +280,15 @@ def one_sample_later(values: Array) -> Array:
 
 
 def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
-    """Returns the SSE of estimated roll rates, without ``TRIM`` samples at each end; infinite where one is not finite.
+    """Returns the sum of squared errors (SSE) of estimated roll rates, without ``TRIM`` samples at each end.
 
     Args:
         rates: (T,) estimates, rad/s.
         window: window that has the measured or true ones.
         delay: samples by which the estimates are delayed before they are compared.
+
+    Returns:
+        The SSE; infinite if an estimate is not finite.
     """
     measured_rates = window.states[:, 1]
     errors = rates[TRIM - delay : len(rates) - TRIM - delay] - measured_rates[TRIM:-TRIM]
