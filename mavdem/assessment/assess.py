@@ -314,7 +314,7 @@ def without_flight_advice(wind: WindEvidence) -> WindEvidence:
     crash, or with an oscillation, that advice would be dangerous.
 
     Args:
-        wind: the wind in m/s, or why it is not known.
+        wind: the wind in m/s, or the reason why it is not known.
 
     Returns:
         The same evidence with every such fact replaced by its form without advice (:attr:`mavdem.facts.Fact.grounded`).

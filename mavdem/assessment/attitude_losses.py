@@ -341,7 +341,7 @@ class _AttitudeLoss(NamedTuple):
         return tuple(statements)
 
     def _rotation(self, onset: float) -> Facts:
-        """Returns whether the gyro confirms that the vehicle itself turned, and not only its setpoint.
+        """Returns the statement of the gyro on whether the vehicle itself turned, and not only its setpoint.
 
         The attitude must have changed by ``ONSET_ANGLE`` on one axis, and the integral of the body rates' size must
         explain at least ``MIN_GYRO_SHARE`` of that change.

@@ -67,13 +67,16 @@ def _lean(angles: Array) -> Array:
 
 
 def _distance(flight: AttitudeTracking, row: int) -> float:
-    """Returns the angle between the vertical axes of the vehicle and of its setpoint at one sample, rad.
+    """Returns the angle between the vertical axes of the vehicle and of its setpoint at one sample.
 
     Angles of roll and pitch cannot be subtracted here: beyond 90° of pitch both change by half a turn.
 
     Args:
         flight: the attitude and its setpoint.
         row: index of the sample.
+
+    Returns:
+        The angle, rad.
     """
     down_directions = []
     for roll, pitch in (flight.angles[row, :2], flight.setpoints[row]):

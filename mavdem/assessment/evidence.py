@@ -177,12 +177,15 @@ class Evidence:
         return facts[0]
 
     def flights(self, boot: int) -> Intervals:
-        """Returns the intervals of a boot in free flight, s, until the vehicle was lost.
+        """Returns the intervals of a boot in free flight until the vehicle was lost.
 
         Of a vehicle that is no multirotor they are those in which it operates (``phases.airborne_intervals``).
 
         Args:
             boot: number of the boot.
+
+        Returns:
+            The intervals, s.
         """
         for event in self.events:
             if event.code is MotionEvent.NOT_FLOWN and event.figures["boot"] == boot:

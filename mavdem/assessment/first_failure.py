@@ -294,7 +294,7 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         cause: the fact that all motors went to idle, with its time.
 
     Returns:
-        That fact itself where the log shows no reason.
+        The reason, or the fact itself if the log shows none.
     """
     stop_time = cause.time or 0.0
     window = (stop_time - STOP_REASON_SECONDS, stop_time + STOP_REASON_SECONDS)

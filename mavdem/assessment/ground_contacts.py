@@ -498,12 +498,15 @@ class _Contact:
         return min(fall_speed, max(0.0, last_rates["estimate"]))
 
     def _first_knock(self, start: float, latest: float) -> float:
-        """Returns the time, s, of the peak of the first knock that is larger than the vibration before.
+        """Returns the time of the peak of the first knock that is larger than the vibration before.
 
         Args:
             start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
                 contact.
             latest: time of the largest knock, s since boot; returned if no earlier one is measured.
+
+        Returns:
+            The time, s.
         """
         accelerometer = self.scene.accelerometer
         if accelerometer is None or start >= latest:

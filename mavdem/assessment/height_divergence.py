@@ -146,7 +146,7 @@ def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | Non
         interval: start and end, s since boot.
 
     Returns:
-        None if they do not, or one of them has no samples in the interval.
+        Both rates, m/s upward; None if the two do not move apart, or one of them has no samples in the interval.
     """
     barometer = scene.height.barometer_climb
     estimate = scene.height.estimated_climb
@@ -210,7 +210,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
 def _force_error(
     scene: Scene, accelerometer: AccelerometerWitness, interval: Interval
 ) -> float | None:
-    """Returns the error, m/s², of the mean upward specific force that the accelerometer measured around a divergence.
+    """Returns the error of the mean upward specific force that the accelerometer measured around a divergence.
 
     A sound accelerometer measures gravity plus the mean vertical acceleration, which follows from the barometer's climb
     rates at both ends.
@@ -221,7 +221,7 @@ def _force_error(
         interval: interval of the divergence, s since boot.
 
     Returns:
-        None if barometer or attitude are not known, or there are no samples.
+        The error, m/s²; None if barometer or attitude are not known, or there are no samples.
     """
     climb = scene.height.barometer_climb
     angles = []

@@ -272,7 +272,7 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:
-    """Returns the largest difference between the changes of two altitudes in a flight, m.
+    """Returns the largest difference between the changes of two altitudes in a flight.
 
     Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The 95th
     percentile stands for the largest, without single damaged samples.
@@ -281,6 +281,9 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
         evidence: signals, events and measurements of the vehicle.
         altitude: (N,) m.
         reference: (M,) m.
+
+    Returns:
+        The largest difference, m.
     """
     largest = 0.0
     for flight in evidence.in_flight(altitude):
@@ -475,7 +478,7 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _outputs_off_ground(evidence: Evidence, motors: MotorOutputs) -> Array:
-    """Returns the outputs (N, k) of k motors in flight, from when they could carry the vehicle until they no longer do.
+    """Returns the outputs of k motors in flight, from when they could carry the vehicle until they no longer do.
 
     Some autopilots report a vehicle off the ground while its motors still spin up, and on it after they have slowed.
     Where the motors never were above idle, the outputs of all of the flight are returned.
@@ -483,6 +486,9 @@ def _outputs_off_ground(evidence: Evidence, motors: MotorOutputs) -> Array:
     Args:
         evidence: what the log shows of the vehicle.
         motors: its motors.
+
+    Returns:
+        The outputs (N, k).
     """
     least = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
     series = TimeSeries(motors.time, motors.boot, motors.outputs)

@@ -144,13 +144,16 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
 
 
 def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -> Intervals:
-    """Returns the intervals, s since boot, from each event that takes the vehicle out of control to the flight's end.
+    """Returns the intervals from each event that takes the vehicle out of control to the flight's end.
 
     A vehicle that falls or lies on its back has motors at their limits, and so does one that follows a false height.
 
     Args:
         flight_events: events of the flight.
         flight: its start and end, s since boot.
+
+    Returns:
+        The intervals, s since boot.
     """
     intervals = []
     for event in flight_events:

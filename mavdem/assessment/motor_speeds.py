@@ -95,13 +95,16 @@ def standing_motors(
 
 
 def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> TimeSeries:
-    """Returns the command of a motor as shares of its range, at some times (N,), s since boot.
+    """Returns the command of a motor as shares of its range, at some times.
 
     Args:
         motors: all motors.
         boot: number of the boot.
         motor: index of the motor.
         time: (N,) s since boot.
+
+    Returns:
+        Commands (N,), as shares of the range.
     """
     commands = motors.range_fractions(boot)
     values = np.interp(time, commands.time, commands.values[:, motor])

@@ -225,7 +225,7 @@ def reported_events(signals: Signals) -> Facts:
 
 
 def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> float | None:
-    """Returns the height above where the latest flight began, m, by a source that can be trusted.
+    """Returns the height above the start of the latest flight, by a source that can be trusted.
 
     Args:
         signals: signals of the vehicle.
@@ -234,7 +234,7 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
         time: s since boot. Before all flights the vehicle is on the ground, at 0 m.
 
     Returns:
-        None if no height was recorded.
+        The height, m; None if no height was recorded.
     """
     begun_flights = [flight for flight in flights if flight[0] <= time]
     if begun_flights:

@@ -249,11 +249,14 @@ def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
 
 
 def _excess(commands: Array, number: int) -> Array:
-    """Returns the excess of one motor's command over the mean of the others, (N,) as shares of the range.
+    """Returns the excess of one motor's command over the mean of the others.
 
     Args:
         commands: (N, k) commands of k motors, as shares of the range.
         number: index of the motor.
+
+    Returns:
+        (N,) excess, as shares of the range.
     """
     return commands[:, number] - np.delete(commands, number, axis=1).mean(axis=1)
 

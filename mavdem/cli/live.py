@@ -389,7 +389,7 @@ def _write_text(path: Path | None, text: str, subject: str) -> bool:
         subject: Kind of the file, "model" or "page".
 
     Returns:
-        False if the file was to be written and could not be.
+        Whether it succeeded: False if the file should have been written and could not be.
     """
     if path is None:
         print_to_stderr(f"The {subject} was not written.")

@@ -233,7 +233,7 @@ def _track_with_progress(
         KeyboardInterrupt: The user has pressed Ctrl-C. What was read stays in the table, and a message says so.
 
     Returns:
-        Which logs there are, how many of them were read now, the healthy flights and the problems.
+        The logs, how many of them were read now, the healthy flights and the problems.
     """
     try:
         with progress_bar("Looking for logs") as show:

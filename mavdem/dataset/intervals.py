@@ -39,11 +39,14 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
 
 
 def longest_true_duration(time: Array, condition: Flags) -> float:
-    """Returns the longest time, s, for which a sampled condition is true without a break.
+    """Returns the longest time for which a sampled condition is true without a break.
 
     Args:
         time: (N,) stamps in seconds, rising; one at least.
         condition: (N,) whether the condition is true at each stamp.
+
+    Returns:
+        The longest time, s.
     """
     recorded = np.clip(true_intervals(time, condition), time[0], time[-1])
     return float(max((end - start for start, end in recorded), default=0.0))

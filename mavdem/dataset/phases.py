@@ -443,7 +443,7 @@ def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
         flight: Start and end of the flight, s.
 
     Returns:
-        None if the height was not recorded.
+        Whether it rose; None if the height was not recorded.
     """
     height = height_above_take_off(signals, boot, flight)
     if height is None:
@@ -453,9 +453,9 @@ def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
 
 
 def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
-    """Returns the height (N,), m, of a whole boot above where a flight began.
+    """Returns the height of a whole boot above the place where a flight began.
 
-    A flight that began before the record counts from the first height that was recorded.
+    If the flight began before the record, the first recorded height is the reference.
 
     Args:
         signals: Signals of the vehicle.
@@ -463,7 +463,7 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
         flight: Start and end of the flight, s.
 
     Returns:
-        None if the height was not recorded.
+        The height (N,), m; None if it was not recorded.
     """
     height = series_of_boot(signals.height, boot)
     if height is None:

@@ -77,10 +77,13 @@ def _stick_channels(parameters: Parameters) -> dict[str, int]:
 
 
 def _channels(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns the pulse width (N,), µs, of each channel that was received, by its number from 1.
+    """Returns the pulse width of each channel that was received, by its number from 1.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        Pulse widths (N,), µs, by the number of the channel.
     """
     messages = signals.telemetry.messages
     lowest, highest = POSSIBLE_PULSE

@@ -43,10 +43,13 @@ OTHER_SOURCE_PARAMETERS = ("FLOW_TYPE", "FLOW_ENABLE", "VISO_TYPE", "BCN_TYPE", 
 
 
 def has_fix_by_row(columns: Columns) -> Flags:
-    """Returns flags (N,) of a receiver's messages: whether each had a position in three dimensions.
+    """Returns flags of a receiver's messages: whether each had a position in three dimensions.
 
     Args:
         columns: Fields of GPS_RAW_INT or GPS2_RAW.
+
+    Returns:
+        Flags (N,).
     """
     fix_types = np.asarray(columns["fix_type"])
     if "satellites_visible" not in columns:

@@ -210,12 +210,15 @@ def low_pass_impulse_response(rate: float, dt: float) -> Array:
 
 
 def _is_free_of_edges(grid: Array, dt: float, time: Array) -> Flags:
-    """Returns flags of the grid points (T,) so far from the ends of a stream that its filter does not spoil them.
+    """Returns flags of the grid points so far from the ends of a stream that its filter does not spoil them.
 
     Args:
         grid: (T,) times of the grid, s.
         dt: Step of the grid, s.
         time: (N,) stamps of the stream, s; one that is not low-passed has no edges.
+
+    Returns:
+        Flags (T,).
     """
     margin = FILTER_EDGE_STEPS * dt if needs_low_pass(time, dt) else 0.0
     first_valid = time[0] + margin - STAMP_RESOLUTION

@@ -81,7 +81,7 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
         boot: Number of the boot.
 
     Returns:
-        None if the attitude was not recorded.
+        Attitude and setpoint (N, 3); None if the attitude was not recorded.
     """
     angles = []
     for attitude in signals.attitudes:

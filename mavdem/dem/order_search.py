@@ -267,14 +267,17 @@ def _samples_per_effective_sample(width: float, dt: float) -> float:
 
 
 def kernel_width(record: Record) -> float:
-    """Returns the width σ of the Gaussian kernel that filters a record, s.
+    """Returns the width σ of the Gaussian kernel that filters a record.
 
     It is a fraction, ``RELATIVE_KERNEL_WIDTH``, of the time in which the outputs change by their standard deviation. It
-    is not so wide that fewer than ``MIN_KERNEL_SAMPLES`` effective samples are left, and not below
-    ``MIN_KERNEL_STEPS`` sampling steps, where the kernel would be undersampled.
+    is not so wide that fewer than ``MIN_KERNEL_SAMPLES`` effective samples are left, and not below ``MIN_KERNEL_STEPS``
+    sampling steps, where the kernel would be undersampled.
 
     Args:
         record: training data.
+
+    Returns:
+        The width σ, s.
     """
     _, statistics = record.channel_statistics
     m = record.outputs.shape[1]

@@ -373,13 +373,16 @@ def _common_step(steps: Sequence[float]) -> float:
 
 
 def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
-    """Returns the time of each segment's first sample on the flight's clock, s.
+    """Returns the time of each segment's first sample on the flight's clock.
 
     Samples without a clock have no ``time``. Unless all segments have one, the result is empty: the field of a record
     has a time for every segment, or none.
 
     Args:
         flights: The segments.
+
+    Returns:
+        Times, s.
     """
     times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
     if not all(len(time) for time in times):

@@ -121,13 +121,16 @@ class Scaling:
         return self.output_scale[output_columns]
 
     def parameter_scale(self, order: int) -> Array:
-        """Returns the physical size of the engine's unit of each parameter in θ, (k,), for ``order`` states.
+        """Returns the physical size of the engine's unit of each parameter in θ, for ``order`` states.
 
         A parameter in A or B has the unit of its row's state over that of its column's state or input, per second; one
         in C that of its output over that of its state. Physical parameters are the engine's times this size.
 
         Args:
             order: number of states n.
+
+        Returns:
+            The physical size (k,).
         """
         state_scale = self.state_scale(order)
         per_input = 1 / self.input_scale

@@ -281,11 +281,11 @@ def _changed_defaults(assessment: Assessment) -> list[JsonValues]:
 
 
 def _axis_values(assessment: Assessment) -> JsonValues:
-    """Returns the values of the document ``Axis`` for roll, pitch and yaw: what was found on their control loops.
+    """Returns the values of the document ``Axis`` for roll, pitch and yaw: the findings on their control loops.
 
-    The loop is known from a model, with its stability margins, or there is a refusal with the reason. Responses are
-    measured directly from setpoints and motion, and need no model; where an axis has none, the headline of the flight
-    says why. The measured response of the rate stands both in ``rate`` and in ``step_response``.
+    A loop comes from a model, with its stability margins; otherwise there is a refusal with the reason. Responses are
+    measured directly from setpoints and motion, and need no model; if an axis has none, the headline of the flight says
+    why. The measured response of the rate is both in ``rate`` and in ``step_response``.
 
     Args:
         assessment: assessment of the vehicle.

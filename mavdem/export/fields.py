@@ -176,12 +176,15 @@ def _columns_of(telemetry: Telemetry, message: str) -> Columns:
 
 
 def _numeric_fields(columns: Columns) -> dict[str, Array]:
-    """Returns the numeric fields of a message by their names, as views (N,) of its columns.
+    """Returns the numeric fields of a message, as views of its columns.
 
     The elements of an array field are fields of their own, such as "controls[0]". Time and boot are left out.
 
     Args:
         columns: Fields of N messages, (N,) or, of an array field, (N, k).
+
+    Returns:
+        Fields (N,) by name.
     """
     fields: dict[str, Array] = {}
     for key, values in columns.items():

@@ -159,13 +159,16 @@ def _recording(log: Log) -> Recording:
 
 
 def _densest_time(messages: Tables, boot: int) -> Array:
-    """Returns the stamps (N,), s, of the message that came most often in a boot.
+    """Returns the stamps of the message that came most often in a boot.
 
     Messages that come seldom may be older than the file: PX4 repeats their last values at its beginning.
 
     Args:
         messages: Columns by message, with ``time`` and ``boot``.
         boot: Number of the boot.
+
+    Returns:
+        The stamps (N,), s.
     """
     densest = np.zeros(0)
     for columns in messages.values():

@@ -178,13 +178,16 @@ def servo_output_raw(topics: Topics) -> Fields:
 
 
 def _used_outputs(topic: Columns) -> Array:
-    """Returns the outputs (N, 16) of actuator_outputs.
+    """Returns the outputs of actuator_outputs.
 
     Outputs from number ``noutputs`` on are not in use, and may hold old values; they are set to 0. Where ``noutputs``
     is 0 or was not logged, all outputs are kept.
 
     Args:
         topic: Columns (N,) of actuator_outputs.
+
+    Returns:
+        The outputs (N, 16).
     """
     zeros = np.zeros(len(topic["time"]))
     columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]
@@ -501,13 +504,16 @@ def motor_speeds(topics: Topics) -> Fields:
 
 
 def _is_online(topic: Columns, instance: int) -> Flags:
-    """Returns flags (N,) of esc_status: whether a controller reports, by its flags or the number of controllers.
+    """Returns flags of esc_status: whether a controller reports, by its flags or the number of controllers.
 
     If neither was logged, one that ever turns reports throughout.
 
     Args:
         topic: Columns (N,) of esc_status.
         instance: Number of the speed controller, from 0.
+
+    Returns:
+        Flags (N,).
     """
     if "esc_online_flags" in topic:
         # Bit n of the flags is that of controller n.

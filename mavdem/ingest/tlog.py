@@ -144,11 +144,14 @@ def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
 
 
 def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
-    """Returns the number of bytes between each of some frames (n,) and the frame before it.
+    """Returns the number of bytes between each of some frames and the frame before it.
 
     Args:
         frames: All frames (N,) of the log.
         rows: Rows (n,) of the frames.
+
+    Returns:
+        Numbers of bytes (n,).
     """
     if isinstance(rows, slice):
         # A slice of a mapped log is taken without lists of its rows. The frames before rows first to stop - 1 are the

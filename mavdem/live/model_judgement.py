@@ -49,7 +49,7 @@ def judge_model(
         recording_name: the log that shows what no live message does; empty if it is known later, None without one.
 
     Returns:
-        What the model is good for, and the vehicle's judgement.
+        The grades of the model, and the judgement of the vehicle.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.

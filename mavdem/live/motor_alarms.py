@@ -87,7 +87,7 @@ class MotorAlarms:
             heading: yaw, rad; NaN where the attitude does not follow its setpoint.
 
         Returns:
-            What to report: one fact for each change.
+            One fact for each change.
         """
         if self.has_landed:
             self.active = ()

@@ -52,7 +52,7 @@ class RateCheck:
             rates: Hz by message name.
 
         Returns:
-            Why there are no rows; None if nothing is missing.
+            The reason why there are no rows; None if nothing is missing.
         """
         obstacle = self._obstacle(vehicle_type, attitude_message, motor_message, rates)
         is_sufficient = obstacle is None

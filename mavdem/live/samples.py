@@ -62,7 +62,8 @@ class SampleStream:
             values: values of the sample, as many as of the others.
 
         Returns:
-            False for a sample that is dropped: its stamp is there already, it comes too late, or it is not finite.
+            Whether the sample was added. It is dropped if its stamp is there already, if it is too late, or if it is
+            not finite.
         """
         stamps = self.time
         # Nearly always the sample is the latest one. Else this is its place among the others.

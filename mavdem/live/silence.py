@@ -24,14 +24,14 @@ class SilenceMonitor:
         self._has_received = False
 
     def note_messages(self, first_arrival: float, last_arrival: float) -> float:
-        """Notes that some messages arrived together.
+        """Records that some messages arrived together.
 
         Args:
             first_arrival: arrival of the first of them, s of the monotonic clock.
             last_arrival: arrival of the last of them, s of the monotonic clock.
 
         Returns:
-            How long no message had come before them, s; 0 for the first ones.
+            The time without messages before them, s; 0 for the first ones.
         """
         silence_before = first_arrival - self.message_time if self._has_received else 0.0
         self._has_received = True

@@ -142,7 +142,8 @@ class Component:
             now: reception time, s of any clock, since only differences are used.
 
         Returns:
-            False for a copy of an earlier frame, which a second link delivers and the caller ignores.
+            Whether the frame is new; False for a copy of an earlier frame, which a second link delivers and the caller
+            ignores.
         """
         self.frame_count += 1
         missing_before = self._links.missing

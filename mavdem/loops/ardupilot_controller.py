@@ -173,7 +173,7 @@ def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
         before_34: whether the parameters are those of a firmware before ArduCopter 3.4.
 
     Returns:
-        Where thrust begins and ends, as fractions of the range of the output.
+        Beginning and end of thrust, as fractions of the range of the output.
 
     Raises:
         NotLearnable: a parameter is missing, or the frame is not a quadrotor.

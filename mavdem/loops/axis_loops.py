@@ -93,6 +93,8 @@ class Loop(Margins):
     """The response of the rate in flight, where the log has setpoints."""
     grid: FrequencyGrid = FINE_GRID
     """Frequencies of the responses."""
+    shared_plant_response: PlantResponse | None = None
+    """Response of the plants, taken over from a loop with the same plants, grid and gyro filters; None to compute it."""
     refusal: ClassVar[None] = None
     """Why the loops are not known. They are; in the place of a loop there may be a fact that says why not."""
 
@@ -111,6 +113,8 @@ class Loop(Margins):
     @cached_property
     def plant_response(self) -> PlantResponse:
         """The frequency responses of all plants, behind the gyro's filters."""
+        if self.shared_plant_response is not None:
+            return self.shared_plant_response
         return plant_response(self.controller, self.effectiveness, self.dynamics, self.grid)
 
     @cached_property
@@ -135,7 +139,7 @@ class Loop(Margins):
     def with_parameters(self, parameters: Parameters) -> Loop:
         """Returns the same plant in a loop whose controller has other values of some parameters.
 
-        The response that was measured in flight belongs to the old values, and is left out.
+        The response measured in flight belongs to the old values, and is left out.
 
         Args:
             parameters: new values by the autopilot's name.
@@ -143,16 +147,22 @@ class Loop(Margins):
         return self.with_controller(self.controller.with_parameters(parameters))
 
     def with_controller(self, controller: Controller) -> Loop:
-        """Returns the same plant in a loop with another controller, without the response that was measured in flight.
+        """Returns the same plant in a loop with another controller, without the response measured in flight.
 
         Args:
             controller: the controller of the axis.
+
+        Returns:
+            The loop. Behind the same gyro filters its plant response is that of this loop, which is computed only once:
+            a search for gains tries hundreds of controllers with one plant.
         """
-        changed = replace(self, controller=controller, measured=None)
-        if controller.gyro_path == self.controller.gyro_path:
-            # The cached property of the new loop: a search for gains tries hundreds of controllers with one plant.
-            vars(changed)["plant_response"] = self.plant_response
-        return changed
+        has_same_filters = controller.gyro_path == self.controller.gyro_path
+        return replace(
+            self,
+            controller=controller,
+            measured=None,
+            shared_plant_response=self.plant_response if has_same_filters else None,
+        )
 
     def with_draws(
         self,
@@ -181,14 +191,20 @@ class Loop(Margins):
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
         dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
-        return replace(self, effectiveness=effectiveness, dynamics=dynamics, grid=grid)
+        return replace(
+            self,
+            effectiveness=effectiveness,
+            dynamics=dynamics,
+            grid=grid,
+            shared_plant_response=None,
+        )
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the response of the rate that was measured in flight is the one that the model of the loop predicts.
+        """Whether the rate response measured in flight is the one that the model of the loop predicts.
 
-        ``None`` where that is not known: without setpoints in the log, where they explain too little of the rate, or
-        where motors were at a limit.
+        ``None`` if that is not known: without setpoints in the log, if they explain too little of the rate, or if
+        motors were at a limit.
         """
         if self.measured is None:
             return None
@@ -224,13 +240,16 @@ class Loop(Margins):
         return self.angle_deviation(self.wind)
 
     def angle_deviation(self, torque_density: Array) -> float:
-        """Returns the standard deviation σ of the angle that a wind torque causes, degrees.
+        """Returns the standard deviation σ of the angle that a wind torque causes.
 
         It is σ² = ∫ |G(jω)|² S df by the trapezoidal rule, with the response G of the closed attitude loop from the
         wind torque to the angle, by the estimated plant.
 
         Args:
             torque_density: density S (F,) of the wind torque at the loop's frequencies, (rad/s²)²/Hz.
+
+        Returns:
+            The standard deviation σ, degrees.
         """
         # Row 0 is the estimated plant.
         power = np.abs(self.attitude.disturbance[0]) ** 2 * torque_density

@@ -431,11 +431,11 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
 
     Args:
         plant: the identified plant, without the gyro's filters.
-        mixer_gains: change of each input per unit of demand (r,).
+        mixer_gains: (r,) change of each input per unit of demand.
         controller: controller of the axis.
 
     Returns:
-        The plant, with its parameters marked as biased where its loop rings.
+        The plant, with its parameters marked as biased if its loop rings.
 
     Raises:
         NotLearnable: as :func:`_require_known_margin`.

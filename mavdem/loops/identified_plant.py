@@ -109,13 +109,16 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
 
 
 def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
-    """Returns the derivatives of effects, damping, lag and delay by the logarithms of these four (r + 3, 4).
+    """Returns the derivatives of effects, damping, lag and delay by the logarithms of these four.
 
     A parameter changes with its own logarithm alone, by its own value. All effects share one logarithm.
 
     Args:
         effect: effect of each of the r inputs (r,).
         values: parameters of the axis.
+
+    Returns:
+        The derivatives (r + 3, 4).
     """
     derivatives: Array = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
     return derivatives

@@ -238,13 +238,16 @@ def estimate_impulse_response(
 
 
 def _window_deviations(residuals: Array, whitening: Array) -> Array:
-    """Returns the standard deviation of the whitened residuals of each window (W, 1).
+    """Returns the standard deviation of the whitened residuals of each window.
 
     All signals are divided by it, so that residuals have a variance of 1 and windows with more wind count less.
 
     Args:
         residuals: residuals of all windows (W, B).
         whitening: coefficients of the filter that makes them white (P,).
+
+    Returns:
+        (W, 1) standard deviations.
     """
     deviation = _filtered(residuals, whitening).std(axis=1)
     # No window may outweigh the others without limit, and the division by 0 is avoided.
@@ -313,14 +316,14 @@ def _setpoint_without_wind(
     feedback of the angle.
 
     Args:
-        piece: setpoint r, rate, and angle φ (3, N).
+        piece: (3, N) setpoint r, rate, and angle φ.
         angle_gain: gain G of the attitude controller, 1/s.
-        values: impulse response of T, from rate setpoint to rate, at the nodes (K,), per sample.
-        knots: their lags and the ends of the response (K + 2,), in samples.
+        values: (K,) impulse response of T, from rate setpoint to rate, at the nodes, per sample.
+        knots: (K + 2,) lags of the nodes and the ends of the response, in samples.
         sampling_rate: rate of the samples, Hz.
 
     Returns:
-        Setpoint without the effect of wind (N,).
+        (N,) setpoint without the effect of wind.
     """
     size = piece.shape[1]
     rate_setpoint, _, angle = piece[:3]

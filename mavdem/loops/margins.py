@@ -308,10 +308,13 @@ def plant_response(
         P = k e^(−s delay) / (lag s + 1) · 1 / (s + damping) · gyro filters
 
     Args:
-        controller: controller that has the gyro's filters (``Controller.gyro_path``) and the period of the loop.
-        effectiveness: control effectiveness k of each plant (N,): angular acceleration per demand, rad/s².
-        dynamics: damping, 1/s, motor lag, s, and delay, s, of each plant (N, 3), without the gyro's filters.
+        controller: controller, which has the gyro's filters (``Controller.gyro_path``) and the period of the loop.
+        effectiveness: (N,) control effectiveness k of each plant: angular acceleration per demand, rad/s².
+        dynamics: (N, 3) damping, 1/s, motor lag, s, and delay, s, of each plant, without the gyro's filters.
         grid: frequencies of the responses, at most up to ``MAX_FREQUENCY_RATIO`` of the controller's rate.
+
+    Returns:
+        Frequencies (F,), Hz, and responses (N, F), which are read-only.
     """
     highest = min(grid.highest, MAX_FREQUENCY_RATIO / controller.loop_period)
     frequency = np.geomspace(grid.lowest, highest, grid.points)
@@ -325,11 +328,14 @@ def plant_response(
 
 
 def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
-    """Returns the open and closed loop of the body rate, for N plants P at once: L = C P.
+    """Returns the open and closed loop of the body rate with N plants P at once: L = C P.
 
     Args:
         controller: the controller C.
         plant: the plants, behind the gyro's filters of this controller.
+
+    Returns:
+        Responses of all loops (N, F).
     """
     from_setpoint, from_rate = controller_response(controller, plant.frequency)
     response = from_rate * plant.rate_per_demand

@@ -227,13 +227,16 @@ def _comparison_with_prediction(
 
 
 def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
-    """Returns the lowest frequency, Hz, at which setpoint and rate are not coherent enough to be compared.
+    """Returns the lowest frequency at which setpoint and rate are not coherent enough to be compared.
 
     Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. If all others are coherent, it is the highest frequency
     of the spectra.
 
     Args:
         spectra: cross-spectra of setpoint and rate, with their coherence.
+
+    Returns:
+        The frequency, Hz.
     """
     # A comparison with NaN is false, so a coherence of NaN counts as incoherent.
     is_coherent = spectra.coherence >= MIN_COMPARED_COHERENCE

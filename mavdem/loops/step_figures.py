@@ -60,11 +60,14 @@ def step_figures(
 
 
 def rise_times(time: Array, steps: Array) -> Array:
-    """Returns the times in which responses to a step rise from 10 to 90 % of it (N,), s.
+    """Returns the times in which responses to a step rise from 10 to 90 % of it.
 
     Args:
         time: times after the step (K,), s.
         steps: responses (N, K), which are 0 at time 0. One that never reaches 90 % has the whole duration.
+
+    Returns:
+        The times (N,), s.
     """
     to_tenth = _first_times(time, steps, 0.1)
     to_nine_tenths = _first_times(time, steps, 0.9)

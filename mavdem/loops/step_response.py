@@ -544,12 +544,15 @@ def _step_response_with_figures(
 
 
 def _coherence_where_driven(spectra: WelchSpectra) -> Array:
-    """Returns the coherence of setpoint and response (F,), with 0 where the setpoint has hardly any power.
+    """Returns the coherence of setpoint and response, with 0 where the setpoint has hardly any power.
 
     At such frequencies, errors of interpolation in both signals may be coherent without being a response.
 
     Args:
         spectra: cross-spectra of setpoint and response at F frequencies.
+
+    Returns:
+        The coherence (F,).
     """
     power = spectra.driver_power
     is_driven = power >= MIN_DRIVER_POWER_RATIO * power.max()

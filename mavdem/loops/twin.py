@@ -270,7 +270,7 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
 
 
 def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
-    """Returns the moment of inertia about an axis, kg m², from the control effectiveness of its loop.
+    """Returns the moment of inertia about an axis from the control effectiveness of its loop.
 
     By Newton's second law it is M / α, with the torque M and the angular acceleration α of a demand of 1, the largest
     torque command of the rate controller. The flight shows α, the control effectiveness of the identified plant. M
@@ -282,6 +282,9 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
         axis: "roll", "pitch" or "yaw".
         loop: loop of the axis, with its control effectiveness, rad/s² per demand.
         lever: torque of a motor about the axis over its thrust, m.
+
+    Returns:
+        The moment of inertia, kg m².
     """
     forward_arm, right_arm = twin.arm
     # PX4 reads the mixer from the motors' positions; ArduPilot from the class of the frame, and here the signs.

@@ -230,13 +230,16 @@ class GrayBoxModel(NamedTuple):
         return np.einsum("cbwf,cbf->bwf", torques, self._channel_responses(thetas, windows))
 
     def _input_channels(self, windows: FlightWindows) -> ComplexArray:
-        """Returns the channels of the inputs that this model uses (channels, r, W, F).
+        """Returns the channels of the inputs that this model uses.
 
         The interpolated and the held channel add up to the inputs; they differ in how the signal between samples is
         modelled. Each refinement of the model has one more channel.
 
         Args:
             windows: W windows with F frequencies.
+
+        Returns:
+            The channels (channels, r, W, F).
         """
         channels = [INTERPOLATED_CHANNEL, HELD_CHANNEL]
         for name in self.refinements:

@@ -214,11 +214,14 @@ def parameter_vector(physical: Physical) -> Array:
 
 
 def wind_torque_density(physical: Physical, frequency: Array) -> Array:
-    """Returns the one-sided spectral density (F,) of the modelled wind torque, (rad/s²)²/Hz.
+    """Returns the one-sided spectral density of the modelled wind torque.
 
     Args:
         physical: physical parameters, with the components of the wind torque.
         frequency: (F,) in Hz.
+
+    Returns:
+        (F,) density, (rad/s²)²/Hz.
     """
     omega = 2 * np.pi * frequency
     densities = [

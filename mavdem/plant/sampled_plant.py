@@ -236,7 +236,7 @@ class SampledPlant(NamedTuple):
         delay_steps: float,
         rate: Array,
     ) -> SmoothedSignal:
-        """Returns the smoothed wind torque (T,) of one segment, rad/s², from all of its rates.
+        """Returns the smoothed wind torque of one segment from all of its rates.
 
         At the first sample the motors have settled at the commanded torque, and the wind torque is 0.
 
@@ -245,6 +245,9 @@ class SampledPlant(NamedTuple):
             commanded: commanded torque with all that is constant in it (T,), rad/s².
             delay_steps: delay of the commands, in steps.
             rate: measured rate (T,), rad/s.
+
+        Returns:
+            The smoothed wind torque (T,), rad/s².
         """
         initial_state = np.zeros(len(self.wind_output))
         initial_state[0] = rate[0]

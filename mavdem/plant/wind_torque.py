@@ -424,11 +424,14 @@ def _smoothed_torque(
 
 
 def _smoother_variance(physical: Physical, record: Record) -> Array:
-    """Returns the variance of the smoother's error in all segments (T,), (rad/s²)².
+    """Returns the variance of the smoother's error in all segments.
 
     Args:
         physical: physical parameters, which are taken for exact here.
         record: inputs and outputs.
+
+    Returns:
+        The variance (T,), (rad/s²)².
     """
     plant = _sampled_plant(physical.damping, physical.lag, physical, record)
     rate_filter = plant.rate_filter(physical.noise)
@@ -450,7 +453,7 @@ def mean_external_torque(
     damping: float,
     dt: float,
 ) -> float:
-    """Returns the mean torque per inertia, rad/s², that acts in a segment besides the motors.
+    """Returns the mean torque per inertia that acts in a segment besides the motors.
 
     It is the mean of dp/dt + damping · p − motor torque.
 
@@ -459,19 +462,25 @@ def mean_external_torque(
         motor_torque: (T,), rad/s².
         damping: rate damping, 1/s.
         dt: time step, s.
+
+    Returns:
+        The mean torque per inertia, rad/s².
     """
     mean_acceleration = (rate[-1] - rate[0]) / (len(rate) * dt)
     return mean_acceleration + damping * rate.mean() - motor_torque.mean()
 
 
 def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None) -> float:
-    """Returns the steady wind torque, rad/s², that the mean inputs balance if the motors are equal.
+    """Returns the steady wind torque that the mean inputs balance if the motors are equal.
 
     Args:
         effect: effect of each input (r,), rad/s² per unit.
         trim: mean inputs (r,).
         directions: relative effect of each input by the mixer (r,). If they are not known, what all inputs have in
             common is left out, since that lifts the vehicle. A single input commands the torque itself.
+
+    Returns:
+        The steady wind torque, rad/s².
     """
     if directions is not None:
         effect = directions * (directions @ effect) / (directions @ directions)

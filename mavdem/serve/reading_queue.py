@@ -89,13 +89,16 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
-    """Returns the time, s, that the reading of a log probably still takes.
+    """Returns the time that the reading of a log probably still takes.
 
     A log that has taken longer than its estimate is expected to go on for ``MIN_REMAINING_SHARE`` of the time so far.
 
     Args:
         estimate: estimated duration of the whole reading, s.
         seconds_so_far: time since the reading began, s; below 0 if the clock was set back.
+
+    Returns:
+        The time, s.
     """
     seconds_so_far = max(seconds_so_far, 0.0)
     return max(estimate - seconds_so_far, MIN_REMAINING_SHARE * seconds_so_far)

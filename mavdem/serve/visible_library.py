@@ -96,15 +96,15 @@ class VisibleLibrary:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: its query has the search as ``q``, the order as ``sort``, a value of ``Order``, and the number of
-                flights to skip as ``offset``.
-            limit: number of flights that are returned, at most.
+            request: the request. Its query has the search as ``q``, the order as ``sort``, a value of ``Order``, and
+                the number of flights to skip as ``offset``.
+            limit: largest number of flights that are returned.
 
         Returns:
             The flights, the number of all that match, and the search as it was understood.
 
         Raises:
-            Refusal: the offset is no number.
+            Refusal: the offset is not a number.
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)

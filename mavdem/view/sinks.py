@@ -72,7 +72,7 @@ def show(path: PathName) -> str:
         path: path of the recording, an .rrd file.
 
     Returns:
-        Why it cannot be opened, in one sentence; empty if it can.
+        The reason why it cannot be opened, in one sentence; empty if it can.
     """
     if not has_screen():
         program = ["rerun"] if shutil.which("rerun") else [sys.executable, "-m", "rerun"]

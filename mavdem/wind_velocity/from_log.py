@@ -236,11 +236,14 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
-    """Returns the duration of settled flight, s, in all boots, whether velocity and yaw were known in it or not.
+    """Returns the duration of settled flight in all boots, whether velocity and yaw were known in it or not.
 
     Args:
         signals: signals of the vehicle.
         ground_motion: velocity and height, as :func:`_ground_motion` returns them.
+
+    Returns:
+        The duration, s.
     """
     duration = 0.0
     for boot in np.unique(ground_motion.boot).tolist():

@@ -254,10 +254,13 @@ def _body_axes(attitude: Array) -> Array:
 
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
-    """Returns flags of the steps (T,) that are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
+    """Returns flags of the steps that are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
 
     Args:
         grid: motion of the vehicle on an even grid of times, with gaps.
+
+    Returns:
+        Flags (T,).
     """
     # The convolution with ones counts the complete steps within the reach of each step. The False added at the end
     # keeps the list from being empty.

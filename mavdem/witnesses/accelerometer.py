@@ -236,7 +236,7 @@ def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
 
 @cached_per_vehicle()
 def rest_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals in which the vehicle rested on the ground, s since boot.
+    """Returns the intervals in which the vehicle rested on the ground.
 
     It rests in windows of ``REST_SECONDS`` in which it is still while the motors idle or are off. Neighbouring windows
     are one interval.
@@ -244,6 +244,9 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The intervals, s since boot.
     """
     windows = still_windows(signals, boot)
     if windows is None:
@@ -335,7 +338,7 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
 
 
 def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
-    """Returns whether the motors are fast enough to carry the vehicle at some times (T,), by their mean output.
+    """Returns whether the motors are fast enough to carry the vehicle at some times, by their mean output.
 
     Args:
         signals: signals of the vehicle.
@@ -343,7 +346,7 @@ def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
         time: (T,) s since boot.
 
     Returns:
-        None if motor outputs were not recorded.
+        Flags (T,); None if motor outputs were not recorded.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None:

@@ -66,8 +66,8 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
         flight: start and end of the flight, s since boot; infinite where the record has no take-off or landing.
 
     Returns:
-        None if the vehicle did not rest both times, the barometer is missing or not usable, or no satellite receiver
-        had a fix both times.
+        The heights before and after; None if the vehicle did not rest both times, the barometer is missing or not
+        usable, or no satellite receiver had a fix both times.
     """
     barometer = series_of_boot(barometer_altitude(signals), boot)
     position = series_of_boot(satellite_position(signals), boot)
@@ -96,10 +96,13 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
 
 
 def _horizontal_distance(start: Array, end: Array) -> float:
-    """Returns the horizontal distance between two nearby places, m, on a plane that touches the sphere.
+    """Returns the horizontal distance between two nearby places on a plane that touches the sphere.
 
     Args:
         start, end: latitude and longitude, degrees, and altitude, m (3,).
+
+    Returns:
+        The horizontal distance, m.
     """
     latitude_change, longitude_change, _ = np.radians(end - start)
     # Meridians converge towards the poles, so that a degree of longitude is shorter there.

@@ -126,7 +126,7 @@ def is_usable_barometer(noise: float | None) -> bool:
 
 
 def barometer_noise(altitude: TimeSeries) -> float | None:
-    """Returns the noise of a barometer: the robust RMS, m/s², of the second differences of its means over 1 s.
+    """Returns the noise of a barometer: the robust RMS of the second differences of its means over 1 s.
 
     The second difference of an altitude over 1 s steps is a vertical acceleration. No multirotor keeps up an
     acceleration beyond ``MAX_BAROMETER_NOISE``, so that a larger figure is of the sensor and not of the flight. Robust
@@ -136,7 +136,7 @@ def barometer_noise(altitude: TimeSeries) -> float | None:
         altitude: (N,) m, of one boot.
 
     Returns:
-        None if the samples are too few or too slow to tell.
+        The noise, m/s²; None if the samples are too few or too slow to estimate it.
     """
     duration = altitude.time[-1] - altitude.time[0]
     if len(altitude.time) < MIN_BAROMETER_RATE * max(duration, SLOPE_SECONDS):
@@ -251,7 +251,7 @@ class TrustedHeight(NamedTuple):
 
 
 def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeight | None:
-    """Returns the height (N,), m, above where the vehicle was at take-off, by a source that can be trusted.
+    """Returns the height above the take-off, by a source that can be trusted.
 
     That is the autopilot's estimate, unless a usable barometer contradicts it by more than ``MAX_HEIGHT_DIFFERENCE`` at
     any time; then it is the barometer.
@@ -263,7 +263,7 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
             that above the autopilot's home, by the estimate alone.
 
     Returns:
-        None if neither was recorded.
+        The height (N,), m; None if neither source was recorded.
     """
     source = _trusted_source(signals, boot, take_off)
     if source is None:

@@ -247,7 +247,7 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         times: (N,) times under power, s since boot, ascending.
 
     Returns:
-        None if the vehicle hardly turned, or samples are too slow to integrate the rates.
+        Whether they are; None if the vehicle hardly turned, or samples are too slow to integrate the rates.
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
     # Only windows that are under power throughout count.

@@ -286,10 +286,13 @@ class Scene:
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
     def sink_rates(self, interval: Interval) -> dict[str, float]:
-        """Returns the largest speed downward in an interval, m/s, by each height sensor (:meth:`_fastest_descents`).
+        """Returns the largest speed downward in an interval, by each height sensor (:meth:`_fastest_descents`).
 
         Args:
             interval: start and end, s since boot.
+
+        Returns:
+            Speed, m/s, by the name of the sensor.
         """
         descents = self._fastest_descents(interval)
         return {source: descent.speed for source, descent in descents.items()}
@@ -324,13 +327,16 @@ class Scene:
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:
-        """Returns the speed downward, m/s, that the vehicle cannot have exceeded until a time, s since boot.
+        """Returns the speed downward that the vehicle cannot have exceeded until a time, s since boot.
 
         A free fall from the greatest height of the flight to the lowest one ends at √(2 g h), and no multirotor exceeds
         ``MAX_FALL_SPEED``. A faster estimate has diverged, as they do after an impact.
 
         Args:
             end: the time, s since boot.
+
+        Returns:
+            The speed downward, m/s.
         """
         height = self.height_above_take_off
         if height is None or isinf(self.take_off):

@@ -47,8 +47,8 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
         time: time of the moment, s since boot.
 
     Returns:
-        None if nothing shows its velocity, or if it lost its speed between two samples that lie too far apart to show
-        whether that was at once.
+        Whether it did; None if its velocity is not known, or if it lost its speed between two samples that are too far
+        apart to show whether that was at once.
     """
     series = series_of_boot(velocity(signals), boot)
     if series is None:

@@ -231,7 +231,10 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
 
     Args:
         motion: N rows of the flight.
-        sensors: Bits of the sensors that are always there, and healthy.
+        sensors: Bit mask of the sensors that every vehicle has, and which are always healthy.
+
+    Returns:
+        Columns (N,), or one number for all samples, by field, in the units of the message: mV, cA and %.
     """
     gps = mavlink_constant("MAV_SYS_STATUS_SENSOR_GPS")
     radio = mavlink_constant("MAV_SYS_STATUS_SENSOR_RC_RECEIVER")
@@ -250,13 +253,16 @@ def system_status_fields(motion: InstrumentedMotion, sensors: int) -> Fields:
 
 
 def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[Any]:
-    """Returns base and custom mode of each row, (N, 2), as HEARTBEAT reports them.
+    """Returns base and custom mode of each row, as HEARTBEAT reports them.
 
     They are those of the flight plan, which depend on the landed state, except where a pilot or a failsafe flies.
 
     Args:
         motion: N rows of the flight; ``mode`` is 0 where the plan is flown.
         autopilot: Autopilot that reports the modes.
+
+    Returns:
+        Base and custom mode (N, 2).
     """
     # The row of mode 0 is never used: there the mode of the plan is taken.
     planned = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]

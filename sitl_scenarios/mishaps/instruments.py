@@ -222,7 +222,7 @@ class Instruments:
     def _barometer_height(
         down: float, readings: Readings, thrust_ratio: float, noise: float
     ) -> float:
-        """Returns the height by the barometer, m above the take-off.
+        """Returns the height by the barometer.
 
         Near the ground the rotors press air below the vehicle: the pressure rises, and the height reads too low, the
         more the nearer the ground is.
@@ -232,6 +232,9 @@ class Instruments:
             readings: Errors of the sensors.
             thrust_ratio: Thrust of the rotors by that in hover.
             noise: A random number of unit variance.
+
+        Returns:
+            The height, m above the take-off.
         """
         height = -down + readings.height_error
         if -down < PROP_WASH_REACH:
@@ -303,12 +306,15 @@ class Instruments:
         return first, CELLS * cell_voltage - RESISTANCE * second_current
 
     def _board_voltage(self, time: float) -> float:
-        """Returns the supply voltage of the autopilot's board, V.
+        """Returns the supply voltage of the autopilot's board.
 
         It is constant, except before a brown-out, in which it falls evenly to the voltage at which the board stops.
 
         Args:
             time: Seconds after arming.
+
+        Returns:
+            The supply voltage, V.
         """
         mishap = self._mishap
         if not isinstance(mishap, BrownOut) or time < mishap.start:

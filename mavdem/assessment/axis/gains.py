@@ -368,9 +368,12 @@ def _reported_gains(texts: Sequence[StatusText], axis: str) -> dict[str, float]:
     text replaces an earlier one.
 
     Args:
-        texts: texts of AutoTune, on one axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". One with the
+        texts: texts of AutoTune on the axis, such as "AutoTune: Roll Rate: P:0.116, I:0.116, D:0.0006". A text with the
             word "Angle" has a gain of the attitude loop, the others those of the rate loop.
         axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        Values by the name of the parameter.
     """
     gains = {}
     for text in texts:

@@ -291,11 +291,14 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
 
 
 def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
-    """Returns the movement of yaw's setpoint: the RMS of its change in ``YAW_MOVEMENT_SECONDS``, rad.
+    """Returns the movement of yaw's setpoint: the RMS of its change in ``YAW_MOVEMENT_SECONDS``.
 
     Args:
         setpoint: setpoint of yaw, rad, without jumps by a turn.
         segments: parts of the flight to judge.
+
+    Returns:
+        The movement, rad.
     """
     # The one zero keeps the mean finite where no segment has a setpoint.
     changes = [np.zeros(1)]

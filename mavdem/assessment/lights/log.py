@@ -99,7 +99,7 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
-    """Returns the rate at which the attitude itself was recorded, Hz, between outages.
+    """Returns the rate at which the attitude itself was recorded between outages.
 
     The attitude that models use has the stamps of the body rates, where those were logged more often: its angles are
     interpolated between those that were logged (PX4), or integrated from the rates (ArduPilot's PID_TUNING).
@@ -107,6 +107,9 @@ def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
     Args:
         telemetry: messages and repairs of the vehicle.
         attitude: attitude of an axis, as models use it.
+
+    Returns:
+        The rate, Hz.
     """
     rates = [rate_between_outages(attitude)]
     # Any other attitude is the one that was sent: hours of flight are not decoded again for its rate.
@@ -255,7 +258,7 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
         signals: signals of the vehicle.
 
     Returns:
-        False too if there are too few samples before arming to tell.
+        Whether it has less noise; False if there are too few samples before arming.
     """
     if not signals.tilts:
         return False

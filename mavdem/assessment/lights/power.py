@@ -195,7 +195,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
 
 def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> float | None:
-    """Returns the first time in flight at which the average of a voltage over 2 s was below a limit, s since boot.
+    """Returns the first time in flight at which the average of a voltage over 2 s was below a limit.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -203,7 +203,7 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
         limit: V.
 
     Returns:
-        None if it never was.
+        The time, s since boot; None if it never was below.
     """
     for part in evidence.in_flight(voltage):
         rows = np.flatnonzero(phases.moving_average(part) < limit)

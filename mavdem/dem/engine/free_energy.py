@@ -243,13 +243,16 @@ class SampleFreeEnergy:
 
 
 def expected_noise_precisions(lambda_: Array, lambda_covariance: Array) -> Array:
-    """Returns the expected noise precisions e^λ (1 + ½ Σ^λ), (g,), to second order in the uncertainty of λ.
+    """Returns the expected noise precisions e^λ (1 + ½ Σ^λ), to second order in the uncertainty of λ.
 
     With them, instead of e^λ, the squared errors include the mean-field term of λ.
 
     Args:
         lambda_: (g,) means of the log noise precisions.
         lambda_covariance: (g, g) their covariance.
+
+    Returns:
+        The precisions (g,).
     """
     return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
@@ -262,13 +265,16 @@ def state_curvature(posterior: Posterior) -> Array:
 
 
 def theta_curvature(posterior: Posterior) -> Array:
-    """Returns the second derivative Ū_θθ of the internal action by the parameters, (k, k).
+    """Returns the second derivative Ū_θθ of the internal action by the parameters.
 
     The internal action Ū is F̄ without entropies and mean-field terms: the log joint density at the means, summed over
     the samples.
 
     Args:
         posterior: the posterior, at whose means the derivative is taken.
+
+    Returns:
+        The second derivative Ū_θθ (k, k).
     """
     error_curvature = posterior.model.error_curvature_in_theta(
         np.exp(posterior.lambda_), posterior.moments.regressor_moments
@@ -277,13 +283,16 @@ def theta_curvature(posterior: Posterior) -> Array:
 
 
 def lambda_curvature(posterior: Posterior) -> Array:
-    """Returns the second derivative Ū_λλ of the internal action by the log noise precisions, (g, g).
+    """Returns the second derivative Ū_λλ of the internal action by the log noise precisions.
 
     The squared errors weighted by e^λ, and the prior, are the only parts of the log joint density Ū that are not linear
     in λ.
 
     Args:
         posterior: the posterior, at whose means the derivative is taken.
+
+    Returns:
+        The second derivative Ū_λλ (g, g).
     """
     squares = posterior.moments.squared_errors_by_noise(posterior.theta)
     error_curvature = np.diag(0.5 * np.exp(posterior.lambda_) * squares)
@@ -328,10 +337,13 @@ def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
 
 
 def _terms_without_errors(posterior: Posterior) -> dict[Term, float]:
-    """Returns the terms of F̄ that do not depend on the errors of samples, nats, summed over the training data.
+    """Returns the terms of F̄ that do not depend on the errors of samples, summed over the training data.
 
     Args:
         posterior: estimates of states, parameters and noise precisions, with their covariances.
+
+    Returns:
+        The terms by name, nats.
     """
     model = posterior.model
     log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions

@@ -160,16 +160,19 @@ def gauss_newton(
 def _higher_expansion(
     objective: Objective, point: Array, value: float, *, is_likely: bool
 ) -> QuadraticExpansion | None:
-    """Returns the expansion about a point, if the function is higher there than a value, or else ``None``.
+    """Expands a function about a point, if its value there is higher than a limit.
 
-    An expansion contains the value at its point, so that a point that is likely to be higher is expanded at once. At
-    others the value comes first: it takes less time, and decides mostly that no expansion is needed.
+    An expansion contains the value at its point, so a point that is probably higher is expanded at once. At other
+    points the value is computed first: that takes less time, and mostly decides that no expansion is needed.
 
     Args:
         objective: the function.
-        point: the point (f,).
+        point: (f,) the point.
         value: value that the function must exceed, nats.
-        is_likely: whether the function is likely to exceed it.
+        is_likely: whether the function is probably higher there.
+
+    Returns:
+        The expansion; None if the function is not higher, or not defined.
     """
     # A comparison with NaN, where the function is not defined, is false.
     if not is_likely and not objective.value(point) > value:

@@ -623,13 +623,16 @@ class GeneralizedMoments:
         return error_map @ self.samples.gram @ self.joint_map.T
 
     def error_moments(self, theta: Array) -> Array:
-        """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, (dim ε̃, dim ε̃), for parameters θ (k,).
+        """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, for parameters θ (k,).
 
         The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
         they are differences of, and would be lost in the rounding of the joint moments.
 
         Args:
             theta: parameters θ (k,).
+
+        Returns:
+            The second moments (dim ε̃, dim ε̃).
         """
         error_map = self.model.error_operator(theta) @ self.joint_map
         return error_map @ self.samples.gram @ error_map.T

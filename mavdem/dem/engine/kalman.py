@@ -172,11 +172,14 @@ class SteadyStateFilter(NamedTuple):
 
     @may_overflow
     def smoothed_variance(self, samples: int, signal: Array) -> Array:
-        """Returns the variance of a smoothed signal at each sample of a segment (T,), whatever was measured there.
+        """Returns the variance of a smoothed signal at each sample of a segment, whatever was measured there.
 
         Args:
             samples: number T of samples of the segment.
             signal: (n,) weights h of the states in the signal.
+
+        Returns:
+            (T,) variances.
         """
         # The covariance of the signal with the innovation k samples later is the first entry of Lᵏ P h. Every
         # innovation at or after a sample reduces the variance of the signal at that sample by the square of that

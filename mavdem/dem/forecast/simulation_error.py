@@ -272,13 +272,16 @@ class SimulationFit:
         return self.effective_samples - len(self.free)
 
     def theta_covariance(self, prior_covariance: Array) -> Array:
-        """Returns the posterior covariance of all parameters θ (k, k).
+        """Returns the posterior covariance of all parameters θ.
 
         Free parameters have the covariance of the fit. Their covariance with the others, which the fit did not change,
         is 0.
 
         Args:
             prior_covariance: covariance of the prior (k, k), which parameters that were not free keep.
+
+        Returns:
+            The posterior covariance (k, k).
         """
         covariance = prior_covariance.copy()
         covariance[self.free] = 0.0

@@ -113,8 +113,6 @@ class OnlineForecaster:
         self._dt = dt
         self._horizons = np.array(horizons)
         self._outputs = outputs
-        # (m,) What is predicted of a sample where nothing is known of it.
-        self._no_prediction = np.full(outputs, np.nan)
         self.errors = PredictionErrors(dt, horizons, outputs)
         self._maps: PredictionMaps | None = None
         # The hyperparameters of the last fit, and those to compare with: each fit tries one other, in turn.
@@ -123,7 +121,7 @@ class OnlineForecaster:
         self.relearn((), axis_mixer)
 
     def relearn(self, blocks: Iterable[MemoryBlock], axis_mixer: Array | None) -> None:
-        """Forgets all samples and learns from these blocks, where the mixer or later samples proved to be wrong.
+        """Forgets all samples and learns from these blocks, if the mixer or later samples proved to be wrong.
 
         The last model predicts until the next fit.
 
@@ -163,7 +161,7 @@ class OnlineForecaster:
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
         latest = outputs[-1]
         self.errors.compare(latest)
-        expected = self._no_prediction
+        expected = np.full(self._outputs, np.nan)
         ahead: Array | None = None
         if self._maps is not None:
             # (H + 1, m): at each horizon and, last, of the latest sample itself.

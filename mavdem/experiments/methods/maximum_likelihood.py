@@ -155,11 +155,11 @@ class PredictionErrorLikelihood(NamedTuple):
         """Expands the log likelihood to second order around parameters, for a Gauss-Newton step.
 
         With errors e and their covariance Σ at these parameters, the log likelihood is −½ Σₜ eₜᵀ Σ⁻¹ eₜ but for a
-        constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, where the derivatives J = ∂e/∂θ come from
-        finite differences: one run of the predictor for each parameter.
+        constant. Its gradient is −Jᵀ Σ⁻¹ e and its curvature Jᵀ Σ⁻¹ J, where the derivatives J = ∂e/∂θ come from finite
+        differences: one run of the predictor for each parameter.
 
         Args:
-            parameters: (f,) as in :attr:`parameters`.
+            parameters: (f,) parameter vector, in the order of :attr:`parameters`.
 
         Returns:
             Value (nats), gradient (f,) and curvature (f, f).

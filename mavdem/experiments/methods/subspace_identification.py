@@ -256,7 +256,7 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
 
 
 def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
-    """Returns the first state (n,) of a segment with the least squared one-step prediction errors.
+    """Returns the first state of a segment with the least squared one-step prediction errors.
 
     The predictions are linear in the first state: those from state 0 plus the effect of each of its n entries, which is
     the difference that a unit entry makes. So the state is found by linear regression. If the segment does not
@@ -266,6 +266,9 @@ def initial_state(model: StateSpace, inputs: Array, outputs: Array) -> Array:
         model: model in innovation form, in the units of the data.
         inputs: (T, k) of the segment.
         outputs: (T, m) of the segment.
+
+    Returns:
+        The state (n,).
     """
     n = len(model.A)
     from_zero = model.predicted_outputs(np.zeros(n), inputs, outputs)

@@ -89,12 +89,15 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
-    """Returns the MSPE (experiments, priors) of DEM's forecasts on the simulated flights.
+    """Returns the MSPE of DEM's forecasts on the simulated flights.
 
     Args:
         runner: runner that has the outcomes of the methods.
         method: ``DEM_P2`` or ``DEM_P1``.
         start: start of the forecasts, a key of ``QUESTION_BY_START``.
+
+    Returns:
+        (experiments, priors) errors.
     """
     rows = []
     for number in runner.experiment_windows:

@@ -145,11 +145,14 @@ def _with_cores(tables: Tables, name: str) -> Columns:
 
 
 def _primary_cores(logged: Columns, status: Columns) -> Integers:
-    """Returns the primary core (N,) at each row of a message: the last one that the status named.
+    """Returns the primary core at each row of a message: the last one that the status named.
 
     Args:
         logged: The message (N rows).
         status: The message with the primary core (``PI``), of all cores. If it has none, core 0 is primary.
+
+    Returns:
+        Numbers of the cores (N,).
     """
     count = message_count(logged)
     named = status.get("PI", np.zeros(0))

@@ -179,13 +179,16 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
 
 
 def _boot_stamps(tables: Tables, boot: float) -> Array:
-    """Returns the stamps (N,), s, of everything that was logged in a boot but texts, ascending, each once.
+    """Returns the stamps of everything that was logged in a boot but texts, ascending, each once.
 
     A text (MSG) is no witness that the log ran at its stamp: ArduPilot stamps it when it is said, and may log it later.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
         boot: Number of the boot.
+
+    Returns:
+        The stamps (N,), s.
     """
     stamps = [
         columns["time"][columns["boot"] == boot]

@@ -117,7 +117,7 @@ def field_values(payload: bytes, definition: MessageDefinition) -> dict[str, Any
 
     Args:
         payload: The payload as sent. Zeros at its end may be missing; bytes beyond the definition are left out.
-        definition: The definition of the message.
+        definition: Definition of the message.
 
     Returns:
         Numbers, lists of numbers and texts by name, in the order of the definition. A text ends at its first zero.

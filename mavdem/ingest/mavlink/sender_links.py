@@ -147,7 +147,7 @@ class SenderLinks:
         return self._frame_count - self._count_at_latest_copy < SEQUENCE_NUMBERS
 
     def take(self, content: bytes, message_id: int, sequence: int, is_readable: bool) -> bool:
-        """Takes the next frame of the sender: recognises a copy, counts missing frames, and looks for a second vehicle.
+        """Processes the next frame of the sender: recognises copies, counts missing frames, finds a second vehicle.
 
         Args:
             content: all bytes of the frame.
@@ -156,7 +156,7 @@ class SenderLinks:
             is_readable: whether its checksum matches. Others only show that their number is not missing.
 
         Returns:
-            False for a copy of a frame that came already, which is to be ignored.
+            Whether the frame is new; False for a copy of an earlier frame, which the caller ignores.
         """
         self._frame_count += 1
         if not is_readable:
@@ -243,7 +243,7 @@ class SenderLinks:
             reading: the time since boot in it; None if its message has none.
 
         Returns:
-            True if it is a copy.
+            Whether it is a copy.
         """
         earlier_count = self._recent.get(content)
         if earlier_count is None:

@@ -228,7 +228,7 @@ class DensityModel:
         self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
 
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
-        """Returns the modelled cross-spectral density (J, C, C) of the C logged quantities at J frequencies.
+        """Returns the modelled cross-spectral density of the C logged quantities at J frequencies.
 
         It is the sum of three parts. Independent sources (reference, gyro noise, actuation, wind torque) each add their
         density times the products of the closed loop's responses to them, summed over all aliases of a frequency. Steps
@@ -237,6 +237,9 @@ class DensityModel:
         Args:
             theta: logarithms of the parameters (k,).
             with_reference: whether the reference moves; without it, noise and wind torque remain.
+
+        Returns:
+            The modelled cross-spectral density (J, C, C).
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
@@ -567,10 +570,13 @@ def _share_from_odds(odds: float) -> float:
 
 
 def _source_densities(components: list[DensityComponent]) -> Array:
-    """Returns the density of each source, the sum of its components (S, J, F).
+    """Returns the density of each source, the sum of its components.
 
     Args:
         components: components of all sources, each with a density (J, F).
+
+    Returns:
+        (S, J, F) densities.
     """
     densities = np.zeros((len(Source), *components[0].density.shape))
     for component in components:

@@ -385,7 +385,7 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
 
 
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
-    """Returns parameters (k,) of a stable loop, with which an ascent of the posterior can begin.
+    """Returns the parameters of a stable loop, with which an ascent of the posterior can begin.
 
     Effect, lag and delay are those of an initial plant, the sizes of the noises follow from the data, and all others
     are the prior's means. The effect is halved until the loop is stable.
@@ -393,6 +393,9 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     Args:
         posterior: the log posterior.
         plant: crossover, lag and delay to begin with.
+
+    Returns:
+        Parameters (k,).
 
     Raises:
         numpy.linalg.LinAlgError: no effect makes a stable loop.

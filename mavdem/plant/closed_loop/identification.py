@@ -242,7 +242,7 @@ def _mixture_of_modes(
 
 
 def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
-    """Returns the sandwich covariance (k, k) of θ at a mode, H⁻¹ V H⁻¹.
+    """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹.
 
     H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the
     covariance H⁻¹. But estimates scatter less than the likelihood's information says, so that its part of V is reduced
@@ -251,6 +251,9 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     Args:
         posterior: the log posterior.
         curvature: its negative second derivative (k, k): information of the likelihood and precision of the prior.
+
+    Returns:
+        The sandwich covariance (k, k).
     """
     bread = inverse(curvature)
     prior_precision = np.diag(posterior.prior_sd**-2.0)

@@ -182,7 +182,7 @@ def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:
 
 
 def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
-    """Returns direction (degrees) and speed (m/s) of the wind at given times (N,), by name, as far as they are known.
+    """Returns direction and speed of the wind at given times, as far as they are known.
 
     Directions lie within half a turn of their mean, so that they can be interpolated; outside the estimate they are
     NaN.
@@ -190,6 +190,9 @@ def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
     Args:
         time: times (N,), s since boot.
         wind: wind of the flight; None if it is not known.
+
+    Returns:
+        Direction (N,), degrees, and speed (N,), m/s, by name.
     """
     if wind is None or not wind.direction_identifiable:
         return {}

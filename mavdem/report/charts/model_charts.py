@@ -248,13 +248,16 @@ def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Chart
 
 
 def sample_times(record: Record) -> Array:
-    """Returns the times (T,) of the T samples of a record, s.
+    """Returns the times of the T samples of a record.
 
     Samples are ``record.dt`` apart within a segment. Segments begin at their times on the flight's clock or, where a
     record of arrays does not know them, follow each other without gaps from 0 on.
 
     Args:
         record: the training data of a model.
+
+    Returns:
+        The times (T,), s.
     """
     segment_times = record.begins or tuple(record.dt * record.segment_starts)
     times = [

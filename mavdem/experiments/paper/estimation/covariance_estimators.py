@@ -150,12 +150,15 @@ def _autocovariances(series: Array, lags: int) -> Array:
 
 
 def _least_squares_variances(measured: Array, scales: Array, effects: list[Array]) -> Array:
-    """Returns the variances (n,) whose effects add up to the measured autocovariances, by least squares.
+    """Returns the variances whose effects add up to the measured autocovariances, by least squares.
 
     Args:
         measured: (lags, n, n) autocovariances.
         scales: (n,) standard deviations of the series, in units of which the squares are summed up.
         effects: (lags, n, n) autocovariances that each variance causes if it is 1.
+
+    Returns:
+        The variances (n,).
     """
     weights = 1 / np.outer(scales, scales)
     columns = np.stack([(weights * effect).ravel() for effect in effects], axis=1)

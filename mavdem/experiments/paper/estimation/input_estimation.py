@@ -241,12 +241,15 @@ def random_walk_input(window: RollWindow) -> Array:
 
 
 def mean_input(window: RollWindow) -> Array:
-    """Returns the true mean of the hidden command, 0, at every sample (T,): the trivial estimate.
+    """Returns the true mean of the hidden command, 0, at every sample: the trivial estimate.
 
     The inputs of a window are scaled to a mean of 0.
 
     Args:
         window: T samples.
+
+    Returns:
+        (T,) zeros.
     """
     return np.zeros(len(window.inputs))
 

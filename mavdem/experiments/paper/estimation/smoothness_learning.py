@@ -92,13 +92,16 @@ def fit_all(model: GenerativeModel, statistics: SufficientStatistics, s: float) 
 
 
 def smoothness_gradient(posterior: Posterior) -> float:
-    """Returns ∂F̄/∂ln s at a posterior of states, θ and λ, nats.
+    """Returns ∂F̄/∂ln s at a posterior of states, θ and λ.
 
-    F̄ is linear in S but for ln|S|. So its derivative is F̄'s sum of squared errors, mean-field terms included, with the
-    derivative of S in the place of S.
+    F̄ is linear in S but for ln|S|. So its derivative is F̄'s sum of squared errors, mean-field terms included, with
+    the derivative of S in the place of S.
 
     Args:
         posterior: the posterior; at the maximum of F̄ over it, this is the total derivative of the maximum by ln s.
+
+    Returns:
+        The derivative, nats.
     """
     model = posterior.model
     # ln|S ⊗ Π| of m noises with p derivatives changes by m p (p + 1) for a change of ln s by 1.
@@ -193,11 +196,14 @@ def smoothness_uncertainty(
 
 
 def _sample_gradients(posterior: Posterior, data: Array) -> Array:
-    """Returns the gradient of each sample's free energy by ln s, (T,), up to a constant.
+    """Returns the gradient of each sample's free energy by ln s, up to a constant.
 
     Args:
         posterior: the posterior.
         data: (T, dim [ỹ; η̃]) generalized data.
+
+    Returns:
+        The gradient (T,).
     """
     model = _derivative_by_log_smoothness(posterior.model)
     errors = data @ (model.error_operator(posterior.theta) @ posterior.moments.joint_map).T
