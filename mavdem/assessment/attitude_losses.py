@@ -158,7 +158,8 @@ class _AttitudeLoss(NamedTuple):
         Returns:
             A fact with the kind as its code, and the figures ``angle`` (largest error, rad; the whole lean where the
             setpoint is not known, which ``is_lean`` says), ``height`` (m above the take-off, at the onset),
-            ``height_source`` and ``speed`` (largest sink rate, m/s). It lasts from the onset, or from an earlier knock,
+            ``height_source`` and ``speed`` (largest sink rate, m/s); a caught one that lasted longer than the flight
+            has ``is_at_landing``. It lasts from the onset, or from an earlier knock,
             until the end of the loss, s since boot; without an end if the record ended first.
         """
         rows = in_intervals(self.error.time, [(self.start, self.end)])
@@ -197,6 +198,9 @@ class _AttitudeLoss(NamedTuple):
         if not largest.has_setpoint:
             event = event.replace(is_lean=True)
         witnesses = self._witnesses(onset)
+        if is_caught and self.end > self.flight[1]:
+            # It lay askew on the ground until somebody lifted it: that is not to come back.
+            event = event.replace(is_at_landing=True)
         if is_caught:
             return event.replace(witnesses=witnesses)
         if knock_time is not None and knock is not None:

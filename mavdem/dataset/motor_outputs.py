@@ -296,14 +296,16 @@ def _combined_outputs(
         return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
     # The resolution is that of the outputs as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
-    observed_stop = _observed_upper_stop(scale.fraction(combined.values))
+    if scale.stop == 1.0:
+        # No parameter says where the upper stop is. One that a parameter states is not guessed from a few samples.
+        scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined.values)))
     return MotorOutputs(
         message=message,
         time=combined.time,
         boot=combined.boot,
         outputs=combined.values,
         geometry=geometry,
-        scale=replace(scale, stop=min(scale.stop, observed_stop)),
+        scale=scale,
         sent_count=main_bank.series.sent_count,
         unused_count=main_bank.series.unused_count + combined.unused_count,
     )

@@ -169,7 +169,8 @@ def _pulse_range(
     If none fits, it is the autopilot's default or, for pulses of PX4 beyond that, up to the longest of any motor.
 
     PX4's is that of its drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX; where they are 0, and in ArduCopter before
-    3.4, which has neither, the motors' range is that of the radio's throttle channel.
+    3.4, which has neither, the motors' range is that of the radio's throttle channel. Before 3.3 that is channel 3,
+    wherever RCMAP_THROTTLE puts the stick: the motors are constructed of ``g.rc_3`` (``ArduCopter.pde``).
 
     Args:
         pulse_widths: Distinct outputs (N,) above 0, µs.
@@ -182,7 +183,10 @@ def _pulse_range(
     ranges = [_px4_range(drivers, parameters)]
     if not drivers:
         prefixes = ["MOT_PWM"]
-        if "RCMAP_THROTTLE" in parameters:
+        if "MOT_TCRV_ENABLE" in parameters:
+            # ArduCopter 3.3 replaced this parameter.
+            prefixes.append("RC3")
+        elif "RCMAP_THROTTLE" in parameters:
             prefixes.append(f"RC{parameters['RCMAP_THROTTLE']:.0f}")
         for prefix in prefixes:
             lowest = parameters.get(f"{prefix}_MIN", 0.0)

@@ -184,8 +184,11 @@ class Scene:
             time: s since boot.
 
         Returns:
-            Statements of barometer and estimate, as far as they were recorded, for or against a flight.
+            Statements of barometer and estimate, as far as they were recorded, for or against a flight. None if the
+            take-off was before the log: then the height above it is not known.
         """
+        if isinf(self.take_off):
+            return ()
         statements = []
         estimate = series_of_boot(self.signals.height, self.boot)
         for source, series in (("barometer", self.height.barometer), ("estimate", estimate)):

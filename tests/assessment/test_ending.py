@@ -18,6 +18,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
+from mavdem.witnesses.scene import Scene
 
 FAILS = 30.0
 NAMES = geometry().names
@@ -395,6 +396,21 @@ def test_a_log_that_ends_in_the_air_and_clips_are_events_and_no_ending():
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(ended)[0]
     restarted = changed(made, "ATTITUDE", boot=1 * (stamps(made, "ATTITUDE") > 29.8))
     assert MotionEvent.LOG_ENDED_IN_AIR not in judged(restarted)[0]
+
+
+@mark.parametrize("landed_at, words", [(39.0, "came back"), (FAILS + 1.0, "at the landing")])
+def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
+    made = leaning(flight(), RIGHT, 35.0, 2.0)
+    time = np.arange(0.0, 40.0, 0.2)
+    state = np.where((time < 6.0) | (time > landed_at), ON_GROUND, IN_AIR)
+    events, _ = judged(changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state)))
+    assert words in str(events[MotionEvent.ATTITUDE_CAUGHT])
+
+
+def test_heights_above_a_take_off_before_the_log_are_no_witnesses():
+    signals = Signals(flight(), inputs="motors")
+    assert Scene(signals, 0, 6.0).sources_above(1.0, FAILS)
+    assert not Scene(signals, 0).sources_above(1.0, FAILS)
 
 
 def test_a_log_that_ends_after_the_loss_shows_why():

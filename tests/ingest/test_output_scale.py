@@ -106,6 +106,8 @@ def test_the_range_of_px4s_outputs_is_that_of_their_driver(
         ({"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1073.0, "RC3_MAX": 1920.0, "THR_MIN": 130.0, "MOT_THST_MAX": 0.95}, 1883.0),
         ({"RCMAP_THROTTLE": 3.0, "RC3_MIN": 991.0, "RC3_MAX": 2016.0, "THR_MIN": 130.0}
          | {"MOT_TCRV_ENABLE": 1.0, "MOT_TCRV_MAXPCT": 93.0}, 1944.0),
+        ({"RCMAP_THROTTLE": 1.0, "RC1_MIN": 1100.0, "RC1_MAX": 1922.0, "RC3_MIN": 1113.0, "RC3_MAX": 1906.0}
+         | {"MOT_TCRV_ENABLE": 1.0, "MOT_TCRV_MAXPCT": 93.0}, 1850.5),
         ({"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_TCRV_ENABLE": 0.0, "MOT_TCRV_MAXPCT": 93.0}, 1900.0),
         ({"MOT_SPIN_MAX": 0.0}, 2000.0),
         ({"MOT_SPIN_MAX": 0.6}, 1600.0),

@@ -31,6 +31,11 @@ def test_witnesses_for_an_event_come_first_and_those_against_it_last():
     )
 
 
+def test_what_stands_askew_is_not_called_upright():
+    assert str(UPRIGHT).endswith(" it stood upright, by the accelerometer.")
+    assert " it stood 32° from upright" in str(UPRIGHT.replace(angle=0.56))
+
+
 def test_an_event_without_witnesses_has_no_why():
     assert why(Fact(MotionEvent.HIT, time=3.0)) == []
     assert why_text(Fact(MotionEvent.HIT, time=3.0)) == ""
