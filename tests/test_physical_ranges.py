@@ -69,6 +69,7 @@ def damaged_battery():
     return changed(made, "SYS_STATUS", **battery)
 
 
+@mark.slow
 @mark.parametrize("made", [run_away_after_a_crash, height_that_runs_away, damaged_battery])
 def test_sensors_that_run_away_are_not_printed(made):
     assert impossible_figures(assess(log_of(made()))) == []

@@ -66,6 +66,7 @@ def test_the_worst_is_said(pulses, code, level):
         assert found.subject == "motor 2 (rear left)"
 
 
+@mark.slow
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()
     named, failed, other = (

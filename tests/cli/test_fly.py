@@ -88,6 +88,7 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
+@mark.slow
 @mark.parametrize("words", ["fly hover_blower --out none.tlog", "reproduce noise --out none"])
 def test_a_place_that_takes_no_file_is_refused_before_the_work(words, here, capsys, monkeypatch):
     # It takes none, as /proc does, though its mode says that it would.

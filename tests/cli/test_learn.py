@@ -129,6 +129,7 @@ def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert "--start" in document_of(capsys, *words, code=1)["error"]["remedy"]
 
 
+@mark.slow
 def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_path, capsys):
     for old in ("model.json", "flight.mcap"):
         (tmp_path / old).write_text("of a flight before")

@@ -54,6 +54,7 @@ def reported():
     return reporting(HOVER.stamps(2.0), np.where(in_air(HOVER.stamps(2.0)), 2, 1))
 
 
+@mark.slow
 def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
@@ -90,6 +91,7 @@ def eight_and_twelve(phase):
     return np.round(phase * 0.004 + np.cumsum(steps), 3)
 
 
+@mark.slow
 def test_signals_of_another_axis_share_results_and_those_of_another_flight_do_not():
     signals = Signals(HOVER.telemetry())
     found = settled_segments(signals)

@@ -110,6 +110,7 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert noise[5:-5, 1].std() == approx(moment[places[5:-5]].std(), rel=0.2)
 
 
+@mark.slow
 def test_unstable_models_are_said_to_be():
     time = DT * np.arange(400)
     growing = 1e-3 * np.exp(2 * time)

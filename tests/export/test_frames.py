@@ -40,6 +40,7 @@ def learned(flight):
     )
 
 
+@mark.slow
 def test_a_frame_has_the_columns_of_the_csv_file(flight):
     frame = flight.to_pandas()
     table = columns(flight)

@@ -1,6 +1,7 @@
 """What the pages of a fleet keep of each vehicle: it is made again where the vehicle was judged, and only there."""
 
 from fleet_rows import fleet_rows, flight_row
+from pytest import mark
 from standin_logs import fleet_of
 
 from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
@@ -19,6 +20,7 @@ def index_of(folder, *steps):
     return index.read_text()
 
 
+@mark.slow
 def test_the_page_of_a_fleet_that_grew_is_that_of_all_its_flights(tmp_path):
     few, many = fleet_rows(7), fleet_rows(20)
     assert index_of(tmp_path / "grown", few, many) == index_of(tmp_path / "at once", many)

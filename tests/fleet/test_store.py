@@ -261,6 +261,7 @@ def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     assert spliced["tier"].to_pylist() == ["a", None, None]
 
 
+@mark.slow
 def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, monkeypatch):
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 4)
     names = [f"v{number}" for number in range(10)]
@@ -416,6 +417,7 @@ def beside(rows, baseline):
     ]
 
 
+@mark.slow
 def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp_path):
     healthy = make_logs(tmp_path / "healthy", 3)
     flown = make_logs(tmp_path / "flown", 5, "fly")

@@ -376,6 +376,7 @@ def test_a_process_of_low_priority_keeps_it(monkeypatch):
     nice.assert_called_with(15)
 
 
+@mark.slow
 def test_a_function_by_its_name_is_imported_where_it_is_called():
     named = FunctionByName("posixpath", "basename")
     assert named("a/b") == "b" and pickle.loads(pickle.dumps(named)) is posixpath.basename

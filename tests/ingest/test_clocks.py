@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.facts.sources import Repair
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
@@ -49,6 +49,7 @@ def interleaved(times, servo):
     return clock(stamps, 2 * len(times))
 
 
+@mark.slow
 @given(st.floats(1, 3e6), st.floats(0.01, 5), st.integers(10, 300))
 def test_servo_wraps_are_put_on_the_epoch_of_attitude(start, step, count):
     times = start + step * np.arange(count)
@@ -173,6 +174,7 @@ def test_unix_time_is_moved_to_the_boot_clock():
     assert clock(stamps, 6).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
+@mark.slow
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
 def test_any_stamps_at_all_give_finite_times(times, servo):
     values = np.array(times)

@@ -121,6 +121,7 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood):
     assert CHECKSUM_MATCHES not in frames_in(content).checksum
 
 
+@mark.slow
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
 @example(60, struct.pack(">Q", NOW + 3_599_000_000))
 @example(60, struct.pack(">Q", NOW + 3_601_000_000))

@@ -239,6 +239,7 @@ def small(folder, compression, frames):
     return path.read_bytes()
 
 
+@mark.slow
 @mark.parametrize("frames", [True, False])
 def test_a_cut_recording_is_read_up_to_the_cut(frames, tmp_path):
     content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)

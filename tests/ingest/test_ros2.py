@@ -89,6 +89,7 @@ def test_what_else_mavros_tells(recorder):
     assert controls.shape == (300, 8) and np.allclose(controls[:, :3], [0.1, 0.2, 0.3])
 
 
+@mark.slow
 @mark.parametrize(
     "mode, autopilot",
     {
@@ -389,6 +390,7 @@ def test_the_flight_is_the_motion_that_it_was_made_of(write, begin, tmp_path):
     assert any("assumed" in caution for caution in found.provenance["cautions"])
 
 
+@mark.slow
 @mark.parametrize("other", ["MAVLink", "MAVROS"])
 def test_mavlink_is_read_before_ros_2_and_px4s_own_topics_before_mavros(other, tmp_path):
     path = tmp_path / "both.mcap"

@@ -49,6 +49,7 @@ def streams(seed):
     yield single + single
 
 
+@mark.slow
 @mark.parametrize("seed", range(2))
 @mark.parametrize("kind", range(5))
 def test_runs_of_frames_give_what_single_frames_give(seed, kind):

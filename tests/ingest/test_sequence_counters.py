@@ -86,6 +86,7 @@ OTHER_VEHICLES = [
 """Vehicles beside one whose phase is 0: with equal clocks and headings, and without a position."""
 
 
+@mark.slow
 @mark.parametrize("other", OTHER_VEHICLES)
 def test_two_vehicles_with_equal_clocks_and_headings_are_refused(other):
     frames = merged(swaying(burst=other.get("burst", 1)), swaying(**other))

@@ -167,6 +167,7 @@ def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     assert refused(one.final_model).code is code
 
 
+@mark.slow
 def test_a_prior_of_other_inputs_is_not_used_and_says_so():
     other = mavdem.learn(simulated(samples=300, wind=1.0))
     one, _, said = session_of(batches(5.0), prior=other)
@@ -405,6 +406,7 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
     assert not account["left_out"] and not account["silent"]
 
 
+@mark.slow
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
     recording = RawRecording(tmp_path / "flight.tlog")
     one, _, said = session_of(
@@ -484,6 +486,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
     assert np.all(ratios < 2 * offline) and ratios[0] < 0.1, (ratios, offline)
 
 
+@mark.slow
 def test_what_is_wrong_in_a_climb_is_shown_before_there_are_rows(now):
     """From take-off on, although the model's rows begin after the climb."""
     first = next(i for i, (stamp, _) in enumerate(FRAMES) if stamp >= FIRST)

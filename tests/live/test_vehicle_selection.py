@@ -108,6 +108,7 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     assert made.stream.row_format.geometry.names[0] == "motor 1 (right)"
 
 
+@mark.slow
 def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))

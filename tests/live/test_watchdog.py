@@ -1,6 +1,7 @@
 """The watchdog: what is wrong is said within seconds of take-off, without a model, and sound flights are let alone."""
 
 import io
+import random
 from dataclasses import dataclass, replace
 from pkgutil import resolve_name
 from unittest.mock import Mock
@@ -106,6 +107,24 @@ def test_what_is_sound_or_steered_is_no_limit_cycle(sound):
     assert not said(made, MarginsLight.OSCILLATES)
 
 
+@mark.slow
+def test_what_interrupts_a_link_raises_no_alarm():
+    """Rows of such links are tested without the watchdog and without alarms about motors; here both run."""
+    flight = Flight(Hover(hovering=30.0), attitude=50.0, motors=50.0)
+    chance = random.Random(3)
+    lossy = [entry for entry in flight.frames(end=14.0) if chance.random() > 0.2]
+    twice = [entry for entry in flight.frames(start=14.0, end=16.0) for _ in range(2)]
+    swapped = flight.frames(start=16.0, end=18.0)
+    swapped[::2], swapped[1::2] = swapped[1::2], swapped[::2]
+    after_a_gap = flight.frames(start=18.5, end=21.0)
+    another_rate = Flight(flight.hover, motors=25.0).frames(start=21.0, end=24.0)
+    made = replay([*lossy, *twice, *swapped, *after_a_gap, *another_rate])
+    assert len(made.segments()) > 1, "the gap interrupts the rows"
+    assert Session.ALARM not in made.codes
+    watched = {fact.subject: fact.code for fact in made.stream.status().watch_facts}
+    assert watched["oscillation"] is not Watch.NOT_WATCHED
+
+
 def told(*messages, until=20.0):
     """A hover with more messages, each its time, name and fields."""
     sent = [(time, message(name, **fields)) for time, name, fields in messages]
@@ -132,6 +151,7 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     assert {fact.subject for fact in made.stream.status().watch_facts} == {*Watched}
 
 
+@mark.slow
 def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
 
@@ -163,6 +183,7 @@ def test_thinning_out_keeps_every_battery():
     assert set(columns["id"][oldest].tolist()) == {0, 1}
 
 
+@mark.slow
 def test_an_external_mode_of_px4_is_reported_by_its_announced_name():
     beat = {"type": 2, "autopilot": 12, "base_mode": 209}
     seconds = np.arange(3.0, 20.0, 0.5).tolist()
@@ -315,6 +336,7 @@ class Limited(Hover):
         return outputs
 
 
+@mark.slow
 def test_the_first_seconds_of_a_flight_name_no_motor():
     made = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
     off = next(fact.time for fact in made.facts if fact.code is Reported.OFF_GROUND)

@@ -132,6 +132,7 @@ def test_a_step_response_begins_at_zero():
     assert found.time[0] == found.step[0] == 0.0
 
 
+@mark.slow
 def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_correction():
     """PX4 logs the setpoint of the attitude at 20 Hz, and that of the rate, complete, at 50 Hz."""
     numerator, denominator, _ = loop(4.0)

@@ -43,6 +43,7 @@ def seed(request):
     return request.param
 
 
+@mark.slow
 @mark.parametrize("duration", [3.0, 5.0, 6.5])
 def test_a_transient_of_some_seconds_is_no_loss(seed, duration):
     detector = alarms_of(*commands(seed, duration))

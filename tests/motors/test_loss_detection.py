@@ -172,6 +172,7 @@ def test_a_change_that_shows_at_an_earlier_heading_names_no_motor(earlier_share,
     assert [alarm.motor for alarm in changes(time, commands + rises, heading)] == named_motors
 
 
+@mark.slow
 def test_no_motor_is_named_before_ten_seconds_were_steady():
     time, commands = flight(1, 60.0, 0.005)
     weak = commands + after(time, 0.12 * np.eye(4)[0])

@@ -33,6 +33,7 @@ def read(tmp_path, flown, motion):
     return read_log(tmp_path / "flight.tlog")
 
 
+@mark.slow
 @mark.parametrize("autopilot", AUTOPILOTS)
 def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
     motion = made_up_motion(autopilot=autopilot)
@@ -108,6 +109,7 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
 
 
+@mark.slow
 def test_each_seed_is_a_flight_of_its_own_day():
     motion = made_up_motion()
     flights = (scenario().model_copy(update={"seed": seed}) for seed in (0, 1, 2**32 - 1))

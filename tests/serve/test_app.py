@@ -598,6 +598,7 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
         assert start.call_count == 2
 
 
+@mark.slow
 def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monkeypatch):
     monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
     with ExitStack() as stack:

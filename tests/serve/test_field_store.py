@@ -134,6 +134,7 @@ def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, r
     assert len(column_files(tmp_path)) == 1
 
 
+@pytest.mark.slow
 def test_a_changed_log_is_read_anew_and_a_deleted_one_leaves_nothing(tmp_path, store, reader):
     log = copy(FLIGHT, tmp_path / "flight.tlog")
     store.messages(log)
@@ -154,6 +155,7 @@ def test_the_columns_of_a_flight_go_with_it(tmp_path, reader, monkeypatch):
         assert not column_files(tmp_path)
 
 
+@pytest.mark.slow
 def test_too_many_fields_or_bytes_are_refused_after_one_reading(
     tmp_path, store, reader, monkeypatch
 ):

@@ -314,6 +314,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
     assert not (tmp_path / "two").exists()
 
 
+@mark.slow
 def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypatch):
     """A real one, in this process."""
     monkeypatch.setattr("mavdem.serve.reading.lower_priority", lambda _: None)

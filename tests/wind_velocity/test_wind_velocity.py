@@ -299,6 +299,7 @@ def test_live_rows_are_of_free_flight_only(scale, why):
         assert light["low"] < np.hypot(*air.mean(axis=0)) < light["high"] and not light["calm"]
 
 
+@mark.slow
 @mark.parametrize("lean, seconds, refused", [(27, 8, True), (27, 4, False), (23, 8, False)])
 def test_a_vehicle_that_something_holds_shows_no_wind(lean, seconds, refused):
     telemetry = recorded("sitl_events/ap_short_with_climb.tlog")

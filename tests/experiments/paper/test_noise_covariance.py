@@ -37,6 +37,7 @@ def coloured_record():
     return random_record(0, smoothness=0.2)
 
 
+@mark.slow
 @mark.parametrize("name", BATCH_ESTIMATORS)
 def test_batch_estimators_find_the_variances_of_white_noise(white_record, name):
     variances = BATCH_ESTIMATORS[name](white_record)

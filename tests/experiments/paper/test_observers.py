@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.random import default_rng
-from pytest import approx, fixture
+from pytest import approx, fixture, mark
 from scipy.signal import lfilter
 
 from mavdem.experiments.paper.estimation import input_estimation, state_estimation
@@ -193,6 +193,7 @@ def test_windows_beyond_the_authors_limit_are_left_out_and_counted():
     assert np.isnan(state_estimation.trimmed_errors([lost])[state_estimation.DEM].sse)
 
 
+@mark.slow
 def test_the_reports_have_the_least_error_first_and_all_flights(monkeypatch):
     monkeypatch.setattr(state_estimation, "SIMULATED_WINDOWS", 1)
     monkeypatch.setattr(state_estimation, "SIMULATED_SMOOTHNESS", {"s = 0.006 s": 0.006})
