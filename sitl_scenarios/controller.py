@@ -405,11 +405,11 @@ class FlightController:
     def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
         """Runs the rate loop of one axis for one cycle.
 
-        It is proportional and integral. The measured rate passes through a lead filter (1 + τs)/(1 + τs/LEAD), which
-        cancels most of the rotors' lag τ; the setpoint does not, so that its steps are not amplified.
+        The controller is proportional and integral. The measured rate passes through a lead filter (1 + τs)/(1 +
+        τs/LEAD), which cancels most of the rotors' lag τ; the setpoint does not, so its steps are not amplified.
 
         Args:
-            axis: 0 roll, 1 pitch, 2 yaw.
+            axis: 0 for roll, 1 for pitch, 2 for yaw.
             setpoint: Setpoint of the body rate, rad/s.
             rate: Body rate as the autopilot estimates it, rad/s.
             is_flying: Whether the vehicle is off the ground; nothing is integrated otherwise.

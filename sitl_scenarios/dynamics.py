@@ -100,8 +100,11 @@ def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]
 
     Args:
         vehicle: Vehicle of a scenario.
-        condition: Its damage: fractions of thrust and torque, and where the centre of mass is, from which the positions
-            of the rotors count.
+        condition: Damage of the vehicle: fractions of thrust and torque, and position of the centre of mass, which is
+            the origin of the rotors' positions.
+
+    Returns:
+        Effects of the rotors, in the order of the motors.
     """
     body = airframe(vehicle)
     frame = rotor_frame(vehicle.frame, body.arm)

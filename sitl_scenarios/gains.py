@@ -80,7 +80,7 @@ class HoverThrust(NamedTuple):
 
 
 def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
-    """Returns a vehicle's thrust curve, and how far a motor's command moves for a small change of thrust in hover.
+    """Returns a vehicle's thrust curve, and the change of a motor's command by a small change of thrust in hover.
 
     The simulation's mixer puts out commands, while the autopilots' mixers put out thrusts and convert them into
     commands by the inverse thrust curve. The slope of that curve in hover converts gains of the one into gains of the
@@ -90,6 +90,9 @@ def _hover_thrust(vehicle: VehicleSpec, range_start: float) -> HoverThrust:
     Args:
         vehicle: Vehicle of a scenario. Without a ``quadratic_thrust`` of its own the curve is linear, f = 0.
         range_start: Normalised command, 0 to 1, at which the motors' range begins; it ends at 1.
+
+    Returns:
+        Expo f of the curve, and slope of the command by the thrust.
     """
     expo = vehicle.quadratic_thrust or 0.0
     body = airframe(vehicle)

@@ -92,12 +92,15 @@ def rotor_count(shape: Shape) -> int:
 
 
 def rotor_frame(shape: Shape, arm: Pair) -> RotorFrame:
-    """Returns the positions of a frame's rotors, and its mixer: what each demand adds to each motor.
+    """Returns the positions of a frame's rotors, and its mixer: the effect of each demand on each motor.
 
     Args:
         shape: Arrangement of the rotors.
         arm: Distance forward, and to the right, of the rotors of an X quadrotor from the centre of mass, m. The rotors
             of a + quadrotor are as far from the centre as these, those of larger frames by the ``size`` of the frame.
+
+    Returns:
+        Positions (n,), m, and columns of the mixer (n,) for roll, pitch and yaw.
     """
     if shape in CIRCLES:
         return _circle_frame(CIRCLES[shape], hypot(*arm))
@@ -126,8 +129,11 @@ def _circle_frame(circle: RotorCircle, radius: float) -> RotorFrame:
     Each column of the mixer is scaled so that its largest element is 1, as both autopilots scale theirs.
 
     Args:
-        circle: Bearings and directions of rotation.
+        circle: Bearings, directions of rotation and relative size of the circle.
         radius: Length of the arms of the quadrotor of the same propellers, m.
+
+    Returns:
+        Positions (n,), m, and columns of the mixer (n,).
     """
     arm = circle.size * radius
     # Rounded, so that a rotor on an axis is exactly there.

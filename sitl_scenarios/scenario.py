@@ -81,10 +81,13 @@ Direction = Annotated[
 
 
 def towards(direction: float) -> Array:
-    """Returns the direction in which a wind blows, a unit vector NED, (3,).
+    """Returns the direction in which a wind blows.
 
     Args:
         direction: Direction that the wind comes from, degrees clockwise from north.
+
+    Returns:
+        Unit vector (3,), north-east-down.
     """
     angle = radians(direction)
     return np.array([-cos(angle), -sin(angle), 0.0])

@@ -289,8 +289,8 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
 
     Args:
         scenario: Scenario of the flight.
-        number: 0 roll, 1 pitch, 2 yaw.
-        effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
+        number: 0 for roll, 1 for pitch, 2 for yaw.
+        effect: (4,) angular acceleration by each motor's output, rad/s² per µs.
 
     Returns:
         Arrays by name, as docs/scenarios.md explains them: frequencies (Hz), responses, and margins as in
@@ -385,13 +385,13 @@ def _rate_controller_response(
 ) -> NDArray[Any]:
     """Returns the frequency response of the rate controller, measured on the controller that flies.
 
-    The controller is run on an impulse, and its impulse response is transformed. So the response is that of the very
-    code that flies, and no second description of the controller can differ from it.
+    The controller is run on an impulse, and its impulse response is transformed. So the response is that of the code
+    that flies, and no second description of the controller can differ from it.
 
     Args:
         scenario: Scenario of the flight.
-        number: 0 roll, 1 pitch, 2 yaw.
-        phase: j times the frequencies, rad per cycle; (N,).
+        number: 0 for roll, 1 for pitch, 2 for yaw.
+        phase: (N,) j times the frequencies, rad per cycle.
         is_setpoint: Whether the response is to the rate's setpoint, rather than to the measured rate.
 
     Returns:

@@ -93,7 +93,6 @@ def assess(
     Args:
         log: the log.
         vehicle: "system" or "system:component". Without it, a log with several vehicles is not judged.
-        axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
         show_findings: receives what is known before models and loops are computed.
         axis: axis to model, or ``ALL_AXES``.
         options: choices of the user; None for the defaults.

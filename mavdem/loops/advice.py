@@ -277,17 +277,17 @@ def _shows_lag(loop: Loop) -> bool:
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
-    """Returns which gains to lower by a third where a vehicle oscillates in a limit cycle.
+    """Returns the advice to lower some gains by a third if a vehicle oscillates in a limit cycle.
 
-    In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast one comes from the rate
-    controller's P and D. A slow one comes from what adds phase lag at low frequencies: the attitude controller's gain
-    or the integral gain I. Each adds much lag only up to its corner frequency, rad/s, which is the attitude gain
-    itself, and I / P. So of these two, those with a corner above half of the oscillation's frequency are lowered; if
-    there are none, P and D are.
+    In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast cycle comes from P and D
+    of the rate controller. A slow one comes from gains that add phase lag at low frequencies: the attitude gain or the
+    integral gain I. Each adds much lag only up to its corner frequency, rad/s, which is the attitude gain itself, and I
+    / P. So those of the two with a corner above half of the oscillation's frequency are lowered; if there are none, P
+    and D are.
 
     Args:
-        oscillation: the oscillation of the axis that turns fastest, which also has those of all other axes.
-        parameters: parameters of the autopilot, by name; where they have no known controller, no values are advised.
+        oscillation: oscillation of the axis with the largest body rate, with those of the other axes.
+        parameters: parameters of the autopilot, by name. If they describe no known controller, no values are advised.
 
     Returns:
         A fact with ``changes``: name, value and new value of each gain to lower.

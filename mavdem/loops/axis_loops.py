@@ -94,7 +94,7 @@ class Loop(Margins):
     grid: FrequencyGrid = FINE_GRID
     """Frequencies of the responses."""
     shared_plant_response: PlantResponse | None = None
-    """Response of the plants, taken over from a loop with the same plants, grid and gyro filters; None to compute it."""
+    """Response of the plants, taken from a loop with the same plants, grid and gyro filters; None to compute it."""
     refusal: ClassVar[None] = None
     """Why the loops are not known. They are; in the place of a loop there may be a fact that says why not."""
 

@@ -89,20 +89,20 @@ def gyro_noise(loop: Loop) -> GyroNoise:
 
 
 def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
-    """Returns how much noise of the gyro reaches the demand, with the logged gains and with new ones.
+    """Returns the noise of the gyro in the demand, with the logged gains and with new ones.
 
     Args:
-        loop: the loops with the logged gains, and the flight that shows the noise.
-        new_controller: the controller with the gains to set.
+        loop: loops with the logged gains, and with the record that contains the noise.
+        new_controller: controller with the gains to set.
 
     Returns:
-        The noise in the demand; ``None`` where the log is too slow to show that of the gyro.
+        The noise in the demand; None if the log is too slow to measure that of the gyro.
     """
     noise = gyro_noise(loop)
     if not noise.is_measured:
         return None
     controller = loop.controller
-    # The noise is behind the gyro's filters, so only the controller is between it and the demand.
+    # The noise is measured after the gyro's filters, so only the controller is between it and the demand.
     before = demand_deviation(controller, noise)
     after = demand_deviation(new_controller, noise)
     # The response of the D term is that of the controller less that of one without D.

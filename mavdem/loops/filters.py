@@ -91,15 +91,18 @@ def notch_response(
 
 
 def _inverse_quality(notch: Notch, rate: float) -> float:
-    """Returns the damping 1/Q of a notch's poles, which sets its width.
+    """Returns the damping 1/Q of a notch's poles, which determines its width.
 
-    ArduPilot computes it from the analog filter, bandwidth over centre. PX4's notch, which has infinite attenuation,
-    warps the bandwidth by itself: its coefficient is α = tan(π bandwidth / rate), where that of the analog filter would
-    be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
+    ArduPilot computes it for the analog filter as bandwidth over centre. PX4's notch, which has infinite attenuation,
+    warps the bandwidth separately: its coefficient is α = tan(π bandwidth / rate), while that of the analog filter
+    would be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
 
     Args:
-        notch: the filter, with its centre below half of the rate.
-        rate: rate at which it runs, Hz.
+        notch: notch filter with its centre below half of the rate.
+        rate: rate at which the filter runs, Hz.
+
+    Returns:
+        The damping, without a unit.
     """
     if not np.isinf(notch.attenuation):
         return notch.bandwidth / notch.frequency

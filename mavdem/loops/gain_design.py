@@ -387,11 +387,11 @@ class GainSearch:
         return {}
 
     def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
-        """Returns the gains that go at most one step from those of the log towards a design.
+        """Returns gains that are at most one step away from those of the log, towards a design.
 
-        Each gain goes as far as ``MAX_GAIN_STEP`` lets it. If that leaves some gains farther behind than others and so
-        costs margin, all of them go a part of that way. With a slower rate loop the gain of the angle is lowered too,
-        if the attitude loop would have less margin than it should, and than it has.
+        Each gain goes as far as ``MAX_GAIN_STEP`` allows. If that leaves some gains farther behind than others and so
+        costs margin, all of them go a part of that way. With a slower rate loop the attitude gain is lowered too, if
+        the attitude loop would otherwise have less margin than its target and than it has now.
 
         Args:
             stage: stage of tuning, which decides the gains that change.

@@ -280,14 +280,17 @@ def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -
 
 
 def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
-    """Yields the times, s, at which windows of ``SPECTRUM_SECONDS`` begin that have no gap in any stream.
+    """Yields the times at which windows of ``SPECTRUM_SECONDS`` without a gap begin.
 
-    Windows begin every half window, so they overlap by half. A window is left out if a stream has a gap of
-    ``MAX_MESSAGE_GAP`` in it, since its spectrum would be wrong.
+    Windows overlap by half. A window is left out if a stream has a gap of ``MAX_MESSAGE_GAP`` in it, since its spectrum
+    would be wrong.
 
     Args:
         flights: flights of one boot; each window lies within one of them.
         streams: messages of all quantities.
+
+    Yields:
+        Times, s.
     """
     first_common = max(stream.time[0] for stream in streams)
     last_common = min(stream.time[-1] for stream in streams)

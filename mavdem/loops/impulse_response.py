@@ -344,16 +344,16 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
     """Cuts several series into windows that overlap by the length of the impulse response.
 
     A sample is explained by the ``taps`` setpoints before it. So the first ``taps`` samples of a window only serve to
-    explain the later ones, and windows overlap by as many, so that every sample between is explained once. The first
-    ``2 taps`` samples of each series are left out, since responses there may come from before its beginning.
+    explain the later ones, and windows overlap by that number, so that every sample is explained once. The first ``2
+    taps`` samples of each series are left out, since responses there may come from before its beginning.
 
     Args:
-        series: values of each piece of flight (N,); pieces too short for a window have none.
+        series: values (N,) of each piece of flight; pieces too short for a window are ignored.
         taps: number of samples of the impulse response, by which windows overlap.
         size: number of samples of a window.
 
     Returns:
-        Windows (W, size), evenly thinned to at most ``MAX_WINDOWS``.
+        (W, size) windows, evenly thinned to at most ``MAX_WINDOWS``.
     """
     views = [
         np.lib.stride_tricks.sliding_window_view(values[2 * taps :], size)[:: size - taps]

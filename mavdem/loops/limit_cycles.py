@@ -107,21 +107,20 @@ class Oscillation(NamedTuple):
 def detect_limit_cycle(
     motors: MotorOutputs | None, attitudes: Mapping[str, Attitude], segments: Segments
 ) -> Oscillation | None:
-    """Detects a limit cycle in a flight: an oscillation that the vehicle's own controller keeps up.
+    """Detects a limit cycle in a flight: an oscillation that the vehicle's own controller sustains.
 
-    Each axis is analysed with short and with long windows: short ones show a brief oscillation, long ones tell a slow
-    oscillation from steering.
-
-    Yaw counts only where roll and pitch do not oscillate: motors that these drive to their limits shake yaw too.
+    Each axis is analysed with short and with long windows: short ones show a brief oscillation, long ones distinguish a
+    slow oscillation from steering. Yaw is reported only if roll and pitch do not oscillate, since motors that these
+    drive to their limits shake yaw too.
 
     Args:
-        motors: outputs of the motors; ``None`` where the log has none.
-        attitudes: attitude by axis, "roll", "pitch" and "yaw" as far as they are searched.
+        motors: outputs of the motors; None if the log has none.
+        attitudes: attitude by axis, for the axes to search.
         segments: segments of the flight to use.
 
     Returns:
-        The limit cycle of the axis that turns fastest, which also has those of other axes; ``None`` where there is
-        none, or no motor outputs.
+        The limit cycle of the axis with the largest body rate, with those of other axes; None if there is none, or no
+        motor outputs.
     """
     if motors is None:
         return None

@@ -256,14 +256,14 @@ def _phase_margins(response: Complex, gain_crossings: _ZeroCrossings) -> Array:
 def _log_gain_margins(response: Complex) -> Array:
     """Returns the natural logarithm of the gain margin of each loop: the factor on L with which L passes through −1.
 
-    L can do so where it crosses the negative real axis. A loop may become unstable by less gain too, so that the margin
-    may be negative. Of several crossings, the one nearest to −1 counts.
+    L can pass through −1 where it crosses the negative real axis. A loop may become unstable by less gain too, so the
+    logarithm may be negative. Of several crossings, the one nearest to −1 is taken.
 
     Args:
-        response: open-loop responses L (N, F).
+        response: (N, F) open-loop responses L.
 
     Returns:
-        Logarithms (N,); NaN where L does not cross the negative real axis.
+        (N,) logarithms; NaN if L does not cross the negative real axis.
     """
     crossings = _ZeroCrossings.of_rows(response.imag)
     is_negative_axis = crossings.interpolate(response.real) < 0

@@ -157,17 +157,17 @@ def _setpoints_by_name(record: Record) -> dict[str, Array]:
 
 
 def _finite_pieces(signals: Array, record: Record) -> list[Array]:
-    """Cuts signals into pieces without gaps, and keeps those in which the setpoint, the first signal, moves.
+    """Cuts signals into pieces without gaps, and keeps the pieces in which the setpoint, the first signal, moves.
 
-    Pieces end at the ends of the record's segments and wherever a signal begins or ceases to be finite. A setpoint that
-    does not move, such as that of a heading that is held, shows nothing of the response to it.
+    Pieces end at the ends of the record's segments and where a signal begins or ceases to be finite. A constant
+    setpoint, such as that of a heading that is held, shows nothing of the response.
 
     Args:
-        signals: k signals at the T samples of the record (k, T).
+        signals: (k, T) k signals at the samples of the record.
         record: the flight, with its segments.
 
     Returns:
-        Pieces (k, N), of different lengths N.
+        (k, N) pieces, of different lengths N.
     """
     is_finite = np.isfinite(signals).all(axis=0)
     changes = np.flatnonzero(np.diff(is_finite)) + 1
@@ -248,15 +248,15 @@ def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
 def _reason_of_disagreement(
     controller_gain: float, highest_frequency: float, agreement: float
 ) -> Fact | None:
-    """Returns the first reason why the measured response is not the predicted one.
+    """Returns the first reason why the measured response differs from the predicted one.
 
-    With other gains than those of the parameters, the prediction is of another loop, and nothing else matters. In a
-    narrow band there is too little to compare.
+    If the gains that flew differ from those of the parameters, the prediction is of another loop, and nothing else
+    matters. In a narrow band there is too little to compare.
 
     Args:
-        controller_gain: gain of the logged demand over the one that the parameters give; NaN where it is not known.
+        controller_gain: gain of the logged demand relative to the one that the parameters give; NaN if it is not known.
         highest_frequency: upper end of the compared band, Hz.
-        agreement: fit of the prediction to what the setpoint explains of the rate, %.
+        agreement: fit of the prediction to the part of the rate that the setpoint explains, %.
 
     Returns:
         The first reason, as a fact; None if they agree.

@@ -141,16 +141,16 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
 
 
 def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
-    """Returns the widest band of frequencies at which pilot or navigation, and not the wind, move the rate.
+    """Returns the widest band of frequencies in which pilot or navigation, and not the wind, move the rate.
 
-    The attitude controller makes the rate setpoint r = x − K p / s from what pilot or navigation ask for, x, and the
-    angle p / s. So r also moves with the wind, which turns the vehicle. The power of x = r + K p / s over that of r
-    shows how much of r was asked for. With the response T from r to the rate p, the part of p that follows r adds |1 +
-    K T / s|² to this ratio, and the rest of p adds |K / s|² times its power over that of r.
+    The attitude controller makes the rate setpoint r = x − K p / s from the demand x of pilot or navigation, and the
+    angle p / s. So r also moves with the wind, which turns the vehicle. The power of x = r + K p / s relative to that
+    of r is the share of r that was demanded. With the response T from r to the rate p, the part of p that follows r
+    contributes |1 + K T / s|² to this ratio, and the rest of p |K / s|² times its power relative to that of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
-        frequency: frequencies (F,), Hz, all positive.
+        frequency: (F,) frequencies, Hz, all positive.
         angle_gain: gain K of the attitude controller, 1/s.
 
     Returns:

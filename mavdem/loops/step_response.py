@@ -562,16 +562,19 @@ def _coherence_where_driven(spectra: WelchSpectra) -> Array:
 def _known_frequency_count(
     frequency: Array, gains: Array, spectrum_frequency: Array, coherence: Array
 ) -> int:
-    """Returns how many frequencies of a response are known, counted from the lowest.
+    """Returns the number of frequencies at which a response is known, counted from the lowest.
 
-    The known ones end before the first at which the standard deviation of |T| exceeds ``MAX_GAIN_DEVIATION``, and
-    before the highest frequency at which setpoint and response are coherent.
+    The known frequencies end before the first at which the standard deviation of |T| exceeds ``MAX_GAIN_DEVIATION``,
+    and before the highest at which setpoint and response are coherent.
 
     Args:
-        frequency: frequencies of the response (F,), Hz, ascending.
-        gains: |T| (N, F), that of the estimate in row 0, then those of draws.
-        spectrum_frequency: frequencies of the coherence (F′,), Hz.
-        coherence: coherence of setpoint and response (F′,).
+        frequency: (F,) frequencies of the response, Hz, ascending.
+        gains: (N, F) gains |T|, that of the estimate in row 0, then those of draws.
+        spectrum_frequency: (F′,) frequencies of the coherence, Hz.
+        coherence: (F′,) coherence of setpoint and response.
+
+    Returns:
+        The number, at most F.
     """
     gains_of_draws = gains[1:]
     is_uncertain = gains_of_draws.std(axis=0) > MAX_GAIN_DEVIATION

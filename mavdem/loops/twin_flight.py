@@ -81,8 +81,8 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
     """Returns the motion of one axis in some rows of a record, and the setpoints with which the twin can fly the same.
 
     An attitude controller adds a correction, angle gain × error of the angle, to the rate setpoint. The twin has such a
-    controller too, so the correction must be subtracted from the logged setpoint where it is in it. ArduPilot's
-    ATTITUDE_TARGET leaves it out, ArduPilot's other messages and PX4's have it. To find out, the logged rate setpoint
+    controller too, so the correction must be subtracted from a logged setpoint that contains it. ArduPilot's
+    ATTITUDE_TARGET does not contain it, ArduPilot's other messages and PX4's do. To find out, the logged rate setpoint
     is compared with three signals: the derivative of the angle setpoint (no correction), the sum of that and the
     correction, and the correction alone.
 
@@ -91,7 +91,7 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
         rows: rows of the record.
 
     Returns:
-        Motion and setpoints; ``None`` where too few setpoints were recorded, or yaw was not steered.
+        Motion and setpoints; None if too few setpoints were recorded, or yaw was not steered.
     """
     # The outputs of roll and pitch are angle and rate, that of yaw is the rate alone.
     record = loop.record

@@ -192,9 +192,9 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
 def _variance_inflation(residuals: Array) -> float:
     """Estimates the factor by which the variance of a mean exceeds that of independent blocks.
 
-    Neighbouring blocks are alike, as gusts last longer than a block, so their mean is known less well than from as many
-    independent ones. The blocks are taken for a first-order autoregression with the coefficient ρ, the correlation of
-    neighbours, whose factor is (1 + ρ) / (1 - ρ).
+    Neighbouring blocks are similar, as gusts last longer than a block, so their mean is known less precisely than from
+    as many independent ones. They are modelled as a first-order autoregression with the coefficient ρ, the correlation
+    of neighbours, for which the factor is (1 + ρ) / (1 - ρ).
 
     Args:
         residuals: (N,) deviations of successive blocks from the fit, in the order of time.

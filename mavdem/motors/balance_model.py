@@ -67,10 +67,10 @@ class BalanceModel:
     def estimated_rises(
         self, rises: Array, balance_before: Array, balance_after: Array, variance: Array
     ) -> RiseEstimate:
-        """Estimates by how much the motors' commands rose in a change, relative to what they were before it.
+        """Estimates by how much the motors' commands rose in a change, relative to the commands before it.
 
-        The size of the change is the weighted least-squares estimate along its signature: with balance before and
-        after it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
+        The size of the change is the weighted least-squares estimate along its signature: with balance before and after
+        it b₀ and b₁, signature g and variance V, it is gᵀ V⁻¹ (b₁ − b₀) / (gᵀ V⁻¹ g).
 
         The signature is the change of the balance that a change of size 1, all of ``rises``, would make. The balance is
         relative to the mean command, which itself rises by mean_rise: so the signature is less by mean_rise · b₁.

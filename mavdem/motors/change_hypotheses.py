@@ -187,8 +187,9 @@ class ChangeHypotheses:
         """Computes the posterior probabilities of the hypotheses by Bayes' rule.
 
         A hypothesis expects a change with a spread, to which the scale of healthy flights' deviations is added. The
-        likelihood is the product of Student's t densities on the three axes. A motor's hypothesis is ruled out where it
-        is off by more than ``MAX_MISFIT`` scales on any axis: else it might win because the others fit even worse.
+        likelihood is the product of Student's t densities on the three axes. A motor's hypothesis is ruled out if it
+        differs by more than ``MAX_MISFIT`` scales on any axis: otherwise it might win only because the others fit even
+        worse.
 
         Args:
             deviation: Deviation of the flight's balance.

@@ -37,15 +37,18 @@ def is_independent_of_heading(
     1. If the vehicle flew in some sectors both before and after the change, it must show in each of them.
     2. If there is no such sector, it must be there in all sectors after it, two or more, and in none before it.
 
-    To tell how much of the change a block shows, its balance is projected on the change by weighted least squares. This
-    progress is about -1 before the change, and about 0 after it.
+    To measure how much of the change a block shows, its balance is projected on the change by weighted least squares.
+    This progress is about -1 before the change, and about 0 after it.
 
     Args:
         blocks: (N, a) balance about a axes in N successive blocks of flight, the latest last.
-        headings: (N,) heading of each block, rad; NaN in turns, which do not count.
+        headings: (N,) heading of each block, rad; NaN in turns, which are ignored.
         blocks_since: Number of blocks since the change began.
         change: (a,) mean balance after the change less that before it.
         variance: (a,) variance of the change.
+
+    Returns:
+        Whether the change holds.
     """
     # Weighted least squares: axes on which the change is known well count more.
     weights = change / variance
@@ -76,13 +79,13 @@ def mean_by_sector(values: Array, headings: Array, selection: Flags) -> dict[int
     never lies on a border; the others follow clockwise.
 
     Args:
-        values: (N,) a value of each block.
-        headings: (N,) heading of each block, rad; NaN where the vehicle turned, and the block counts for no sector.
-        selection: (N,) which blocks count.
+        values: (N,) value of each block.
+        headings: (N,) heading of each block, rad; NaN if the vehicle turned, and the block belongs to no sector.
+        selection: (N,) whether a block is used.
 
     Returns:
-        The mean by the number of the sector, 0 to 5; only sectors with ``MIN_SECTOR_BLOCKS`` blocks or more, since one
-        block is too noisy.
+        The mean by the number of the sector, 0 to 5. Sectors with fewer than ``MIN_SECTOR_BLOCKS`` blocks are left out,
+        since one block is too noisy.
     """
     # If the last heading is NaN, so are all turns, and no sector has blocks.
     turns = heading_change(headings, headings[-1])

@@ -109,7 +109,7 @@ class LossConfirmation(NamedTuple):
         The change counts as over after the last block in whose moving mean at least half of it remained.
 
         Args:
-            balances: N balances, each with a value for every axis (a,), of the blocks since the detection.
+            balances: (a,) balance in each of the N blocks since the detection.
         """
         shares = self.remaining_shares(np.array(balances))
         means = np.convolve(shares, np.full(SMOOTHING_BLOCKS, 1 / SMOOTHING_BLOCKS), "same")

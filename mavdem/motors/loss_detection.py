@@ -281,7 +281,7 @@ class MotorLossDetector:
             self._unconfirmed_loss = None
 
     def _test_for_change(self, windows: Windows) -> None:
-        """Tests whether the motors' balance changed within the last blocks, and records the change of a motor if so.
+        """Tests whether the motors' balance changed within the last blocks, and records a change of a motor.
 
         Every cause has a Bayes factor: how much better it explains the change than "nothing changed" does. Here they
         are logarithms, so that products are sums. The causes are the loss or recovery of each motor, a load (a change
@@ -294,7 +294,7 @@ class MotorLossDetector:
         4. If no motor's cause passes step 2, test whether a load or something unknown changed the torque.
 
         Args:
-            windows: (w,) lengths of the windows, in blocks: the change may have begun so many blocks ago.
+            windows: (w,) lengths of the windows in blocks: possible numbers of blocks since the change began.
         """
         balances = np.array(self._blocks.balances)
         changes = window_changes(balances, windows, self._noise, self._freedom)

@@ -107,18 +107,18 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
 
 
 def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
-    """Returns the one motor of a quadrotor that works harder than the mean while every other works less.
+    """Returns the motor of a quadrotor that works harder than the mean while every other works less.
 
-    That is what a weak motor or propeller looks like, and also a load that lies towards the motor; a twisted arm makes
-    two motors work harder. So this pattern is to be watched where a fault is more probable than not, with the estimate
-    beyond ``FAULT_RISE``, and where it is sure to be beyond half of that.
+    A weak motor or propeller causes this, but also a load on the side of the motor; a twisted arm makes two motors work
+    harder. So the pattern is reported only if a fault is more probable than not, with the estimate beyond
+    ``FAULT_RISE``, and if the lower end of its interval is beyond half of that.
 
     Args:
         deviations: (k,) deviation of each motor's command from the mean, as a fraction of it.
         half_widths: (k,) half widths of their 90 % intervals.
 
     Returns:
-        Its index; None if no motor leads alone.
+        Index of the motor; None if no motor leads alone.
     """
     motor = int(np.argmax(deviations))
     others = np.delete(deviations, motor)

@@ -146,7 +146,7 @@ def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
     """Returns whether an estimate of the wind torque may be shown as that of the wind, by the rule for logs.
 
     The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE`` of
-    that of the estimate. The latter is the variance of the modelled wind torque without what its error takes away.
+    that of the estimate, which is the variance of the modelled wind torque less that of the error.
 
     Args:
         physical: physical parameters of the axis.

@@ -179,16 +179,16 @@ class Physical(NamedTuple):
         return np.vstack([theta, samples])
 
     def interval(self, level: float = CONFIDENCE_LEVEL) -> PhysicalInterval:
-        """Returns half widths of the symmetric intervals of all parameters about their estimates.
+        """Returns the half widths of the symmetric intervals of all parameters about their estimates.
 
         They come from the diagonal of the covariance. A parameter that is not identifiable has no interval, only NaN.
         The delay has no status of its own: it is identified together with the lag.
 
         Args:
-            level: probability with which each interval holds the true value, for example 0.9.
+            level: probability with which each interval contains the true value, for example 0.9.
 
         Returns:
-            The half widths, in the units of the parameters.
+            The half widths, in the units of the parameters; NaN for a parameter that is not identifiable.
         """
         half_widths = half_width(self.covariance.diagonal(), level)
         # NaN where a parameter is not identifiable, otherwise 1.

@@ -50,7 +50,6 @@ def window_densities(
 
     Args:
         values: (…, N) samples of any number of signals.
-        rate, window_samples, without_trend: as for :func:`power_density`.
         rate: sampling rate, Hz.
         window_samples: number of samples of a window.
         without_trend: whether the linear trend of each window is removed too, and not only its mean.
@@ -63,7 +62,7 @@ def window_densities(
     windows = windows[..., ::step, :]
     deviations = windows - windows.mean(axis=-1, keepdims=True)
     if without_trend:
-        # Time about the middle of the window is orthogonal to a constant, so that each fits by itself.
+        # Time about the middle of the window is orthogonal to a constant, so the slope can be fitted separately.
         time = np.arange(window_samples) - (window_samples - 1) / 2
         slopes = deviations @ time / (time @ time)
         deviations = deviations - slopes[..., None] * time
@@ -71,7 +70,8 @@ def window_densities(
     hann_window = 0.5 - 0.5 * np.cos(phase)
     transforms = np.fft.rfft(deviations * hann_window)
     periodograms = np.square(np.abs(transforms)) / (rate * (hann_window @ hann_window))
-    # All frequencies but 0 and, for an even number of samples, the highest stand for a negative one too.
+    # The power at negative frequencies is added to the positive ones. Frequency 0 and, for an even number of samples,
+    # the highest one have no negative counterpart.
     has_highest = window_samples % 2 == 0
     periodograms[..., 1 : -1 if has_highest else None] *= 2
     frequency = np.asarray(np.fft.rfftfreq(window_samples, 1 / rate), np.float64)

@@ -157,17 +157,17 @@ class _AngleAugmented(NamedTuple):
 
 
 def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
-    """Adds the angle as first state of a sampled plant; it is the integral of the rate by the trapezoidal rule.
+    """Adds the angle as the first state of a sampled plant, by integrating the rate with the trapezoidal rule.
 
-    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So whatever is
-    added to p⁺, by inputs or noise, also adds dt/2 times as much to the angle. The input map states that.
+    In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So an increment of
+    p⁺, by inputs or noise, also adds dt/2 times that increment to the angle. The input map states this.
 
     Args:
         plant: the sampled axis with n states, of which the rate (rad/s) is the first.
         dt: time step, s.
 
     Returns:
-        Transition of the n + 1 states, and the map of what is added to the plant's states.
+        Transition (n + 1, n + 1), and map (n + 1, n) of increments of the plant's states.
     """
     n = len(plant.wind_output)
     # Row that gives dt/2 times the rate, the first of the plant's states.

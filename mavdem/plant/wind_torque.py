@@ -256,10 +256,10 @@ def _first_samples_after_changes(flags: Flags) -> Indices:
 def resolved_wind_torque(
     wind_torque: WindTorque | None, physical: Physical | None
 ) -> WindTorque | None:
-    """Returns the estimated wind torque only if it may be shown as that of the wind.
+    """Returns the estimated wind torque if it may be shown as that of the wind.
 
-    The wind torque is what remains of the total torque without that of the motors. So the effectiveness of the motors
-    must be identifiable, and the remainder larger than its errors.
+    The wind torque is the total torque less the torque of the motors. So the effectiveness of the motors must be
+    identifiable, and the remainder larger than its errors.
 
     Args:
         wind_torque: the estimate; None if there is none.
@@ -295,20 +295,22 @@ def _torque_errors(
 ) -> _TorqueErrors:
     """Splits the errors that uncertain physical parameters cause in a wind torque: those of its scale, and others.
 
-    The wind torque is what the motors balance. If they do more than assumed, the whole course of the torque is larger
-    by the same factor: such an error does not change when and how the wind acts. Other errors change the form of the
-    course. So the gradient of each parameter is split, by regression on the course, into a part that is proportional
-    to the course and a rest. The errors without those of the scale decide whether the torque is resolved.
+    The wind torque is the torque that the motors balance. If the motors are more effective than assumed, the torque is
+    larger by the same factor at all times: such an error does not change when and how the wind acts. Other errors
+    change the form of the torque over time. So the gradient of each parameter is split, by regression on the torque,
+    into a part that is proportional to the torque and a rest. The errors without those of the scale decide whether the
+    torque is resolved.
 
     Args:
-        deviation: wind torque about its means (T,), rad/s².
-        gradient: its derivatives by the parameters (r + 3, T), likewise about their means.
-        other_variance: variance (T,) of the errors that the parameters do not cause, (rad/s²)².
-        theta: effects, damping, lag and delay (r + 3,).
-        covariance: their covariance (r + 3, r + 3).
+        deviation: (T,) wind torque about its means, rad/s².
+        gradient: (r + 3, T) its derivatives by the parameters, about their means too.
+        other_variance: (T,) variance of the errors that the parameters do not cause, (rad/s²)².
+        theta: (r + 3,) effects, damping, lag and delay.
+        covariance: (r + 3, r + 3) covariance of these parameters.
 
     Returns:
-        Variance of the errors without those of the scale, and relative error of the course's standard deviation.
+        Mean variance of the errors without those of the scale, (rad/s²)², and relative error of the torque's standard
+        deviation.
     """
     samples = len(deviation)
     power = float(np.mean(deviation**2))

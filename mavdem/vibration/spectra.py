@@ -362,13 +362,13 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     A mean is the difference of two cumulative sums over the number of values between, which is fast for many windows.
 
     Args:
-        series: samples of a positive quantity; ``None`` where the log has none.
-        middles: middle of each window (W,), s.
+        series: samples of a positive quantity; None if the log has none.
+        middles: (W,) middle of each window, s.
         segments: segments of the flight that the windows lie in.
 
     Returns:
-        Means (W,). They are NaN in windows without a sample, and in all windows where there is no series or the
-        segments are of several boots, in which the same time may occur twice.
+        (W,) means; NaN in windows without a sample. All are NaN without a series, or if the segments are of several
+        boots, in which the same time may occur twice.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:

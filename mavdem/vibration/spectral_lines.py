@@ -235,12 +235,15 @@ class _LogSpectra:
 def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
     """Returns the logarithmic spectra of all windows, with the drive of each.
 
-    The drive is what lines of motors move with: the motors' speed over its median where it is known in all windows,
-    else the throttle over its median. If neither is known, it is 1. With logarithms, windows of strong vibration count
-    no more than others.
+    The lines of motors move with the drive: the motors' speed divided by its median if it is known in all windows,
+    otherwise the throttle divided by its median. If neither is known, it is 1. With logarithms, windows of strong
+    vibration have no more weight than others.
 
     Args:
         spectrum: spectrum of one sensor, in W windows.
+
+    Returns:
+        Logarithms of the density (W, F), and drive (W,).
     """
     log_density = np.log(np.maximum(spectrum.total_density, SMALLEST_POSITIVE))
     relative_drive = np.ones(len(spectrum.time))
@@ -418,9 +421,8 @@ def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
 def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     """Assigns the harmonics of motors to their fundamentals.
 
-    A line at a multiple of the frequency of a motor's line is no line of its own any more, but becomes part of that
-    line's ``harmonics``, unless it is of the frame. Lines are taken in ascending frequency, so that a fundamental comes
-    before its harmonics.
+    A line at a multiple of a motor line's frequency becomes part of that line's ``harmonics``, unless it is of the
+    frame. Lines are taken in ascending frequency, so that a fundamental comes before its harmonics.
 
     Args:
         lines: distinct lines, in any order.
@@ -441,14 +443,14 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
 
 
 def _fundamental_of(line: SpectralLine, fundamentals: Sequence[SpectralLine]) -> int | None:
-    """Returns the one of several fundamentals of which a line is a harmonic.
+    """Returns the fundamental of which a line is a harmonic.
 
     Args:
         line: the line.
         fundamentals: lines of lower frequency; only those of motors have harmonics.
 
     Returns:
-        Index of the first fundamental of which the line is a multiple; ``None`` where there is none.
+        Index of the first fundamental whose frequency the line's is a multiple of; None if there is none.
     """
     for index, fundamental in enumerate(fundamentals):
         if fundamental.kind is LineKind.MOTOR and _multiple(fundamental, line):

@@ -69,16 +69,17 @@ def compass_text(direction: float) -> str:
 
 
 def speed_and_direction(velocity: Array, band: Array, near_direction: float = 180.0) -> PolarWind:
-    """Converts a course of wind velocity to speed and direction.
+    """Converts the velocity of the wind over time to speed and direction.
 
     Args:
-        velocity: velocity of the air, north and east (T, 2), m/s.
-        band: half widths of its band, north and east (T, 2), m/s.
-        near_direction: degrees. Each direction is given between 180° below and 180° above this one, so that a plotted
-            line does not jump from 360° to 0° where the wind comes from about north. With 180° the range is 0 to 360°.
+        velocity: (T, 2) velocity of the air, north and east, m/s.
+        band: (T, 2) half widths of its band, north and east, m/s.
+        near_direction: direction, degrees. Each direction is given between 180° below and 180° above this one, so that
+            a plotted line does not jump from 360° to 0° if the wind comes from about north. With 180° the range is 0 to
+            360°.
 
     Returns:
-        Speed and direction at each of the T times, with their half widths. The band of the velocity is taken for an
+        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is regarded as an
         ellipse with its axes north and east. Its half width along the wind is that of the speed. Its half width across
         the wind, seen from the origin at the distance of the speed, is the angle by which the direction is uncertain.
     """

@@ -267,11 +267,11 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
 
 
 def steered_share(moved: MotionGrid) -> float:
-    """Returns the share of the force's changes that is drag in manoeuvres, and so shows the drag coefficients.
+    """Returns the share of the force's changes that is drag in manoeuvres, and so determines the drag coefficients.
 
     In a manoeuvre the vehicle flies faster, and drag opposes its velocity: force and velocity change in opposite
     directions. A gust pushes the vehicle along: both change in the same direction. So the share is the square of the
-    correlation between changes of force and velocity over ``STEERED_SECONDS`` where that is negative, and else 0.
+    correlation between changes of force and velocity over ``STEERED_SECONDS`` if that is negative, and 0 otherwise.
 
     Args:
         moved: motion of the flight.
@@ -306,15 +306,15 @@ def filter_parameters(scaled_parameters: Array, moved: MotionGrid) -> Array:
     """Converts scaled parameters to those of :class:`AirflowFilter`.
 
     The scaled parameters state gusts, and the change of the mean wind, by the acceleration that they cause (m/s²),
-    which is what a flight shows whatever the drag is. The filter needs the velocity (m/s). It is the acceleration over
+    which a flight shows whatever the drag is. The filter needs the velocity (m/s). It is the acceleration divided by
     the drag per speed, c + q |u|, at the mean air speed |u|.
 
     Args:
-        scaled_parameters: N sets of scaled parameters (N, 10); sizes are logarithms.
+        scaled_parameters: (N, 10) N sets of scaled parameters; sizes are logarithms.
         moved: motion of the flight, from which the mean air speed follows.
 
     Returns:
-        Parameters of the filter (N, 10).
+        (N, 10) parameters of the filter.
     """
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, moved)
@@ -338,16 +338,16 @@ def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates
 
 
 def independent_share(errors: Array) -> float:
-    """Returns the ratio of effective to actual sample size of errors that are autocorrelated.
+    """Returns the ratio of effective to actual sample size of autocorrelated errors.
 
-    Errors that resemble the ones before tell less than independent ones. They are taken for first-order
-    autoregressions, for which the ratio is (1 − ρ) / (1 + ρ) with the lag-one autocorrelation ρ.
+    Errors that resemble the ones before contain less information than independent ones. They are modelled as
+    first-order autoregressions, for which the ratio is (1 − ρ) / (1 + ρ) with the lag-one autocorrelation ρ.
 
     Args:
-        errors: k series of errors at T times (T, k), in any unit; NaN where one is missing. ρ is common to all series.
+        errors: (T, k) k series of errors, in any unit; NaN where one is missing. ρ is common to all series.
 
     Returns:
-        The ratio, above 0 and at most 1: a negative autocorrelation counts as none.
+        The ratio, above 0 and at most 1: a negative autocorrelation counts as 0.
     """
     centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
     power = max((centred**2).sum(), MIN_POWER)

@@ -418,18 +418,18 @@ def _motion_resets(time: Array, values: Array) -> Flags:
 
 
 def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns whether the autopilot's state estimator knows the horizontal velocity, at some times of a boot.
+    """Returns whether the autopilot's state estimator has a valid horizontal velocity, at some times of a boot.
 
-    Without a position source, an estimator reports a velocity that means nothing, and says so in its flags. If a log
-    has no flags, the velocity counts as known.
+    Without a position source, an estimator reports a meaningless velocity, and says so in its flags. If a log has no
+    flags, the velocity counts as valid.
 
     Args:
         telemetry: messages of the vehicle.
         boot: number of the boot.
-        time: times in that boot (N,), s.
+        time: (N,) times in that boot, s.
 
     Returns:
-        Flags (N,); false also between two messages of which either says that the velocity is unknown.
+        (N,) flags; false also between two messages of which either says that the velocity is invalid.
     """
     known = np.ones(len(time), np.bool_)
     for name in ESTIMATOR_FLAG_MESSAGES:
@@ -455,12 +455,13 @@ def horizontal_velocity_valid(flags: Any) -> Any:
 
 
 def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
-    """Returns the longest time for which the vehicle leaned far and did not move all the same.
+    """Returns the longest time for which the vehicle leaned far and did not move.
 
-    A free vehicle that leans accelerates. One that does not is held by something, so its lean says nothing of the wind.
+    A free vehicle that leans accelerates. A vehicle that does not is held by something, so its lean shows nothing of
+    the wind.
 
     Args:
-        position: position of the vehicle (N, k), m; without it, the vehicle is never stuck.
+        position: (N, k) position of the vehicle, m; None if it is not known, and then 0 is returned.
         boot: number of the boot.
         motion: motion in the flight of that boot.
 

@@ -341,14 +341,14 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     """Checks that the velocity belongs to a vehicle that flies freely, by comparing it with the tilt.
 
     A multirotor accelerates by about g times its tilt. So changes of the acceleration are regressed on changes of tilt
-    times g. The slope is about 1 in free flight, and about 0 where the vehicle is carried or held. No check is made
-    where it would not tell: samples are slow, few, or the tilt hardly changes.
+    times g. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. Nothing is checked if
+    the result would not be reliable: samples are slow, few, or the tilt hardly changes.
 
     Args:
         samples: samples of the flight's motion.
 
     Raises:
-        NotLearnable: it does not: the vehicle is held or carried, or the velocity is not the vehicle's.
+        NotLearnable: the vehicle is held or carried, or the velocity is not the vehicle's.
     """
     interval = np.median(np.diff(samples.time))
     if interval > FAST_SAMPLE_SECONDS:

@@ -165,18 +165,18 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def _rise(height: TimeSeries, powered: Intervals) -> float | None:
-    """Returns the height by which the vehicle rose above the ground while its motors could carry it, m.
+    """Returns the height by which the vehicle rose above the ground while its motors could carry it.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
-    only the take-off or only the landing, and then the other end is in the air. The 95th percentile of the height under
-    power stands for the top, so that single damaged samples do not.
+    only the take-off or only the landing, and then the other end is in the air. The top is the 95th percentile of the
+    height under power, so that single damaged samples have no effect.
 
     Args:
-        height: (N,) m, of one boot.
+        height: (N,) height, m, in one boot.
         powered: intervals under power, s.
 
     Returns:
-        The largest rise of all intervals, at least 0; None without samples under power.
+        Largest rise of all intervals, m, at least 0; None without samples under power.
     """
     mean = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []

@@ -451,15 +451,18 @@ class Scene:
         return supporting_statement(Witness.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
-        """Returns how the vehicle came to rest between two times; None if it did not.
+        """Returns the rest of the vehicle on the ground between two times.
 
-        It rests where it does not rotate for ``MIN_REST_SECONDS`` and the motors do not carry it, or where it lies on
-        its side, which no motor holds still in the air. The record of rest has windows of ``REST_SECONDS``; the first
+        The vehicle rests if it does not rotate for ``MIN_REST_SECONDS`` and the motors do not carry it, or if it lies
+        on its side, which no motor can hold in the air. The record of rest has windows of ``REST_SECONDS``; the first
         run of neighbouring windows that is long enough is the rest.
 
         Args:
             time: earliest beginning of the rest, s since boot.
-            latest: end of the search, s since boot: windows that start later do not count.
+            latest: end of the search, s since boot; windows that start later are ignored.
+
+        Returns:
+            Beginning and angle of the rest; None if the vehicle did not rest.
         """
         record = _rest_record(self.signals, self.boot)
         if record is None:

@@ -188,15 +188,15 @@ def specific_force(signals: Signals) -> TimeSeries | None:
 
 @cached_per_vehicle()
 def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns the specific force of the accelerometers besides the first one, by the number of the IMU from 1.
+    """Returns the specific force of the accelerometers besides the first one.
 
-    PX4 logs all IMUs, so that number 1 is among them: its first accelerometer is that of the IMU that is selected.
+    PX4 logs all IMUs, so number 1 is among them: its first accelerometer is that of the selected IMU.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        (N, 3) m/s² along the axes of the body, of each IMU that was recorded.
+        Specific force (N, 3) along the axes of the body, m/s², by the number of the IMU from 1.
     """
     messages = signals.telemetry.messages
     forces: dict[int, TimeSeries] = {}

@@ -197,14 +197,17 @@ def charge_share(motion: InstrumentedMotion, battery: int) -> NDArray[Any]:
 
 
 def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fields:
-    """Returns the fields of BATTERY_STATUS; of two batteries each is reported every other second.
+    """Returns the fields of BATTERY_STATUS; two batteries are reported in turn, every other second.
 
     Units are those of the message: mV, A / 100, mAh and percent. An autopilot that does not know the voltage of single
     cells sends the battery's voltage as that of the first cell.
 
     Args:
-        motion: N rows of the flight.
-        boot: Their times since boot, µs; (N,).
+        motion: N samples of the flight.
+        boot: (N,) times since boot, µs.
+
+    Returns:
+        Columns (N,), or one number for all samples, by field.
     """
     is_second = ~np.isnan(motion.battery_voltage[:, 1]) & (boot // 1_000_000 % 2 == 1)
     battery = is_second.astype(int)

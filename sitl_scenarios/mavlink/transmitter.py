@@ -288,10 +288,10 @@ class Transmitter:
         self._boot_time -= self._scenario.faults.clock_jump_seconds
 
     def _boot(self, boot: float, first: float) -> None:
-        """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates begin again.
+        """Boots the autopilot, at the beginning or again in flight: clock, sequence numbers and rates restart.
 
-        With the first block after boot it reports its frame, and unless messages are sent only on request its
-        parameters too.
+        In the first block after boot it reports its frame, and its parameters too unless messages are sent only on
+        request.
 
         Args:
             boot: Time of the motion at which the boot clock is zero, s.
@@ -438,7 +438,7 @@ class LossyLink:
 
 
 def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[TimedFrame]:
-    """Returns the frames that arrive, with those of a second link or a second vehicle where a mishap has one.
+    """Returns the frames that arrive, with those of a second link or a second vehicle if the mishap has one.
 
     The second vehicle flies the same plan elsewhere, with another seed and another boot clock, and counts its own
     frames. Its stream begins half a second after that of the first.
@@ -446,6 +446,9 @@ def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[T
     Args:
         scenario: Scenario of the flight.
         received: Frames of the vehicle with their times of arrival, s, ascending.
+
+    Returns:
+        Frames with their times of arrival, s, ascending.
     """
     mishap = scenario.mishap
     if isinstance(mishap, SecondLink):

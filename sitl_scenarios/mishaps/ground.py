@@ -141,13 +141,17 @@ def lean_of(attitude: Quaternion) -> float:
 
 
 def impact(state: State) -> GroundContact:
-    """Returns the contact of a vehicle that hits the ground: it comes to lie on its side, its back, or its feet.
+    """Returns the contact of a vehicle that hits the ground: it comes to rest on its side, its back, or its feet.
 
-    The more it leans at the impact, the further it turns over; a fast impact on its feet breaks them. The knock is the
-    speed over the time in which the ground stops the vehicle, as far as accelerometers can measure it.
+    The more it leans at the impact, the further it turns over; a fast impact on its feet breaks them. The acceleration
+    of the impact is the speed divided by the time in which the ground stops the vehicle, up to the range of
+    accelerometers.
 
     Args:
         state: True state at the impact.
+
+    Returns:
+        The contact, at the beginning of its motion.
     """
     rows = rotation_matrix(state.attitude)
     # The down axis of the body, north and east: it leans about the horizontal axis at right angles to it.

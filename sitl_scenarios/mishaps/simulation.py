@@ -220,13 +220,13 @@ class InstrumentedSimulation(Simulation):
         return super()._landed_state(reference)
 
     def _touch_down(self, reference: Reference) -> None:
-        """Decides what becomes of a vehicle that has reached the ground: it stands, tips over, or crashes.
+        """Decides how a vehicle behaves that has reached the ground: it stands, tips over, or crashes.
 
-        It stands if it is slow and upright enough for its legs, and then tips over only where that is the scenario's
+        It stands if it is slow and upright enough for its legs, and then tips over only if that is the scenario's
         mishap. Otherwise it crashes, and lies still after a while. From then on ``_contact`` moves it.
 
         Args:
-            reference: Setpoints of the flight plan, which tell a landing from a bounce.
+            reference: Setpoints of the flight plan, which distinguish a landing from a bounce.
         """
         stands = holds(self._state.velocity, self._state.attitude)
         if stands:
