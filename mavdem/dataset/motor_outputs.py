@@ -187,11 +187,11 @@ def channel_outputs(message: str, columns: Columns, autopilot: str) -> tuple[Arr
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
-        Outputs (N, k), with 0 for unused channels, and the number of channels per port.
+        Outputs (N, k), a new array with 0 for unused channels, and the number of channels per port.
     """
     form = MOTOR_MESSAGES[message]
     if not form.is_ported:
-        outputs = np.atleast_2d(float_column(columns, form.field))
+        outputs = np.atleast_2d(float_column(columns, form.field).copy())
         return outputs, outputs.shape[1]
     output_fields = form.fields[1:]
     outputs = float_columns(columns, [field for field in output_fields if field in columns])
@@ -330,10 +330,11 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
     banks = []
     for number in np.unique(port):
         is_of_port = port == number
-        has_output = np.isfinite(outputs[is_of_port, :channels_per_port]).any(axis=0)
         table = outputs[:, :channels_per_port]
-        if not has_output.all():
-            table = np.where(has_output, table, 0.0)
+        # Channel by channel, in the table itself: of hours of flight each copy of it takes hundreds of megabytes.
+        for column in table.T:
+            if not np.isfinite(column[is_of_port]).any():
+                column[is_of_port] = 0.0
         first_channel = 1 + channels_per_port * int(number)
         banks.append(_OutputBank(first_channel, clean_series(columns, table, is_of_port)))
     return banks

@@ -45,6 +45,9 @@ JOBS_AHEAD = 256
 LOW_PRIORITY = 10
 """Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 
+PAUSE, RESUME = b"\1", b"\0"
+"""What a process that learns receives: whether it is to pause, or to go on."""
+
 PAUSE_SIGNAL = signal.SIGINT
 """Signal whose handler pauses the process that learns. A worker takes no Ctrl-C itself, so that it is free for this."""
 
@@ -261,7 +264,8 @@ class LearningProcess(Executor):
         self.is_suspended = is_suspended
         # A process that has been killed needs no pause.
         with suppress(OSError):
-            self._pause_sender.send(is_suspended)
+            # A byte, where an object would be pickled: this is called in the middle of a flight.
+            self._pause_sender.send_bytes(PAUSE if is_suspended else RESUME)
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Runs a job in the process, and in a new process where the last one has been killed.
@@ -302,6 +306,11 @@ class LearningProcess(Executor):
             start_method: Literal["spawn", "fork"] = "spawn"
             if may_fork and _is_fork_safe():
                 start_method = "fork"
+                # Whoever learns has this module anyway. Found here, the libraries need not be found by the process
+                # while the first model is waited for.
+                from mavdem.dem.engine.linalg import find_blas_libraries
+
+                find_blas_libraries()
                 # A collection in this process would write to each of its objects, and so copy what both share.
                 gc.collect()
                 gc.freeze()
@@ -496,7 +505,7 @@ def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
     # The pipe ends with the parent.
     with suppress(EOFError, OSError):
         while True:
-            _is_paused = pause_receiver.recv()
+            _is_paused = pause_receiver.recv_bytes() == PAUSE
             if _is_paused:
                 _thread.interrupt_main(PAUSE_SIGNAL)
 

@@ -79,7 +79,7 @@ def test_a_mapped_log_keeps_the_latest_columns_only(tmp_path, monkeypatch):
 
 def resident_bytes(path):
     """Returns how much of a mapped file is in the memory of this process."""
-    mapping = Path("/proc/self/smaps").read_text().partition(str(path))[2]
+    mapping = Path("/proc/self/smaps").read_text(encoding="utf-8").partition(str(path))[2]
     return 1024 * int(re.search(r"^Rss: +(\d+) kB", mapping, re.MULTILINE)[1])
 
 

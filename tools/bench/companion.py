@@ -168,19 +168,10 @@ def usage_now(session: psutil.Process) -> Usage:
     return Usage(time.monotonic(), processor, memory)
 
 
-def compiled_environment(python: str, checkout: Path, folder: Path) -> dict[str, str]:
-    """Compiles the modules of a checkout, as an installation has them, and returns the environment that uses them.
-
-    Args:
-        python: interpreter that will run them.
-        checkout: folder with ``mavdem``.
-        folder: where the compiled modules are written to.
-    """
-    environment = os.environ | {"PYTHONPATH": str(checkout), "PYTHONPYCACHEPREFIX": str(folder)}
-    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+def compile_modules(python: str, checkout: Path) -> None:
+    """Compiles the modules of a checkout, as pip does in an installation: else the session would compile them."""
     compiling = [python, "-m", "compileall", "-q", str(checkout / "mavdem")]
-    subprocess.run(compiling, env=environment, check=True)
-    return environment
+    subprocess.run(compiling, check=True)
 
 
 def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | None) -> LiveRun:
@@ -204,7 +195,8 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
         scenario = folder / "flight.toml"
         scenario.write_text(SCENARIO.format(rate=rate))
         words = f"-m mavdem live udpin:{LINK} --plain --json --record".split()
-        environment = compiled_environment(python, checkout, folder / "compiled")
+        compile_modules(python, checkout)
+        environment = os.environ | {"PYTHONPATH": str(checkout)}
         session = subprocess.Popen(
             [python, *words, str(folder / "live.tlog")],
             cwd=folder,

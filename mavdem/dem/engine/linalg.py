@@ -212,6 +212,11 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_renew_lock_after_fork)
 
 
+def find_blas_libraries() -> None:
+    """Finds the loaded BLAS libraries, which :func:`one_thread` needs: a process that is forked then has them."""
+    _blas_controller()
+
+
 @cache
 def _blas_controller() -> ThreadpoolController:
     """Returns the controller of the loaded BLAS libraries; finding these takes longer than a fit, so it is kept."""
