@@ -1,9 +1,10 @@
 """Identity of a vehicle: a name by which its logs are recognised, its frame and firmware, and the flight's date."""
 
 import hashlib
+import re
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from mavdem.assessment.autopilot_messages import status_texts
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
-from mavdem.facts.vehicle import Basis
+from mavdem.facts.vehicle import Basis, DateBasis
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
@@ -44,6 +45,12 @@ NAME_DIGITS = 12
 MIN_UNIX_TIME = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
 """UNIX time, s, before which a clock was never set."""
 
+PX4_LOG_NAME = re.compile(r"/log/(20\d\d-\d\d-\d\d/\d\d_\d\d_\d\d)\.ulg")
+"""Name of a log in a text of PX4, by the day and the second at which it began: "…/log/2026-03-09/11_02_35.ulg"."""
+
+DAY_IN_NAME = re.compile(r"(?<!\d)(?:(20\d\d)[-_](\d\d?)[-_](\d\d?)|(20\d\d)(\d\d)(\d\d))(?!\d)")
+"""A day in a file's name, as ground stations write it: "2026-03-09", "2026_3_9" or "20260309"."""
+
 DEGREE_DECIMALS = 5
 """Decimals of latitude and longitude in degrees, for a resolution of a metre."""
 
@@ -72,6 +79,8 @@ class Identity:
     """Name and version; empty if the log does not have it."""
     date: datetime | None
     """When the settled flight began or, if it is not known, the log; UTC."""
+    date_basis: DateBasis | None = None
+    """What the date was read from; None without one."""
     hardware: str = ""
     """Kind of board, as its firmware calls it; empty if the log does not have it."""
     place: tuple[float, float] | None = None
@@ -94,6 +103,7 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
     """
     telemetry = signals.telemetry
     name, basis = _name_of(telemetry)
+    date, date_basis = _date(signals, receive_time)
     return Identity(
         name,
         basis,
@@ -101,7 +111,8 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
         telemetry.autopilot,
         telemetry.vehicle,
         firmware=telemetry.firmware or _firmware(telemetry),
-        date=_date(signals, receive_time),
+        date=date,
+        date_basis=date_basis,
         hardware=telemetry.hardware or board_name_in_texts(_texts(telemetry)),
         place=_first_fix(telemetry),
     )
@@ -218,20 +229,31 @@ def _first_fix(telemetry: Telemetry) -> tuple[float, float] | None:
     return None
 
 
-def _date(signals: Signals, receive_time: float) -> datetime | None:
+class _DateWithBasis(NamedTuple):
+    """Date of a flight, and what it was read from."""
+
+    date: datetime | None
+    basis: DateBasis | None
+
+
+def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
     """Returns the date of a flight: when its settled part began or, if that is not known, when the log did.
 
     Messages SYSTEM_TIME have UNIX time beside the time since boot, so the beginning of the flight, which is known since
-    boot, can be converted. Before the first GPS fix their UNIX time is not set; such messages are skipped.
+    boot, can be converted. Before the first GPS fix their UNIX time is not set; such messages are skipped. In logs of
+    the autopilot these messages are translated from those of the GPS receiver. Without them the receiving computer's
+    clock counts, then the name that PX4 gives its log, by a clock that it had from an earlier fix.
 
     Args:
         signals: signals of the vehicle.
         receive_time: time when the first message was received, UNIX time in s.
 
     Returns:
-        The date; None if the log shows no plausible time.
+        Date and basis; None for both if the log shows no plausible time.
     """
-    columns = signals.telemetry.messages.get("SYSTEM_TIME", {})
+    telemetry = signals.telemetry
+    basis = DateBasis.GPS if telemetry.translated_from else DateBasis.AUTOPILOT
+    columns = telemetry.messages.get("SYSTEM_TIME", {})
     flight = min(settled_segments(signals), default=None)
     if "time_unix_usec" in columns:
         unix_time = float_column(columns, "time_unix_usec") / 1e6
@@ -240,11 +262,45 @@ def _date(signals: Signals, receive_time: float) -> datetime | None:
             is_set_in_boot = is_set & (columns["boot"] == flight.boot)
             if is_set_in_boot.any():
                 boot_time = columns["time"][is_set_in_boot][0]
-                return _utc(unix_time[is_set_in_boot][0] + flight.start - boot_time)
+                return _dated(unix_time[is_set_in_boot][0] + flight.start - boot_time, basis)
         if is_set.any():
-            return _utc(unix_time[is_set][0])
+            return _dated(unix_time[is_set][0], basis)
     if receive_time > MIN_UNIX_TIME:
-        return _utc(receive_time)
+        return _dated(receive_time, DateBasis.RECEIVER)
+    # PX4 adds this many minutes to the time in its names.
+    offset = 60 * telemetry.parameters.get("SDLOG_UTC_OFFSET", 0.0)
+    for text in status_texts(telemetry):
+        match = PX4_LOG_NAME.search(text.text)
+        if match is None:
+            continue
+        with suppress(ValueError):
+            logged_date = datetime.strptime(match[1], "%Y-%m-%d/%H_%M_%S").replace(tzinfo=UTC)
+            time = logged_date.timestamp() - offset
+            if flight is not None and flight.boot == text.boot:
+                time += flight.start - text.time
+            if time > MIN_UNIX_TIME:
+                return _dated(time, DateBasis.LOG_NAME)
+    return _DateWithBasis(None, None)
+
+
+def _dated(unix_time: float, basis: DateBasis) -> _DateWithBasis:
+    """Returns a UNIX time, s, as a date with its basis; None for both if it is out of range."""
+    date = _utc(unix_time)
+    return _DateWithBasis(date, None if date is None else basis)
+
+
+def day_in_file_name(name: str) -> date | None:
+    """Returns the day that the name of a log's file has, such as "2026-03-09 11-02-35.bin"; None without one.
+
+    Whoever names or copies a file may err, so that it is only shown, as what the name says.
+
+    Args:
+        name: name of the file.
+    """
+    for match in DAY_IN_NAME.finditer(name):
+        year, month, day = (int(part) for part in match.groups() if part is not None)
+        with suppress(ValueError):
+            return date(year, month, day)
     return None
 
 

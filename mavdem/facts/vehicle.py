@@ -1,4 +1,4 @@
-"""What a log says of its vehicle: the tier that it allows, and what the vehicle's name is made of."""
+"""What a log says of its vehicle: the tier that it allows, what the vehicle's name is made of, and its date."""
 
 from enum import StrEnum
 
@@ -12,6 +12,15 @@ class Basis(StrEnum):
     ACCELEROMETER = "accelerometer"
     COMPASS = "compass"
     SYSTEM_ID = "system id"
+
+
+class DateBasis(StrEnum):
+    """What the date of a flight was read from."""
+
+    GPS = "GPS time"
+    AUTOPILOT = "clock of the autopilot"
+    RECEIVER = "clock of the receiving computer"
+    LOG_NAME = "name that the autopilot gave its log"
 
 
 class Allowed(Code):

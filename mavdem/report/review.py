@@ -3,11 +3,12 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from textwrap import shorten, wrap
+from textwrap import wrap
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
@@ -43,8 +44,9 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
         columns: characters of a line.
     """
     lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
-    title_line = _title_line(review_title(assessment), columns)
-    return "\n".join([title_line, *lights, *_last_lines(assessment, len(lights), columns)])
+    title_lines = _title_lines(review_title(assessment), columns)
+    last_lines = _last_lines(assessment, len(title_lines) - 1 + len(lights), columns)
+    return "\n".join([*title_lines, *lights, *last_lines])
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
@@ -60,7 +62,7 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     evidence = findings.evidence
     title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
     lights = _light_lines(lights_with_reason_once(findings.lights), columns)
-    return "\n".join([_title_line(title, columns), *lights])
+    return "\n".join([*_title_lines(title, columns), *lights])
 
 
 def further_lines(
@@ -80,13 +82,14 @@ def further_lines(
         if name not in first_lights
     }
     lights = _light_lines(further_lights, columns)
-    light_count = len(lights) + len(_light_lines(first_lights, columns))
-    return "\n".join([*lights, *_last_lines(assessment, light_count, columns)])
+    title_lines = _title_lines(review_title(assessment), columns)
+    shown_count = len(title_lines) - 1 + len(_light_lines(first_lights, columns))
+    return "\n".join([*lights, *_last_lines(assessment, shown_count + len(lights), columns)])
 
 
-def _title_line(title: Sentence, columns: int) -> str:
-    """Returns a title as one line, cut where it is too long."""
-    return shorten(f"{title.lead} {title.text}", columns, placeholder=" …")
+def _title_lines(title: Sentence, columns: int) -> list[str]:
+    """Returns the lines of a title: usually one."""
+    return wrap(f"{title.lead} {title.text}", columns, break_on_hyphens=False)
 
 
 def _light_lines(lights: NamedFacts, columns: int) -> list[str]:
@@ -97,19 +100,19 @@ def _light_lines(lights: NamedFacts, columns: int) -> list[str]:
     return lines
 
 
-def _last_lines(assessment: Assessment, light_count: int, columns: int) -> list[str]:
+def _last_lines(assessment: Assessment, line_count: int, columns: int) -> list[str]:
     """Returns the lines that follow the lights: as many alarms as there is room for, the headline, and the next step.
 
     Args:
         assessment: assessment of the flight.
-        light_count: lines of all lights.
+        line_count: lines of all lights, and of the title after its first.
         columns: characters of a line.
     """
     conclusion = [
         *wrap(headline(assessment.headline), columns),
         *_wrapped(f"Next: {assessment.next_step}", columns),
     ]
-    room = max(SCREEN_LINES - RESERVED_LINES - light_count - len(conclusion), 0)
+    room = max(SCREEN_LINES - RESERVED_LINES - line_count - len(conclusion), 0)
     alarms = [*_alarm_rows(assessment, columns)][:room]
     return [*alarms, *conclusion]
 
@@ -136,6 +139,7 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         telemetry=signals.telemetry,
         condition=analysis.condition,
         is_simulated=simulation_fact(signals) is not None,
+        day_in_name=day_in_file_name(Path(log.source).name),
     )
     return Sentence(" ".join(sentence.text for sentence in sentences), _log_name(log))
 

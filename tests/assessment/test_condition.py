@@ -10,7 +10,7 @@ from pytest import approx, mark
 from refusals import refused
 
 from mavdem.assessment.condition import condition_of
-from mavdem.assessment.identity import identity_of
+from mavdem.assessment.identity import day_in_file_name, identity_of
 from mavdem.assessment.inventory import autopilot_alarms, inventory
 from mavdem.assessment.mean_interval import mean_interval
 from mavdem.assessment.tier import tier_of
@@ -146,6 +146,37 @@ def test_the_date_is_when_the_settled_flight_began():
     assert identity_of(Signals(flown())).date is None
     assert identity_of(Signals(flown()), unix.timestamp()).date == unix
     assert identity_of(Signals(disarmed(dated))).date.second == 3
+    assert identity_of(Signals(dated)).date_basis == "clock of the autopilot"
+    of_receiver = identity_of(Signals(flown()), unix.timestamp())
+    assert of_receiver.date_basis == "clock of the receiving computer"
+
+
+def test_a_flight_without_a_clock_has_the_date_by_which_px4_named_its_log():
+    text = b"[logger] Opened full log file: /fs/microsd/log/2026-03-09/11_02_35.ulg"
+    offset = {"SDLOG_UTC_OFFSET": 60.0}
+    found = identity_of(Signals(with_texts(flown(offset, "PX4"), text)))
+    began = datetime(2026, 3, 9, 10, 2, 35, tzinfo=UTC)
+    # The settled flight began ten seconds after the text.
+    assert 9 <= (found.date - began).total_seconds() <= 13
+    assert found.date_basis == "name that the autopilot gave its log"
+    impossible = with_texts(flown(), b"/fs/microsd/log/2026-13-39/11_02_35.ulg")
+    assert identity_of(Signals(impossible)).date is None
+
+
+@mark.parametrize(
+    "name, day",
+    {
+        "2026-03-09 11-02-35.bin": "2026-03-09",
+        "log_12_2026-3-9-11-02-35.ulg": "2026-03-09",
+        "flight_20260309_110235.tlog": "2026-03-09",
+        "00000042.BIN": None,
+        "log_2026-13-01.ulg": None,
+        "120260309.ulg": None,
+    }.items(),
+)
+def test_a_day_in_a_file_name_is_read(name, day):
+    found = day_in_file_name(name)
+    assert (None if found is None else found.isoformat()) == day
 
 
 def test_the_place_is_that_of_the_first_fix():

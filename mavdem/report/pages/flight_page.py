@@ -16,6 +16,7 @@ from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
@@ -171,6 +172,7 @@ def log_page(
             light_anchors=_anchors_of_lights(chapters),
             path=flown_path(timeline, assessment.wind),
             changes=changes,
+            day_in_name=day_in_file_name(Path(assessment.log.source).name),
         )
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE

@@ -6,6 +6,7 @@ of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains wit
 
 import re
 from collections.abc import Mapping, Sequence
+from datetime import date
 from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple
@@ -192,6 +193,9 @@ class Head(NamedTuple):
 
     changes: GainChanges | None = None
     """Gains to set before the next flight; None if none change."""
+
+    day_in_name: date | None = None
+    """Day in the name of the log's file, which is shown where the log has no date; None without one."""
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
