@@ -34,19 +34,19 @@ def require_probability(level: float) -> None:
 def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf) -> Any:
     """Returns the half width of a two-sided interval in standard deviations (the coverage factor k of the GUM).
 
-    It is the quantile of the normal distribution where the standard deviation is known, and of Student's t
-    distribution where it was estimated.
+    It is the quantile of the normal distribution if the standard deviation is known, and of Student's t distribution if
+    it was estimated.
 
     Args:
         level: Probability of the interval.
-        freedom: Degrees of freedom that the standard deviation was estimated with, a number or an array; infinite
-            where the standard deviation is known.
+        freedom: Degrees of freedom with which the standard deviation was estimated, a number or an array; infinite if
+            it is known.
 
     Returns:
-        A float, or an array shaped like ``freedom``.
+        A float, or an array in the shape of ``freedom``.
 
     Raises:
-        ValueError: The level is no probability between 0 and 1.
+        ValueError: The level is not a probability between 0 and 1.
     """
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)

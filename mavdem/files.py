@@ -38,9 +38,9 @@ def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
 
 @contextmanager
 def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[BinaryIO]:
-    """Opens a file for writing that appears under its name only when the block has ended without an error.
+    """Opens a file for writing, which appears under its name only after the block has ended without an error.
 
-    So a crash, a full disk or Ctrl-C leaves what was there before, never half a file.
+    So a crash, a full disk or Ctrl-C leaves the former file, and never half a file.
 
     Args:
         path: Path of the file; a file that exists there is replaced.

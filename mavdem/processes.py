@@ -39,8 +39,8 @@ class ResourceUse(NamedTuple):
 def resource_use(process_id: int) -> ResourceUse:
     """Returns the processor time and memory that a process of this machine has taken.
 
-    Its memory is what the process has allocated, where the system counts that: Windows as "private", Linux as "data".
-    Elsewhere it is the resident memory.
+    The memory is that which the process has allocated, if the system counts it: Windows as "private", Linux as "data".
+    On other systems it is the resident memory.
 
     Args:
         process_id: number of the process.

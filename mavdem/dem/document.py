@@ -73,10 +73,10 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
 def _schema_version(text: object) -> int | None:
     """Returns the version of the schema in a document's heading.
 
-    The heading is the document's beginning, so that a later version is recognized before the document is parsed.
+    The heading is the document's beginning, so a later version is recognised before the document is parsed.
 
     Args:
-        text: The document, or what was given in its place.
+        text: The document; anything else gives None.
 
     Returns:
         The version; None if there is no heading, as in earlier versions and other files, or no text.

@@ -217,9 +217,9 @@ class Learned(ImmutableResult, ForecasterBase):
         return resolved_wind_torque(self.wind_torque, self.physical)
 
     def with_physical(self, physical: Physical | NotIdentifiable) -> Learned:
-        """Returns a copy with other physical parameters, such as those that were estimated elsewhere.
+        """Returns a copy with other physical parameters, such as parameters that were estimated elsewhere.
 
-        The wind torque of the copy will be estimated with them; all else that has been computed is kept.
+        The wind torque of the copy will be estimated with them; everything else that has been computed is kept.
 
         Args:
             physical: The physical parameters, or the reason why there are none.
@@ -574,12 +574,15 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """Reads a result from the text of its JSON document, as :meth:`to_json` returns it; not from a file's name.
+        """Reads a result from the text of its JSON document, as :meth:`to_json` returns it.
 
         Args:
-            text: Text of the document.
+            text: Text of the document, not the name of a file.
+
+        Returns:
+            The result.
 
         Raises:
-            Unreadable: The text is no such document; the message names what is wrong in it.
+            Unreadable: The text is not such a document; the message names what is wrong in it.
         """
         return from_text(cls, text)

@@ -86,19 +86,19 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
 
 
 def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
-    """Learns only what is needed to forecast a flight.
+    """Learns only the model that forecasts of a flight need.
 
-    That is the joint model alone, a vector autoregression of outputs and motors, unless the settings ask for forecasts
-    by the plant: DEM's A, B and C, which take most of the time of :func:`learn`, play no part in the forecasts of the
+    That is the joint model alone, a vector autoregression of outputs and motors, unless the settings require forecasts
+    by the plant: DEM's A, B and C, which take most of the time of :func:`learn`, are not used in the forecasts of the
     joint model.
 
     Args:
         train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
-        settings: Settings of the fit; ``Settings()`` where there are none.
+        settings: Settings of the fit; None for ``Settings()``.
 
     Returns:
-        The joint model, or the result of :func:`learn` where the settings need DEM's model; both have the same
-        forecasts as the result of :func:`learn`.
+        The joint model, or the result of :func:`learn` if the settings need DEM's model; both have the same forecasts
+        as the result of :func:`learn`.
 
     Raises:
         ValueError: As :func:`learn`, but not where DEM breaks down.
@@ -204,17 +204,17 @@ def _odd_window(samples: float, min_window: int) -> int:
 
 
 def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
-    """Refines the parameters θ of DEM by a simulation-error (output-error) fit, where the settings ask for one.
+    """Refines the parameters θ of DEM by a simulation-error (output-error) fit, if the settings ask for one.
 
-    DEM fits the derivatives within short windows; simulations over a longer horizon also show what builds up slowly.
+    DEM fits the derivatives within short windows; simulations over a longer horizon also show slow effects.
 
     Args:
         fitted: The fit by DEM.
         record: The training data.
 
     Returns:
-        The fit with the refined θ, the posterior of all else given it, and its predictor; or the fit as it was, where
-        the settings ask for no refinement or it fails.
+        The fit with the refined θ, the posterior of all other quantities given θ, and its predictor; or the former fit,
+        if the settings ask for no refinement or it fails.
     """
     model = fitted.model
     ascent = fitted.ascent

@@ -227,8 +227,8 @@ def embed_by_kernel(
 
     The generalized coordinates of a signal are its smoothed value and its derivatives, side by side.
 
-    Derivatives by a polynomial over a window are not quite those of one signal, and an additional state might explain
-    the difference. These are exact: convolution leaves ẋ = A x + B v + w and y = C x + z as they are (P. Young,
+    Derivatives by a polynomial over a window are not exactly those of one signal, and an additional state might explain
+    the difference. The derivatives here are exact: convolution preserves ẋ = A x + B v + w and y = C x + z (P. Young,
     "Parameter estimation for continuous-time models: a survey", Automatica 17, 1981), and noise of smoothness s becomes
     noise of smoothness √(s² + σ²), so that Eq. ``Smatrix`` holds.
 
@@ -239,8 +239,8 @@ def embed_by_kernel(
         dt: sampling step, s.
 
     Returns:
-        Generalized vectors (T', (order + 1) · m), order after order, of the samples where the whole kernel fits; none
-        where it is longer than the signal.
+        Generalized vectors (T', (order + 1) · m), order after order, of the samples at which the whole kernel fits;
+        none if it is longer than the signal.
     """
     # Samples to either side of the kernel's centre. Without the tolerance, rounding might add one more.
     reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))

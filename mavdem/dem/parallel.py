@@ -250,14 +250,15 @@ class LearningProcess(Executor):
         self._start(may_fork=True)
 
     def suspend(self, is_suspended: bool) -> None:
-        """Pauses the process within some milliseconds, or lets it go on, in the middle of whatever it computes.
+        """Pauses the process within some milliseconds, or lets it continue, at any point of its computation.
 
-        Low priority alone does not keep a process from taking the time of a small computer: where a quota limits all
-        processes together, it takes part of what the samples need. The process pauses itself
-        (:func:`_prepare_learning`) and is not stopped by the system: so it still ends when this process is killed.
+        Low priority alone does not keep a process from taking the time of a small computer: if a quota limits all
+        processes together, it takes part of the time that the samples need. The process pauses itself
+        (:func:`_prepare_learning`) instead of being stopped by the system, so it still ends when this process is
+        killed.
 
         Args:
-            is_suspended: whether it is to be paused.
+            is_suspended: whether it is paused.
         """
         if is_suspended == self.is_suspended:
             return
@@ -354,14 +355,14 @@ class ForkedCall(Generic[Result]):
 
 @contextmanager
 def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Result | None]]:
-    """Starts a function in a second process, where there is a core for it, and ends that with the block.
+    """Starts a function in a second process if there is a core for it, and ends that process with the block.
 
     Args:
         work: the function.
 
     Yields:
-        A function that waits for the result and returns it; it returns None where the work must be done by the caller,
-        because there is only one core, or this process cannot be copied.
+        A function that waits for the result and returns it; it returns None if the caller must do the work, because
+        there is only one core, or this process cannot be copied.
     """
     if available_workers() == 1 or not _is_fork_safe():
         yield lambda: None

@@ -294,10 +294,10 @@ def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[Fold
 
     Args:
         lengths: Number of samples of each segment.
-        count: Number of folds; fewer are returned where there are fewer samples, since no fold is empty.
+        count: Number of folds; fewer are returned if there are fewer samples, since no fold is empty.
 
     Returns:
-        The pieces of each fold, in order: one for each segment that the fold has a part in.
+        The pieces of each fold in order: one for each segment of which the fold contains samples.
     """
     total = sum(lengths)
     folds = []
@@ -332,6 +332,9 @@ def _checked_samples(segment: UniformSamples) -> _Samples:
     Args:
         segment: The segment, with inputs (T, r), outputs (T, m) and dt, s. If it came from the user, it may be
             anything.
+
+    Returns:
+        The samples, as arrays of real numbers.
 
     Raises:
         ValueError: An attribute is missing or is no number, or the tables have other shapes or no columns.
@@ -391,15 +394,14 @@ def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
 
 
 def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array | None:
-    """Returns the effect directions (r,) that all segments have in common.
+    """Returns the effect directions that all segments have in common.
 
     Args:
         flights: The segments; an effect direction is the relative effect of a motor on the axis, by the mixer geometry.
         motors: Number of inputs, r.
 
     Returns:
-        The directions (r,). None if they differ, where a segment has none, or where all are zero, so that no motor has
-        an effect.
+        (r,) directions; None if they differ, if a segment has none, or if all are zero, so that no motor has an effect.
 
     Raises:
         ValueError: Directions are not r finite numbers.
@@ -417,9 +419,8 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
 def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     """Returns the fields of a record that describe the controller, as far as the segments have them.
 
-    These are its parameters and the range of the inputs, and the setpoints, where all segments have the same ones.
-    Segments of one record are parts of one flight, so that the first one's ``provenance``, what is known of their
-    origin, holds for all.
+    These are its parameters, the range of the inputs, and the setpoints if all segments have the same ones. Segments of
+    one record are parts of one flight, so the first one's ``provenance``, which describes their origin, holds for all.
 
     Args:
         flights: The segments, at least one. Only those of the class ``Flight`` have the attributes that are read here.

@@ -50,6 +50,9 @@ class Scaling:
             record: training data, from whose means, variances and ranges the scaling is computed.
             settings: settings with the name of the scaling, and whether the inputs are known.
 
+        Returns:
+            The scaling.
+
         Raises:
             NotLearnable: an output is constant, or all known inputs are.
         """

@@ -93,7 +93,7 @@ def _median_ratio(log_ratios: Array) -> float:
     """Returns the median over windows of the ratio of two methods' errors.
 
     Args:
-        log_ratios: logarithms of the ratios (W,); infinite where one of the methods has no finite error.
+        log_ratios: (W,) logarithms of the ratios; infinite if one of the methods has no finite error.
 
     Returns:
         The median ratio, 0 to infinity; NaN without windows.

@@ -131,7 +131,7 @@ class BaselineErrors(NamedTuple):
 
 
 def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
-    """Returns what the errors of forecasts are compared with: the simplest forecast, and the unit of each output.
+    """Returns the errors of the simplest forecast, the training mean, and the variance in which errors are measured.
 
     Args:
         train: training part, which gives mean and variance of the m outputs.

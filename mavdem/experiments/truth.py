@@ -154,10 +154,10 @@ def _require_equal_lengths(truth: Truth) -> None:
 
 
 def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
-    """Reads the truth of a simulated flight, and makes sure that it belongs to this flight.
+    """Reads the truth of a simulated flight, and checks that it belongs to this flight.
 
-    The truth file has the rate that the simulated autopilot knew. In its own flight that is the recorded rate, up to
-    resampling. A root mean square difference of ``MAX_RATE_DIFFERENCE`` standard deviations shows another flight.
+    The truth file contains the rate that the simulated autopilot measured. In its own flight that is the recorded rate,
+    up to resampling. A root mean square difference of ``MAX_RATE_DIFFERENCE`` standard deviations shows another flight.
 
     Args:
         flights: segments of one flight, with the times of their samples on the boot clock, s. The last output is the
@@ -168,7 +168,7 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
         The truth of that axis, for the whole simulated flight.
 
     Raises:
-        Unreadable: the file is no truth file, or that of another flight.
+        Unreadable: the file is not a truth file, or belongs to another flight.
         ValueError: the last output is not the rate of an axis.
     """
     name = flights[0].output_names[-1]

@@ -66,18 +66,19 @@ class TooFewSamples(NotLearnable):
 def too_short(flight: Flight, start: float, train: int, test: int, min_train: int) -> TooFewSamples:
     """Returns the error that a window does not fit into a flight, with command-line options for one that does.
 
-    The options are shown to the user as text to type. The window that they set has a shorter test part if need be, in
-    proportion to what remains of the flight, and the longest training part that then fits.
+    The options are shown to the user as text to type. Their window has a shorter test part if necessary, in proportion
+    to the remaining flight, and the longest training part that then fits.
 
     Args:
         flight: the flight.
-        start: time after the beginning of the flight at which the training part was to begin, s.
+        start: intended start of the training part after the beginning of the flight, s.
         train: number of samples of the training part.
         test: number of samples of the test part.
         min_train: number of samples that a training part needs; with fewer no options are offered.
 
     Returns:
-        The error, to be raised. Its fact has the lengths, and the ``options``, empty if no window is long enough.
+        The error, which the caller raises. Its fact has the lengths, and the ``options``, empty if no window is long
+        enough.
     """
     remaining = len(flight) - round(min(start / flight.dt, len(flight)))
     shorter_test = min(test, max(remaining // SHORT_TEST_FRACTION, 1))

@@ -76,8 +76,8 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
         vehicle: contents of a log about the vehicle, by the keys of the inventory.
 
     Returns:
-        Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are together. A name is followed by what the log
-        itself calls the message, where that differs.
+        Names by the text of the rate ("50.0 Hz"); messages below 1 Hz are one group. A name is followed by the
+        message's name in the log, if that differs.
     """
     descriptions = vehicle["names"]
     fastest_first = sorted(
@@ -95,11 +95,14 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
 
 
 def stream_contents(contents: JsonValues) -> list[Sentence]:
-    """Returns a sentence on each sender that lost messages or that is no vehicle, and one on undecodable messages.
+    """Returns a sentence on each sender that lost messages or is not a vehicle, and one on undecodable messages.
 
     Args:
         contents: inventory from ``mavdem.assessment.inventory``: ``speakers`` are all senders of messages, ``vehicles``
             those of them that are vehicles, and ``unread`` the messages that could not be decoded.
+
+    Returns:
+        The sentences.
     """
     vehicles = [component_id(vehicle) for vehicle in contents["vehicles"]]
     sentences = []
@@ -108,8 +111,8 @@ def stream_contents(contents: JsonValues) -> list[Sentence]:
         sentences += render_section(
             "sender",
             **sender,
-            # Beside a vehicle, ground stations and radios are usual, and are not listed. If a log has no vehicle,
-            # every sender is listed, so that the reader sees what the log has instead.
+            # In a log with a vehicle, ground stations and radios are usual, and are not listed. In a log without one
+            # every sender is listed, so that the reader sees what it contains.
             is_ordinary=len(vehicles) > 0,
             is_silent=sender["kind"] == UNNAMED and not is_vehicle,
             # The gaps of a ground station have no meaning: it numbers its messages to all links together.

@@ -79,14 +79,18 @@ def difference_blocks(
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
 ) -> Blocks:
-    """Returns sentences on what differs between two states of a vehicle, or two vehicles, and how sure that is.
+    """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    Doubts about the vehicles come first, then parameters, what changed, what could not be compared, and the conditions.
+    Doubts about the vehicles come first, then parameters, changes, quantities that could not be compared, and the
+    conditions.
 
     Args:
         difference: comparison of the two states.
         parameters: parameters of the autopilot that changed.
-        lacking: the sides, "A" or "B", whose parameters are not known.
+        lacking: sides, "A" or "B", whose parameters are not known.
+
+    Returns:
+        The sentences.
     """
     missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
     not_compared = []
@@ -120,11 +124,14 @@ def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
 
 
 def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
-    """Returns the report on what differs between a vehicle's latest flight and its flights of the baseline.
+    """Returns the report on the differences between a vehicle's latest flight and its baseline.
 
     Args:
         latest: row of the latest flight.
         difference: difference of that flight from the baseline; None if the baseline has no flight of the vehicle.
+
+    Returns:
+        The sentences.
     """
     lead = "Since the baseline:"
     if difference is None:
@@ -213,18 +220,18 @@ def surest_change(difference: VehicleDifference) -> QuantityChange | None:
 def next_blocks(
     difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
 ) -> list[Sentence]:
-    """Returns the next step: a sentence on which part of the vehicle to check after a change.
+    """Returns the next step: a sentence that names the part of the vehicle to check after a change.
 
-    It is the motor that most surely became weaker. If none did, it is the part of the surest change. The surest change
-    is the one with the lowest p-value.
+    It is the motor that became weaker with the lowest p-value. If none did, it is the part of the change with the
+    lowest p-value.
 
     Args:
         difference: comparison of two states, quantity by quantity.
         parameters: parameters of the autopilot that changed between them.
 
     Returns:
-        One sentence; none without a change that new gains do not explain. None either where the states are of two
-        vehicles, whose differences are no fault to look for.
+        One sentence. None without a change, if new gains explain all changes, or if the states are of two vehicles,
+        whose differences are no faults.
     """
     changes = []
     for change in difference.changes_with(QuantityOutcome.CHANGED):

@@ -112,13 +112,16 @@ def badge_level(flights: Flights) -> Level:
 
 
 def urgency(flights: Flights) -> Urgency:
-    """Returns the key by which the vehicles of a fleet are sorted: the worst first, of equal ones the latest flown.
+    """Returns the key by which the vehicles of a fleet are sorted: the worst first, and the latest flown of equal ones.
 
-    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. If the headline of the
-    latest flight is bad, the vehicle ranks at least just behind one whose motors drift.
+    The rank is the position of the motors' health in ``HEALTHS``, which begins with the worst. A vehicle whose latest
+    flight has a bad headline ranks at least directly after one whose motors drift.
 
     Args:
         flights: flights of the vehicle in order of date, at least one.
+
+    Returns:
+        The key, which sorts in ascending order.
     """
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):

@@ -36,15 +36,18 @@ MAX_FILE_LENGTH = 40
 def fleet_blocks(
     summaries: Sequence[VehicleSummary], names_vehicles: bool = True, names: GivenNames = NO_NAMES
 ) -> Blocks:
-    """Returns the summary of a fleet: a headline, what was flown, and a table of why logs were not used.
+    """Returns the summary of a fleet: a headline, the flights, and a table of the reasons why logs were not used.
 
-    Vehicles with a name of their own are counted as such. Flights under a shared or unknown name are counted apart,
+    Vehicles with a name of their own are counted. Flights under a shared or unknown name are counted separately,
     because neither the number of their vehicles nor duplicates among them can be known.
 
     Args:
         summaries: summary of the flights under each name.
-        names_vehicles: whether the headline names the vehicles that need a look, which a page shows below it.
+        names_vehicles: whether the headline names the vehicles that need attention, which a page shows below it.
         names: names that were given to vehicles.
+
+    Returns:
+        Sentences and the table.
     """
     vehicles = vehicles_with_parts(summaries)
     named_count = 0

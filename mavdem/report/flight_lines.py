@@ -120,7 +120,7 @@ def _suspect_motors(flight: AxisRows) -> str:
 
 
 def _notes(flight: AxisRows) -> str:
-    """Returns what is reported about a flight, one sentence a line, the most important first, each once.
+    """Returns the notes on a flight, one sentence a line, the most important first, each once.
 
     The headline of the log comes first, then the reason for the health of the motors, then warnings.
 

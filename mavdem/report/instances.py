@@ -27,10 +27,13 @@ def instance_table(instances: Sequence[Instance], has_flown: bool) -> Table:
     Args:
         instances: at least one, in the order of the rows.
         has_flown: whether the vehicle flew; otherwise the ranges are those of the whole log.
+
+    Returns:
+        The table.
     """
     rows = []
     for instance in instances:
-        # A plain "Measured" is not coloured, so that what is to be watched stands out.
+        # A plain "Measured" is not coloured, so that warnings stand out.
         state = without_full_stop(str(instance.state))
         if instance.state.code is not InstanceState.MEASURED:
             state = Rated(state, instance.state.level)

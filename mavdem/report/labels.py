@@ -87,11 +87,14 @@ class AxisCommand(NamedTuple):
     def of(cls, learned: Learned) -> AxisCommand:
         """Returns the command of a model's axis, by the mixer geometry or else by each motor's effectiveness.
 
-        The directions of the inputs say which way each motor turns the vehicle, and how much. They are scaled so that
-        the command of these inputs, w · m, is 1.
+        The directions of the inputs are the relative effects of the motors on the axis. They are scaled so that the
+        command of these inputs, w · m, is 1.
 
         Args:
             learned: the learned model.
+
+        Returns:
+            The command, with its weights w and inputs m (r,).
         """
         labels = Labels.of(learned)
         directions = input_directions(learned)

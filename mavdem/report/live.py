@@ -35,7 +35,7 @@ def live_report(
     Args:
         history: history of the flight.
         status: state of the session at its end.
-        account: seconds of the flight by what they were used for.
+        account: seconds of the flight by activity.
         axis: axis that was learned.
         learned_seconds: length of the latest part of the flight from which the model was learned, s.
 
@@ -61,11 +61,13 @@ def live_report(
 
 
 def _time_table(account: Mapping[Spent, float]) -> Table:
-    """Returns a table of how the time of a live session was spent, such as learning, on the ground, or without a link.
+    """Returns a table of the time of a live session by activity, such as learning, on the ground, or without a link.
 
     Args:
-        account: seconds by what they were spent on. They are shown as whole seconds, and what rounds to 0 has no row.
-            The header has the sum.
+        account: seconds by activity. They are rounded to whole seconds, and an activity of 0 s has no row.
+
+    Returns:
+        The table, with the sum in its header.
     """
     whole_seconds = {kind: round(seconds) for kind, seconds in account.items()}
     rows = []

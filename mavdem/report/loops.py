@@ -111,14 +111,17 @@ def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
 
 
 def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fact]:
-    """Returns the rating of an axis' margins as a fact, or nothing if the decision on the axis contradicts it.
+    """Returns the rating of an axis' margins, unless the decision on the axis contradicts it.
 
-    If a measurement refutes the identified loop, its margins are wrong, and there is no rating. If the axis does not
-    follow its setpoint, the rating says so, since good margins alone are not enough then.
+    If a measurement contradicts the identified loop, its margins are wrong, and there is no rating. If the axis does
+    not follow its setpoint, the rating says so, since good margins alone are not enough then.
 
     Args:
         advice: advice on the axis, with the rating.
         decision: decision on the loops of the axis; None if there is none.
+
+    Returns:
+        One fact, or none.
     """
     if decision is None:
         return [advice.rating]
@@ -131,14 +134,17 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
 
 
 def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[Sentence]:
-    """Returns the decisions on control loops, what is wrong and what to do, one sentence for all axes with the same.
+    """Returns the decisions on control loops as sentences: what is wrong, and the action; equal axes share a sentence.
 
     If several axes need the same action for different reasons, each reason has a sentence, and the action has one of
     its own after them.
 
     Args:
-        decisions: the decision on the loops of each axis, by axis.
-        next_step: what to do next, as the page states it; actions that are part of it are not repeated.
+        decisions: decision on the loops by axis.
+        next_step: text of the next step on the page; actions that it contains are not repeated.
+
+    Returns:
+        The sentences.
     """
 
     def action_of(axis: str) -> str:
@@ -262,14 +268,14 @@ def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
 
 
 def gain_blocks(advice: Advice) -> Blocks:
-    """Returns a table of the controller gains to change, if there are any, and sentences on what to expect of them.
+    """Returns a table of the controller gains to change, if there are any, and sentences on their expected effects.
 
     The table has a row for each changed gain: its value now, the value to set, and the factor between them. The
-    sentences give the expected lean in wind, the gains at the end of the stage where that takes several flights, what
-    of the ratios is unusual, and the noise.
+    sentences give the expected lean in wind, the gains at the end of the stage if that takes several flights, unusual
+    ratios of the gains, and the noise.
 
     Args:
-        advice: the gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
+        advice: gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.
 
     Returns:
         The table, or nothing if no gain changes, and then the sentences.

@@ -185,12 +185,12 @@ def notch_trial(
 
 
 def _remarks(filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool) -> Iterator[str]:
-    """Yields what limits the trial, in sentences.
+    """Yields the limitations of the trial as sentences.
 
     Args:
-        filters: the filters.
+        filters: notch filters whose settings the reader can try.
         has_loop: whether a rate loop is identified.
-        is_behind: whether the log has the gyro only behind a filter that is on.
+        is_behind: whether the log has the gyro only after a filter that is on.
     """
     if not has_loop:
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
@@ -375,10 +375,10 @@ class _GyroPower(NamedTuple):
 
 
 def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
-    """Returns the chart of the gyro's spectrum as measured, behind all other filters, and behind these notches too.
+    """Returns the chart of the gyro's spectrum as measured, after all other filters, and after these notches too.
 
-    The script puts the last line where the sliders have it, and takes the one before for what the notches get. Behind
-    the filters, what is measured is what they get.
+    The page's script redraws the last line when a slider moves, from the line before it, the input of the notches. If
+    the log has only the filtered gyro, the measured spectrum is that input.
 
     Args:
         gyro: spectrum and filters.

@@ -94,8 +94,8 @@ def one_line_list(names: Iterable[str], max_names: int = 5, max_length: int = 80
 
     Args:
         names: names from a file, which may be long or contain control characters.
-        max_names: names that are listed; "…" stands for the others.
-        max_length: characters of a name that are shown; "…" stands for the rest.
+        max_names: largest number of names that are listed; "…" replaces the others.
+        max_length: largest number of characters of a name; "…" replaces the rest.
     """
     ordered = sorted(names)
     listed_names = []

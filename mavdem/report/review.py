@@ -33,15 +33,15 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 
 
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
-    """Returns the review as text of at most ``SCREEN_LINES``, unless what is not good needs more.
+    """Returns the review as text of at most ``SCREEN_LINES``; facts that are not good may need more lines.
 
-    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light is cut where
-    the line ends; that of any other light goes on in further lines. As many alarms are shown as there is room for. The
-    most important lines come last, where the user looks when everything has scrolled by.
+    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light is cut at the
+    end of the line; that of any other light is continued on further lines. As many alarms are shown as fit. The most
+    important lines come last, where the user looks after everything has scrolled by.
 
     Args:
         assessment: assessment of the log.
-        columns: characters of a line.
+        columns: number of characters in a line.
     """
     lights = _light_lines(lights_with_reason_once(assessment.lights), columns)
     title_lines = _title_lines(review_title(assessment), columns)
@@ -125,12 +125,15 @@ def review_title(assessment: Assessment) -> Sentence:
 
 
 def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence:
-    """Returns the title of what is reported of a vehicle: name of the log, vehicle, duration and date.
+    """Returns the title of a report on a vehicle: name of the log, vehicle, duration and date.
 
     Args:
         log: the log.
         signals: signals of the vehicle.
-        analysis: analysis of the vehicle, with its identity and how long it was armed.
+        analysis: analysis of the vehicle, with its identity and the time that it was armed.
+
+    Returns:
+        The title.
     """
     sentences = render_section(
         "review",

@@ -87,6 +87,9 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 
     Args:
         assessment: assessment of the log.
+
+    Returns:
+        The report, with the headline first and the next step last.
     """
     analysis = assessment.analysis
     conclusion_blocks = conclusion(assessment.judgement)
@@ -199,12 +202,15 @@ def conclusion(judgement: Judgement) -> Blocks:
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:
     """Returns the judgement of a flight as sentences without tables, for a narrow column of a dashboard.
 
-    The order is that of importance: headline and lights that need attention, the grade of the model for each purpose,
+    The most important comes first: headline and lights that need attention, the grade of the model for each purpose,
     the next step for the user, and warnings.
 
     Args:
         findings: grades of the model by purpose with their reasons, and warnings.
         judgement: headline, lights and next step; None if there is none, and then these are left out.
+
+    Returns:
+        The sentences.
     """
     grades = [
         Sentence(reason.advised, f"{purpose.capitalize()}: {grade}.")
@@ -388,11 +394,14 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
 
 
 def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks:
-    """Returns a table with a row for each axis of a vehicle, and the reasons for what it does not report.
+    """Returns a table with a row for each axis of a vehicle, and the reasons why figures are missing in it.
 
     Args:
-        axes: physical parameters and wind torque by axis; an axis of which nothing is known has no row.
-        is_doubtful: whether the flight itself is doubtful; then there is no advice on how to learn more from another.
+        axes: physical parameters and wind torque by axis; an axis without any figure has no row.
+        is_doubtful: whether the flight itself is doubtful; then there is no advice to learn more from another flight.
+
+    Returns:
+        The table, and a sentence for each reason.
     """
     rows = []
     for axis, figures in axes.items():

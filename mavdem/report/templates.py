@@ -87,7 +87,7 @@ def sentences_for(medium: Medium) -> Iterator[None]:
     """Sets the medium, such as a page or the terminal, for all sentences that are rendered within its block.
 
     Sentences differ by medium: the terminal names a command where a page has a table. The setting is a context
-    variable, so that other threads are not affected.
+    variable, so other threads are not affected.
 
     Args:
         medium: medium in which the sentences are shown.

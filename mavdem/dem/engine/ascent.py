@@ -292,18 +292,18 @@ def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
 
 
 def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
-    """Takes one round of D, E and M steps, and rejects its result where the free energy F̄ᵒ has decreased.
+    """Performs one round of D, E and M steps, and rejects its result if the free energy F̄ᵒ has decreased.
 
     From the current posterior only rounding can decrease F̄ᵒ; from an extrapolated one the round may end lower. The
-    covariances are updated at the end of the round only: updates after each step would cost twice as much and gain
-    hardly more.
+    covariances are updated only at the end of the round: updates after each step would cost twice as much for hardly
+    any gain.
 
     Args:
         current: the latest iterate.
         start: the posterior from which the round starts: that of ``current``, or an extrapolated one.
 
     Returns:
-        The new iterate, or ``current`` where F̄ᵒ of the new one is lower or the round breaks down.
+        The new iterate, or ``current`` if F̄ᵒ of the new one is lower or the round breaks down.
     """
     try:
         posterior = _after_d_step(start)

@@ -321,12 +321,15 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 
 
 def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
-    """Returns the rows of the prediction errors ε̃ that each term sums the weighted squares of.
+    """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The error of a prior of x, which comes after those of the states, counts among them.
+    The error of a prior of x, which follows those of the states, is counted among them.
 
     Args:
-        model: the model in generalised coordinates, which knows the layout of ε̃.
+        model: model in generalised coordinates, with the layout of ε̃.
+
+    Returns:
+        Rows by term.
     """
     rows = model.error_rows
     return {

@@ -109,7 +109,7 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
         dt: sampling step, s.
 
     Returns:
-        The transition over one step.
+        Φ (…, n, n), Γ₀ and Γ₁ (…, n, r) of one step.
     """
     n, r = B.shape[-2:]
     end_of_inputs = n + r

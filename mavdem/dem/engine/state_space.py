@@ -65,15 +65,18 @@ class StateSpace:
         """Returns the innovation form of a first-order-hold model with a Kalman filter.
 
         The model over a step is x_{t+1} = Φ x_t + Γ₀ u_t + Γ₁ u_{t+1}, in which the state already depends on the inputs
-        of its own sample. With the state x − Γ₁ u in its place, that dependence becomes the feedthrough D = C Γ₁, and
-        B = Φ Γ₁ + Γ₀ (Franklin, Powell and Workman, sec. 4.3.2). The filter corrects its state at each sample by
-        gain · e, so that A = Φ and K = Φ · gain. A segment starts with the state of least norm, C⁺ y, that has its
-        first outputs.
+        of its own sample. If the state is replaced by x − Γ₁ u, that dependence becomes the feedthrough D = C Γ₁, and B
+        = Φ Γ₁ + Γ₀ (Franklin, Powell and Workman, sec. 4.3.2). The filter corrects its state at each sample by gain ·
+        e, so that A = Φ and K = Φ · gain. A segment starts with the state of least norm, C⁺ y, that has its first
+        outputs.
 
         Args:
             transition: the model over one sampling step; leading axes are several models.
             C: (m, n) output matrix.
             gain: (n, m) gain of the filter.
+
+        Returns:
+            The innovation form, without trims.
         """
         Phi, Gamma0, Gamma1 = transition
         n, r = Gamma0.shape[-2:]
@@ -276,7 +279,7 @@ def filter_gain(
         The gain (n, m) with which an innovation corrects the state of the same sample.
 
     Raises:
-        numpy.linalg.LinAlgError: there is no steady filter, such as where no output shows an unstable state.
+        numpy.linalg.LinAlgError: there is no steady-state filter, for example if no output shows an unstable state.
     """
     Phi = discretize(A, np.empty((len(A), 0)), dt).Phi
     # ∫ exp(−τ²/4s²) dτ: power density at low frequency of a smooth noise of variance 1, s.

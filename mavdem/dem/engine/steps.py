@@ -201,11 +201,14 @@ class FreeEnergyOfLambda(NamedTuple):
     def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
         """Returns F̄ as a function of λ, with the states and θ of a posterior.
 
-        The squared errors are expected values: to those at the means come the mean-field terms, by which the
-        uncertainty of the states, of θ and of λ adds to them. The covariances are those of the posterior.
+        The squared errors are expected values: the mean-field terms, which come from the uncertainty of the states, of
+        θ and of λ, are added to the squares at the means. The covariances are those of the posterior.
 
         Args:
-            posterior: the posterior; its mean of λ plays no part.
+            posterior: the posterior; its mean of λ is not used.
+
+        Returns:
+            The function, by its coefficients.
         """
         model = posterior.model
         sample_count = posterior.samples.sample_count

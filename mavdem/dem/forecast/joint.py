@@ -83,15 +83,15 @@ HYPERPARAMETER_GRID = tuple(
 
 
 def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | None:
-    """Returns the mixer of the axis where it need not be estimated from a flight.
+    """Returns the mixer of the axis if it need not be estimated from a flight.
 
     Args:
         inputs: number of inputs r.
-        effect_directions: (r,) relative effect of each motor on the axis, or ``None`` where it is not known.
+        effect_directions: (r,) relative effect of each motor on the axis; None if it is not known.
 
     Returns:
-        (r, c) unit-length combinations of the inputs, as columns: of motors with known effects one; of fewer inputs
-        than a multirotor has motors, each input by itself. ``None`` where a flight must show the effects.
+        (r, c) unit-length combinations of the inputs, as columns: one if the effects of the motors are known; each
+        input by itself if there are fewer inputs than a multirotor has motors. None if a flight must show the effects.
     """
     if inputs < MIN_MOTORS:
         return np.eye(inputs)

@@ -149,7 +149,7 @@ class OnlineForecaster:
     def predict(self, memory: SampleMemory) -> ArrayPair:
         """Compares the latest sample with its predictions, and predicts the next ones.
 
-        The order matters: the sample is compared with what was predicted of it before its own predictions are stored.
+        The order matters: the sample is compared with its predictions before its own predictions are stored.
 
         Args:
             memory: Memory to which the latest sample has been added.

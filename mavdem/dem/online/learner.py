@@ -309,10 +309,10 @@ class OnlineLearner:
         self._start_fit_when_due()
 
     def adopt_finished_fit(self, timeout: float = 0.0) -> None:
-        """Takes the result of the executor's fit into use, if it has ended, also where no more samples come.
+        """Adopts the result of the executor's fit if it has ended, even if no more samples come.
 
         Args:
-            timeout: Longest time to wait for its end, s.
+            timeout: Longest time to wait for the end of the fit, s.
         """
         if self._pending_fit is None:
             return
@@ -369,10 +369,11 @@ class OnlineLearner:
 
         There is a gap before a sample if the step from the last one differs from ``dt`` by more than
         ``MAX_STEP_DEVIATION``. A step without a gap sets the count to 0. While the count is ``MAX_GAPS`` or more,
-        :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``; here that is withdrawn.
+        :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``; this function withdraws the
+        obstacle after the last gap.
 
         Args:
-            step: Time from the last sample to this one, s; negative where the clock was set back.
+            step: Time from the last sample to this one, s; negative if the clock was set back.
         """
         if abs(step - self._dt) > MAX_STEP_DEVIATION * self._dt:
             self._begin_segment()
@@ -514,7 +515,7 @@ class OnlineLearner:
             self.obstacle = self._reason_of_no_model()
 
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
-        """Takes the result of a fit into use, or states why the fit failed.
+        """Adopts the result of a fit, or states why the fit failed.
 
         F(t) of the new model has a level of its own, so that surprise begins with that of the training samples.
 

@@ -55,7 +55,7 @@ def record_from_blocks(
 def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after a time.
 
-    Blocks of an earlier boot of the autopilot, whose clock was another, are kept whatever their times: where times go
+    Blocks of an earlier boot of the autopilot, whose clock was different, are kept whatever their times: if times go
     back from one block to the next, a boot begins.
 
     Args:
@@ -168,7 +168,7 @@ class SampleMemory:
         return self._inputs[start:end], self._outputs[start:end]
 
     def _make_room(self, inputs: int, outputs: int) -> int:
-        """Makes tables for the samples where there are none yet, and else moves the latest samples to their beginning.
+        """Makes tables for the samples if there are none yet; otherwise moves the latest samples to their beginning.
 
         Args:
             inputs: Number of inputs, r.

@@ -51,14 +51,14 @@ class PredictionErrors:
         self._mean_squares[:] = np.nan
 
     def compare(self, sample: Array) -> None:
-        """Compares the next sample with what was predicted of it, and updates the averages of the squared errors.
+        """Compares the next sample with its predictions, and updates the averages of the squared errors.
 
-        There are three ways of prediction: by the model, by the last sample at the time of the prediction, and by the
-        mean of all samples up to then. The two trivial ones are what the model has to beat. The mean of the samples is
-        updated last, so that this sample counts only for later predictions.
+        There are three kinds of prediction: by the model, by the last sample at the time of the prediction, and by the
+        mean of all samples up to then. The model should be better than the other two. The mean of the samples is
+        updated last, so that this sample enters only later predictions.
 
         Args:
-            sample: (m,) the sample.
+            sample: (m,) outputs of the sample.
         """
         # The prediction at horizon h was made h samples ago.
         slots = (self._next_slot - self._horizons) % len(self._predictions)

@@ -102,7 +102,7 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
 
 
 def turning_sense(record: Record, mixer: Array) -> float:
-    """Returns 1 where a combination of the motors accelerates the axis in the positive sense of its rate, otherwise −1.
+    """Returns the sense in which a combination of the motors accelerates the axis.
 
     A vector autoregression of the outputs and the combination is fitted. The sign is that of the sum, over all lags, of
     the coefficients with which the rate follows the combination.
@@ -110,6 +110,9 @@ def turning_sense(record: Record, mixer: Array) -> float:
     Args:
         record: training data.
         mixer: (r, 1) weights of the motors in the combination.
+
+    Returns:
+        1 in the positive sense of the rate, otherwise −1.
     """
     combined = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
     coefficients = VectorAutoregression.learn(combined, MIXER_LAGS).coefficients

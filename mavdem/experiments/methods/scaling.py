@@ -34,14 +34,17 @@ class NormalizedUnits(NamedTuple):
 
     @classmethod
     def of(cls, record: Record) -> NormalizedUnits:
-        """Returns the units in which the training data have mean 0 and variance 1, and inputs are not correlated.
+        """Returns the units in which the training data have mean 0 and variance 1, and inputs are uncorrelated.
 
-        Motors move together, so that their commands depend on each other, and a regression on them would be singular.
-        The principal components of the inputs do not; those that hardly vary are left out. They come from the singular
-        value decomposition of the inputs in units of their standard deviations.
+        Motors move together, so their commands depend on each other, and a regression on them would be singular. The
+        principal components of the inputs are independent; those that hardly vary are left out. They come from the
+        singular value decomposition of the inputs in units of their standard deviations.
 
         Args:
             record: the training data.
+
+        Returns:
+            The units.
 
         Raises:
             ValueError: an output is constant.

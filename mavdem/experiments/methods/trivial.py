@@ -37,11 +37,14 @@ def _model_without_inputs(
     measurement: with A = C = K = I the state becomes the last measured deviation from the trim, and stays.
 
     Args:
-        method: its name.
+        method: name of the method.
         record: the training data.
-        output_trim: (m,) what is forecast without a state.
-        holds: whether each output has a state, the last deviation from its trim, which stays (A = C = K = I).
+        output_trim: (m,) forecast without a state.
+        holds: whether each output has a state, the last deviation from its trim, which is held (A = C = K = I).
             Otherwise there is no state.
+
+    Returns:
+        The model.
     """
     r = record.inputs.shape[1]
     m = record.outputs.shape[1]

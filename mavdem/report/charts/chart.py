@@ -325,12 +325,12 @@ class Chart(NamedTuple):
         """Returns the chart as a JSON object, from which the script ``charts.js`` of a page draws it.
 
         Arrays are packed as 16-bit integers in base64 (see ``packed``), which keeps a page small. All lines are put on
-        one grid of abscissae first, so that the grid is stored only once, under the key "at". A spectrogram takes the
-        place of the lines: it becomes the only element of "lines", and "at" holds just its first and last abscissa,
-        since its columns are evenly spaced.
+        one grid of abscissae first, so that the grid is stored only once, under the key "at". A spectrogram replaces
+        the lines: it becomes the only element of "lines", and "at" contains just its first and last abscissa, since its
+        columns are evenly spaced.
 
         Args:
-            max_points: number of points that a line has at most, about; longer lines are thinned.
+            max_points: approximate largest number of points of a line; longer lines are thinned.
 
         Returns:
             The fields of the chart by the keys that the script reads: "beside" is the vertical axis on the right, and

@@ -50,10 +50,12 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
 def flight_history_charts(
     vehicles: Mapping[str, Telemetry], names: Mapping[str, str], colours: Mapping[str, str]
 ) -> Iterator[Chart]:
-    """Yields charts of roll, pitch and height of the longest flight of each log; none of what no log has.
+    """Yields charts of roll, pitch and height in the longest flight of each log.
+
+    A quantity that no log has is left out.
 
     Args:
-        vehicles: the vehicle of each log, by side.
+        vehicles: telemetry of the vehicle of each log, by side.
         names: name of each side in the legend.
         colours: colour of each side.
     """

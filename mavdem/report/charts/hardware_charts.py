@@ -126,9 +126,10 @@ def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the size of the magnetic field at each compass, with the mean command of the motors.
+    """Yields a chart of the magnetic field's strength at each compass, with the mean command of the motors.
 
-    The earth's field has one size wherever the vehicle points: what follows the motors comes from their currents.
+    The strength of the earth's field does not depend on the attitude. A part that follows the motors comes from their
+    currents.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -68,11 +68,14 @@ def line_with_quantile_band(name: str, colour: str, x: Array, values: Array) -> 
 def bode_charts(learned: Learned, output: int = -1) -> Charts:
     """Returns the Bode diagram of a vehicle: magnitude and phase of an output per command of the axis, with 90 % bands.
 
-    The response is that of the physical plant or, where its parameters are not identifiable, of DEM's model.
+    The response is that of the physical plant or, if its parameters are not identifiable, of DEM's model.
 
     Args:
         learned: the learned model.
         output: index of the output; the last one, a rate, unless given.
+
+    Returns:
+        A chart of the magnitude, and one of the phase, degrees.
     """
     command = AxisCommand.of(learned)
     labels = Labels.of(learned)
@@ -104,15 +107,18 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
 
 
 def residual_charts(learned: Learned, output: int = -1) -> Charts:
-    """Returns one-step residuals over time, their autocorrelation, and their correlation with the command.
+    """Returns charts of one-step residuals, their autocorrelation, and their correlation with the command.
 
-    The residuals of a good model are white and independent of the command; what remains correlated, it does not
-    explain. Of a good model, about one correlation in a hundred lies beyond the 99 % bounds (L. Ljung, System
+    The residuals of a good model are white and independent of the command; the model does not explain a remaining
+    correlation. For a good model, about one correlation in a hundred is beyond the 99 % bounds (L. Ljung, System
     Identification, 2nd ed., sec. 16.6).
 
     Args:
         learned: the learned model.
         output: index of the output; the last one, a rate, unless given.
+
+    Returns:
+        Three charts.
     """
     labels = Labels.of(learned)
     name = labels.output_names[output]
@@ -202,14 +208,17 @@ def torque_line(learned: Learned, name: str, colour: str) -> Line | None:
 
 
 def forecast_charts(held_out: HeldOut, labels: Labels, output: int = 0) -> Charts:
-    """Returns an output beside its forecasts in the first held-out windows, and the RMSE in every window.
+    """Returns charts of an output with its forecasts in the first held-out windows, and of the RMSE in every window.
 
-    The forecast begins again in each window. With a single window there is no chart of the RMSE.
+    The forecast restarts in each window. With a single window there is no chart of the RMSE.
 
     Args:
         held_out: W windows that no model was trained on.
         labels: names and units of the outputs.
         output: index of the output.
+
+    Returns:
+        One chart or two.
 
     Raises:
         ValueError: there are no windows.

@@ -96,14 +96,17 @@ def frame_plan(
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
-    """Returns the level by which each motor is coloured, so that the drawing agrees with the light.
+    """Returns the level in whose colour each motor is drawn, so that the drawing agrees with the light.
 
-    Under a light that warns, the motor that it names has its level. If it names none, those have it whose trim deviates
-    as much as after a fault or, if there are none of these, all.
+    Under a light that warns, the motor that it names has its level. If it names none, the motors whose trim deviates as
+    much as after a fault have it or, if there are none, all motors.
 
     Args:
-        light: the fact of the light of the motors.
-        imbalance: trim deviation of each motor (M,), percent.
+        light: fact of the light on the motors.
+        imbalance: (M,) trim deviation of each motor, percent.
+
+    Returns:
+        (M,) levels.
     """
     count = len(imbalance)
     if not light.warns:
@@ -159,17 +162,20 @@ def _wind_rose(
     weight: float,
     mean_direction: float | None = None,
 ) -> Plan:
-    """Returns a wind rose, a histogram of wind by direction, in which petals show the classes of speed.
+    """Returns a wind rose: a histogram of wind by direction, with petals for the classes of speed.
 
-    The petals of a direction lie one outside of the other, the slowest class in the middle. Their lengths are the
-    counts of their classes, so that all of them together reach to the count of the direction.
+    The petals of a direction are stacked outwards, the slowest class in the middle. The length of a petal is the count
+    of its class, so that all together reach to the count of the direction.
 
     Args:
-        description: the drawing in words.
-        direction: directions that the wind comes from (N,), degrees.
-        speed: wind speeds (N,), m/s.
+        description: text that describes the drawing.
+        direction: (N,) directions that the wind comes from, degrees.
+        speed: (N,) wind speeds, m/s.
         weight: weight of each of the N winds: 1 for numbers of flights, otherwise percent of the time.
         mean_direction: direction, degrees, from which an arrow shows the mean wind; None without an arrow.
+
+    Returns:
+        The drawing.
     """
     sector = np.rint(direction / SECTOR_WIDTH).astype(int) % SECTOR_COUNT
     bins = (SPEED_CLASS_LIMITS, np.arange(SECTOR_COUNT + 1))
@@ -184,7 +190,7 @@ def _wind_rose(
             if outer > inner:
                 petals.append(_Petal(number, scale * inner, scale * outer, opacity))
     unit = " %" if weight != 1.0 else ""
-    # If the outer ring stands for more than 1, the labels are whole numbers.
+    # If the outer ring is at more than 1, the labels are whole numbers.
     decimals = 0 if scale < RADIUS else 1
     rings = [(radius, f"{radius / scale:.{decimals}f}{unit}") for radius in (RADIUS / 2, RADIUS)]
     svg = svg_of("rose", petals=petals, rings=rings, arrow=mean_direction)

@@ -59,12 +59,15 @@ def environment() -> Environment:
 
 
 def _prose(text: str) -> Markup:
-    """Returns text as HTML: what stands between backquotes as code, and no line break before a percent sign.
+    """Converts text to HTML: parts between backquotes become code, and percent signs stay on the line of their number.
 
-    The text is escaped first, since it may come from a log. If a backquote has no partner, all stay as they are.
+    The text is escaped first, since it may come from a log. If a backquote has no partner, all are kept as they are.
 
     Args:
         text: plain text of one sentence or more.
+
+    Returns:
+        The HTML.
     """
     html = str(escape(_SPACE_BEFORE_PERCENT.sub("\N{NO-BREAK SPACE}%", text)))
     has_unpaired_backquote = html.count("`") % 2 == 1

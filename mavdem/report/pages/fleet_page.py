@@ -329,10 +329,10 @@ def _label(name: str, last: LastFlight, names: GivenNames) -> str:
 
 
 def _note(vehicle: VehicleFlights) -> str:
-    """Returns what is to be known of a vehicle at a glance: trouble with its motors, or else a headline that warns.
+    """Returns the note on a vehicle in the list of a fleet: trouble with its motors, or a headline that warns.
 
-    The headline is that of its latest flight. That nothing is wrong is no note: most vehicles of a fleet would have the
-    same.
+    The headline is that of its latest flight. A vehicle without trouble has no note, since most vehicles of a fleet
+    would have the same.
 
     Args:
         vehicle: summary of the vehicle's flights.

@@ -225,13 +225,16 @@ def _numbered_events(
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
-    What to do about an event, and what shows it, stands on the page once.
+    The remedy of an event and its witnesses are on the page only once.
 
     Args:
         events: events of all boots of the autopilot.
-        timeline: charts of one of these boots, on whose clock events of other boots have no place.
-        next_step: what to do next, which the page states above the events.
-        why_of_headline: what shows the headline, likewise.
+        timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
+        next_step: text of the next step, which the page shows above the events.
+        why_of_headline: witnesses of the headline, which the page shows above the events too.
+
+    Returns:
+        The events in order.
     """
     page_events = []
     number = 0
@@ -298,13 +301,13 @@ def _flight_chapters(
     advice: AdviceByAxis,
     is_full: bool,
 ) -> Iterator[Chapter]:
-    """Yields the chapters of what a flight shows without a model; none if the log holds no flight.
+    """Yields the chapters of a flight that need no model; none if the log has no flight.
 
     Args:
         name: title of the page.
         assessment: assessment of the log.
         timeline: charts over time; None if the attitude has too few samples.
-        advice: gains that are advised by axis, or why there are none; empty without advice.
+        advice: advised gains by axis, or the reason why there are none; empty without advice.
         is_full: whether the page is that of one log, with spectrograms and advice on gains, or a small one of a fleet.
     """
     evidence = assessment.evidence

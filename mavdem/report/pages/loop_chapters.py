@@ -135,12 +135,12 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
 def loops_chapters(
     assessment: Assessment, evidence: Evidence, advice: AdviceByAxis
 ) -> Iterator[Chapter]:
-    """Yields two chapters of control loops: what was decided on each axis with charts, then margins and gains.
+    """Yields two chapters on control loops: the decision on each axis with charts, then margins and gains.
 
     Args:
         assessment: assessment of the log, with the decisions on the loops.
-        evidence: the loops of all axes as far as they were identified, and their margins.
-        advice: gains that are advised by axis, or why there are none; empty without advice.
+        evidence: identified loops of the axes, and their margins.
+        advice: advised gains by axis, or the reason why there are none; empty without advice.
     """
     decisions = assessment.loop_decisions
     next_step = str(assessment.next_step)
@@ -154,7 +154,7 @@ def loops_chapters(
     }
     figures: Blocks = [*margin_tables(loops, doubtful=evidence.axes_with_doubtful_loop)]
     for axis, axis_advice in advice.items():
-        # Why an axis has no gains is in the decision on it.
+        # The decision on an axis says why it has no gains.
         if isinstance(axis_advice, Advice) and not axis_advice.refusals:
             figures.append(Sentence(axis_advice.sentence.advised, f"Gains of {axis}:"))
             figures += gain_blocks(axis_advice)
@@ -168,7 +168,7 @@ def loops_chapters(
     group = Group.of_axes(columns, assessment.lights[Light.MARGINS], text)
     yield Chapter("Control loops", summary, [group])
     groups: list[Group] = []
-    # The page of a flight is waited for; that of `mavdem tune` has the hover in wind too.
+    # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.
     trials = gain_trial_groups(evidence, advice, assessment.responses, in_wind=False)
     for trial in trials.values():
         # All axes have one caption, below the last.
@@ -184,8 +184,11 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
     Axes with the same fact share one sentence.
 
     Args:
-        evidence: the margins of each axis; in the place of an unidentified loop, the fact that says why.
+        evidence: margins of each axis; for an unidentified loop, the fact that says why.
         decisions: decisions on the loops, by axis. The page gives their reason elsewhere.
+
+    Returns:
+        The sentences.
     """
     axes_and_facts = []
     for margin in evidence.margins:
@@ -197,11 +200,11 @@ def _margin_sentences(evidence: Evidence, decisions: DecisionsByAxis) -> list[Se
             if decision is None:
                 axes_and_facts.append((margin.axis, fact))
                 continue
-            # The reason of the decision stands above these sentences already.
+            # The reason of the decision is shown above these sentences already.
             is_repetition = fact.code is decision.reason.code
             if is_repetition:
                 continue
-            # Good margins are no praise for an axis that does not follow its setpoint: the sentence says so.
+            # If the axis does not follow its setpoint, good margins are not enough, and the sentence says so.
             if fact.is_good and decision.verdict is LoopVerdict.FOLLOWS_BADLY:
                 fact = fact.replace(follows=False)
             axes_and_facts.append((margin.axis, fact))

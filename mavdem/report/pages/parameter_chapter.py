@@ -81,12 +81,15 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
 
 
 def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
-    """Returns the rows of the table of parameters that are not the firmware's default, with their meaning if known.
+    """Returns the rows of the table of parameters that differ from the firmware's default.
 
-    Others, and what the autopilot sets by itself, such as calibrations, are left out.
+    Parameters without a known meaning, and those that the autopilot sets by itself, such as calibrations, are left out.
 
     Args:
         telemetry: telemetry of the vehicle.
+
+    Returns:
+        Rows of name, value, default and meaning.
     """
     rows = []
     for name, default in sorted(telemetry.changed_defaults.items()):
