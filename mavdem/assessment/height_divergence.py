@@ -111,7 +111,9 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         )
     cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
     if cause is not None:
-        statements.append(cause)
+        is_of_flight = cause.figures.get("part") == "in flight"
+        window_start = start - CONTEXT_SECONDS
+        statements.append(cause.replace(time=window_start, until=end) if is_of_flight else cause)
     full_throttle = _full_throttle(scene, interval)
     # A vehicle that sinks at full throttle lacks thrust, whatever its estimate does.
     if full_throttle is not None and is_rising:

@@ -19,7 +19,7 @@ from mavdem.assessment.lights.estimator import (
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
-from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.phases import MIN_COLLECTIVE_ABOVE_IDLE, series_of_boot
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
@@ -98,9 +98,44 @@ def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
 
 
 def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
-    """Returns the samples (N,) or (N, k) of a series in flight; all of them where there was no flight."""
-    in_flight = evidence.values_in_flight(series)
-    return in_flight if len(in_flight) else series.values
+    """Returns the samples (N,) or (N, k) of a series in flight; all of them where there was no flight.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        series: samples of all boots.
+    """
+    parts = []
+    for flight in evidence.in_flight(series):
+        intervals = _carried_intervals(evidence, int(flight.boot[0]))
+        rows = in_intervals(flight.time, intervals)
+        if rows.any():
+            parts.append(flight.values[rows])
+    return np.concatenate(parts) if parts else series.values
+
+
+def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
+    """Returns the intervals of a boot from when the motors could carry the vehicle in a flight until they no longer do.
+
+    Some autopilots report a vehicle off the ground while its motors still spin up, and on it after they have slowed.
+    Where no motors are known, or they never were above idle, the flights themselves are returned.
+
+    Args:
+        evidence: what the log shows of the vehicle.
+        boot: number of the boot.
+    """
+    flights = evidence.flights(boot)
+    motors = evidence.signals.motors
+    if motors is None or evidence.other_vehicle is not None:
+        return flights
+    least = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    collective = motors.collective.of_boot(boot)
+    intervals = []
+    for flight in flights:
+        in_flight = in_intervals(collective.time, [flight])
+        carrying = collective.time[in_flight & (collective.values > least)]
+        if len(carrying):
+            intervals.append((float(carrying[0]), float(carrying[-1])))
+    return intervals or flights
 
 
 def _measured_state(values: Array) -> Fact:
@@ -457,11 +492,7 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
     motors = evidence.signals.motors
     if motors is None:
         return
-    if evidence.other_vehicle is None:
-        outputs = _outputs_off_ground(evidence, motors)
-    else:
-        series = TimeSeries(motors.time, motors.boot, motors.outputs)
-        outputs = _values_in_flight(evidence, series)
+    outputs = _values_in_flight(evidence, TimeSeries(motors.time, motors.boot, motors.outputs))
     for name, channel, values in zip(
         motors.geometry.names, motors.geometry.channels, outputs.T, strict=True
     ):
@@ -475,32 +506,6 @@ def _outputs(evidence: Evidence) -> Iterator[Instance]:
             state=_measured_state(values),
             used_share=1.0,
         )
-
-
-def _outputs_off_ground(evidence: Evidence, motors: MotorOutputs) -> Array:
-    """Returns the outputs of k motors in flight, from when they could carry the vehicle until they no longer do.
-
-    Some autopilots report a vehicle off the ground while its motors still spin up, and on it after they have slowed.
-    Where the motors never were above idle, the outputs of all of the flight are returned.
-
-    Args:
-        evidence: what the log shows of the vehicle.
-        motors: its motors.
-
-    Returns:
-        The outputs (N, k).
-    """
-    least = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
-    series = TimeSeries(motors.time, motors.boot, motors.outputs)
-    parts = []
-    for flight in evidence.in_flight(series):
-        collective = motors.scale.fraction(flight.values).mean(axis=1)
-        carrying_rows = np.flatnonzero(collective > least)
-        if len(carrying_rows):
-            parts.append(flight.values[carrying_rows[0] : carrying_rows[-1] + 1])
-    if parts:
-        return np.concatenate(parts)
-    return _values_in_flight(evidence, series)
 
 
 def _motor_in_brackets(evidence: Evidence, name: str) -> str:

@@ -17,7 +17,12 @@ def why(fact: Fact) -> list[Sentence]:
     # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
     from mavdem.witnesses.statements import contradicting_statements, supporting_statements
 
-    witnesses = fact.figures.get("witnesses", ())
+    witnesses = []
+    for witness in fact.figures.get("witnesses", ()):
+        reported = witness.figures.get("cause")
+        # What the autopilot reports is one of its own witnesses: the fact says so itself.
+        if reported is None or reported.code is not fact.code:
+            witnesses.append(witness)
     return render_section(
         "why",
         supporting=supporting_statements(witnesses),

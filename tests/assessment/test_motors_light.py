@@ -57,6 +57,9 @@ def weak(begin, end=np.inf):
 def test_the_worst_is_said(pulses, code, level):
     found = motors_light(evidence(pulses))
     assert (found.code, found.level) == (code, level)
+    if code is MotorsLight.HEADROOM_LITTLE:
+        # All motors are alike.
+        assert len(found.figures["names"]) == 4 and " have " in str(found)
     if code is InFlight.MOTOR_LOST_THRUST:
         if level == "bad":
             assert found.until is None

@@ -2,6 +2,7 @@
 
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
 from mavdem.report.why import why, why_text
 from mavdem.witnesses.statements import (
@@ -34,6 +35,15 @@ def test_witnesses_for_an_event_come_first_and_those_against_it_last():
 def test_what_stands_askew_is_not_called_upright():
     assert str(UPRIGHT).endswith(" it stood upright, by the accelerometer.")
     assert " it stood 32° from upright" in str(UPRIGHT.replace(angle=0.56))
+
+
+def test_a_report_does_not_prove_itself():
+    crash = Fact(Reported.CRASH_DETECTED, time=5.0, boot=0)
+    reported = supporting_statement(Witness.AUTOPILOT_REPORTED, cause=crash)
+    assert why_text(crash.replace(witnesses=(reported, SANK))) == (
+        "Why: the barometer sank at 4.0 m/s at 2.5 s."
+    )
+    assert "the autopilot reports a crash (5.0 s)" in why_text(hit(reported, SANK))
 
 
 def test_an_event_without_witnesses_has_no_why():

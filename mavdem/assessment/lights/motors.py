@@ -10,7 +10,7 @@ from mavdem.assessment.first_failure import SPENT_THRUST_SHARE
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
 from mavdem.dataset.motor_outputs import motor_outputs_or_obstacle
-from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
@@ -70,7 +70,7 @@ def motors_light(evidence: Evidence) -> Fact:
         if _has_full_throttle(evidence) or _is_limited_together(evidence, hover):
             limited = None
         if limited is not None and hover.seconds >= MIN_STEADY_SECONDS:
-            facts.append(limited.fact(MotorsLight.MOTOR_LIMITED))
+            facts.append(limited.fact(MotorsLight.MOTOR_LIMITED).replace(is_settled=True))
         facts.append(_trim_or_headroom(evidence, hover))
     return worst_fact(facts)
 
@@ -228,7 +228,11 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     is_little = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
     if is_little and trim.level is not Level.WATCH:
         highest_trim = max(hover.trim_of_range)
-        return Fact(MotorsLight.HEADROOM_LITTLE, share=headroom, trim=highest_trim)
+        names = []
+        for name, left in zip(hover.motors, hover.headroom, strict=True):
+            if left - headroom < STOP_MARGIN:
+                names.append(name)
+        return Fact(MotorsLight.HEADROOM_LITTLE, names=names, share=headroom, trim=highest_trim)
     if trim.is_good:
         is_known = not _has_full_throttle(evidence)
         return Fact(
