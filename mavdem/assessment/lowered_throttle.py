@@ -55,5 +55,10 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
             return None
         if end - start >= LOWERED_SECONDS:
             travel = stick.values[in_intervals(stick.time, [(start, end)])]
-            return Fact(FailedFirst.THROTTLE_LOWERED_FIRST, time=start, share=float(travel.min()))
+            return Fact(
+                FailedFirst.THROTTLE_LOWERED_FIRST,
+                time=start,
+                until=min(end, onset),
+                share=float(travel.min()),
+            )
     return None
