@@ -101,8 +101,17 @@ CONVERGED_STEP = 0.1
 MAX_PRIOR_DEVIATIONS = 4.0
 """Distance from the prior mean, in standard deviations, that no scaled parameter exceeds."""
 
-MAX_ITERATIONS = 12
+USUAL_ITERATIONS = 12
+"""Number of iterations of Fisher scoring after which it ends if it has settled: a choice."""
+
+MAX_ITERATIONS = 40
 """Number of iterations of Fisher scoring, at most: a choice."""
+
+SETTLED_CHANGE = 5.0
+"""Change of the log posterior from one iteration to the next, in nats, from which on the search is still under way.
+
+A choice: around a maximum that the search has found, it changes by 1 or 2 nats.
+"""
 
 WIND_DRAWS = 64
 """Number of posterior samples of the scaled parameters, each with a wind of its own: a choice."""
@@ -165,7 +174,8 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     likelihood would still seem to tell them, but only by the form of the model. So its information is reduced: on drag
     by the squared share of the force that manoeuvres explain (``steered``), on lean by the share of turned yaw. Each
     iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then diverge, so
-    the parameters with the highest posterior of all iterations are the result.
+    the parameters with the highest posterior of all iterations are the result. A search that is still under way after
+    ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag.
 
     Args:
         moved: motion of the flight.
@@ -182,7 +192,8 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
     highest = np.nan
-    for _ in range(MAX_ITERATIONS):
+    former_value = np.nan
+    for iteration in range(MAX_ITERATIONS):
         about = _expand(mean, moved)
         information = about.information * np.sqrt(np.outer(information_shares, information_shares))
         # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
@@ -201,6 +212,10 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
         if value > highest or np.isnan(highest):
             highest = value
             best = DragPosterior(mean, (covariance + covariance.T) / 2, steered)
+        has_settled = abs(value - former_value) < SETTLED_CHANGE
+        if iteration >= USUAL_ITERATIONS and has_settled:
+            break
+        former_value = value
         gradient = discount @ (information_shares * about.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
         mean = np.clip(

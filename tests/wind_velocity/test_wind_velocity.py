@@ -226,6 +226,13 @@ def test_what_is_no_free_flight_is_refused():
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
 
+def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
+    # Hardly accelerating, it needs 5.5 m/s² at 14.5 m/s against the wind, and 4.2 m/s² at 19.6 m/s with it: 4.8 m/s.
+    wind = mavdem.wind(shared("real/logs/px4_crash_hovers_at_12_percent.ulg"))
+    assert wind.speed_interval[0] < 4.8 < wind.speed_interval[1]
+    assert abs(wind.direction - 85) < 15
+
+
 def test_resets_are_no_motion():
     yaw = np.array([6.2, 0.1, 0.2, 1.4, 1.5])  # past north, then a reset
     assert np.flatnonzero(_resets(0.1 * np.arange(5.0), yaw, YAW_RESET, 2 * np.pi)) == [2]
