@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,12 +77,27 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
     for vehicle in outdated:
         _update_flight_pages(folder, read_brief_rows(folder, vehicle))
     texts = kept_summaries(store, SUMMARY_VERSION, outdated, make_summary)
-    summaries = [summary_adapter().validate_json(text) for text in texts]
+    try:
+        summaries = _read_summaries(texts)
+    except ValueError:
+        # One that was kept is damaged. All can be made of the rows again.
+        vehicles = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
+        texts = kept_summaries(store, SUMMARY_VERSION, vehicles, make_summary)
+        summaries = _read_summaries(texts)
     names = read_names(store.db)
     index = folder / INDEX_FILE
     write_text_atomically(index, fleet_page(summaries, changes, charts, names))
     mark_pages_updated(store, outdated)
     return FleetPages(index, summaries, names)
+
+
+def _read_summaries(texts: Iterable[str]) -> list[VehicleSummary]:
+    """Returns the summaries of vehicles that were kept as JSON.
+
+    Raises:
+        ValueError: A text is damaged: pydantic's errors of validation are of this class.
+    """
+    return [summary_adapter().validate_json(text) for text in texts]
 
 
 def _update_flight_pages(folder: Path, rows: FlightRows) -> None:

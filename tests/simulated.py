@@ -64,7 +64,7 @@ def in_closed_loop(seed=0, steering=0.0, samples=700, wind=1.0, commanded=None):
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
         now = float(MOTORS @ commands[k])
-        # commands act half a sample late
+        # Commands act half a sample late.
         for step, push in enumerate(rng.standard_normal(FINE).tolist()):
             torque += fine / LAG * ((now if step >= 5 or k == 0 else before) - torque)
             drift = keeps * drift + gusty * push

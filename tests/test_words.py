@@ -90,3 +90,8 @@ def test_each_code_has_its_sentence_and_each_sentence_its_code():
 )
 def test_a_text_for_one_line_ends_with_a_whole_clause(columns, shown):
     assert shortened("Deviation small (largest: 0 ± 8 %); headroom 12 %.", columns) == shown
+
+
+def test_a_text_of_one_clause_is_cut_after_a_phrase():
+    text = "Roll follows its setpoint to 1.5°, 0.08 s late, its rate to 14 °/s."
+    assert shortened(text, 60) == "Roll follows its setpoint to 1.5°, 0.08 s late …"

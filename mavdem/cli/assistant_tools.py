@@ -20,7 +20,7 @@ from mavdem.cli.exit_codes import EXIT_DONE, EXIT_UNSUPPORTED
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.export.fields import FieldSamples, messages_of, samples_of
+from mavdem.export.fields import FieldSamples, message_names, messages_of, samples_of
 from mavdem.ingest import Telemetry, read_log
 from mavdem.ingest.all_messages import with_all_messages
 
@@ -107,7 +107,7 @@ def diff(before: str, after: str) -> JsonValues:
 def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues:
     """Lists every message of a log, as the log calls it, with its count, rate, times, numeric fields and instances.
 
-    A list of more than 2000 fields ends there, and says how many messages it leaves out.
+    A list of more than 2000 fields ends there, and says how many messages of the log are not looked at.
 
     Args:
         log: Path of a flight log.
@@ -116,17 +116,16 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
     """
     telemetry = with_all_messages(_telemetry(log, vehicle), log)
     listed: list[JsonValues] = []
-    left_out = 0
     fields = 0
-    for message in messages_of(telemetry):
-        if name.lower() not in message.message.lower():
-            continue
+    # The messages of a hostile log, of which there may be many, are described only as far as they are listed.
+    for message in messages_of(telemetry, name):
         fields += len(message.fields)
         if fields > MAX_LISTED_FIELDS:
-            left_out += 1
-        else:
-            listed.append(message._asdict())
-    return {"messages": listed, "messages_left_out": left_out}
+            names = message_names(telemetry, name)
+            left_out = len(names) - names.index(message.message)
+            return {"messages": listed, "messages_left_out": left_out}
+        listed.append(message._asdict())
+    return {"messages": listed, "messages_left_out": 0}
 
 
 def samples(

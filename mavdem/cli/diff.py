@@ -95,7 +95,7 @@ def diff_command(
     A and B are each a log, or a FLEET of `mavdem track`. Of a FLEET all flights of the vehicle count, and show how much
     one flight differs from the next. For single flights that spread is assumed, and the report says so.
 
-    Compared are each motor's share of the work and its control effectiveness, rate damping, motor time constant and
+    Compared are each motor's relative trim and its control effectiveness, rate damping, motor time constant and
     margins. Of the changes, at most 5 % are expected to be false (Benjamini and Hochberg). Wind, battery and payload
     are conditions: they widen the intervals.
 
@@ -139,8 +139,8 @@ def diff_command(
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
     blocks = [
-        *headline_blocks(headlines),
         *difference_blocks(difference, parameters, names_without_gains),
+        *headline_blocks(headlines),
         *next_blocks(difference, parameters),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]

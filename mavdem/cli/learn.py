@@ -142,7 +142,9 @@ def learn_command(
         if not has_model:
             report_error(assessment.refusal.fact, as_json=False)
     elif not no_files:
-        print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")
+        print_to_stdout(
+            f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {max(seconds, 1):.0f} s)"
+        )
     if not has_model:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 

@@ -1,6 +1,6 @@
 """Status of a live session on standard error: one line that is updated on a terminal, elsewhere lines with news."""
 
-import re
+from collections.abc import Hashable
 from contextlib import suppress
 from math import inf
 from time import monotonic, strftime
@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.text import Text
 
 from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Figure
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.live import watched_quantities
@@ -20,9 +20,6 @@ from mavdem.report.templates import render_section
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
 
-MEASUREMENT = re.compile(r"\d[\d.,]*(?= ?(?:Hz|ms|min|s|V|A|m|m/s|%|°)(?!\w))")
-"""A number with a unit in a sentence. It varies from second to second, and is no news; the number of a motor is."""
-
 
 class PrintedState(NamedTuple):
     """What a line says of the state of a session, without its figures."""
@@ -30,16 +27,19 @@ class PrintedState(NamedTuple):
     vehicle: str | None
     """The vehicle; None before it is known."""
 
-    obstacle: str
-    """Code of the fact why there is no new model; empty while all is well."""
+    obstacle: Hashable
+    """What the fact says why there is no new model; None while all is well."""
+
+    is_late: bool
+    """Whether this computer does not keep up."""
 
 
 class StatusLines:
     """Shows the status of a live session on standard error.
 
-    On a terminal two lines are updated where they are. Elsewhere a line with the time of day is printed where the state
-    or a sentence is new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or no longer are, is
-    printed when it changes.
+    On a terminal the status is updated where it is. Elsewhere a line with the time of day is printed where the state is
+    new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or no longer are, is printed when it
+    changes. A fact is new where it says something else; the same with other figures is no news.
     """
 
     def __init__(self, terminal_text: Live | None) -> None:
@@ -49,18 +49,16 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self._terminal_text = terminal_text
-        # The last sentences on problems and on what is watched, without measurements; the state that was printed last;
-        # and when, s of the monotonic clock.
-        self._printed_problems: set[str] = set()
+        # The state that was printed last and when, s of the monotonic clock; and what was watched, or why not.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
-        self._watch_texts: set[str] = set()
+        self._watch_meanings: set[Hashable] = set()
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal, two lines are updated in place: one on the learning, and one on everything else, which is cut at
-        the width of the terminal and red while an alarm lasts. Elsewhere, as in a file, only new sentences are printed.
+        On a terminal, two sentences are updated in place: one on the learning, and one on everything else, which is red
+        while an alarm lasts. Elsewhere, as in a file, only what is new is printed.
 
         Args:
             session: The session.
@@ -72,12 +70,11 @@ class StatusLines:
             for sentence in render_section("live_status", status=status)
         ]
         if self._terminal_text is None:
-            self._print_new(_printed_state(status), sentences)
+            self._print_new(status, sentences)
             return
         # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
         remarks = [*sentences[1:], watched_quantities(status.watch_facts)]
         remark_line = Text(" ".join(remarks), _style(*status.active_alarms))
-        remark_line.truncate(STDERR.width, overflow="ellipsis")
         self._terminal_text.update(Group(sentences[0], remark_line), refresh=True)
 
     def _report_watch_changes(self, watch_facts: Facts) -> None:
@@ -86,51 +83,54 @@ class StatusLines:
         Args:
             watch_facts: Fact for each quantity that it is monitored, or why it is not.
         """
-        former_texts = self._watch_texts
-        self._watch_texts = set()
-        changed_facts = []
-        for fact in watch_facts:
-            text = _without_measurements(watched_quantities([fact]))
-            self._watch_texts.add(text)
-            if text not in former_texts:
-                changed_facts.append(fact)
+        former_meanings = self._watch_meanings
+        self._watch_meanings = {_meaning(fact) for fact in watch_facts}
+        changed_facts = [fact for fact in watch_facts if _meaning(fact) not in former_meanings]
         if changed_facts:
             print_to_stderr(timed(watched_quantities(changed_facts)))
 
-    def _print_new(self, state: PrintedState, sentences: list[str]) -> None:
-        """Prints the sentences of a status that the status before did not have, as one line.
+    def _print_new(self, status: SessionStatus, sentences: list[str]) -> None:
+        """Prints a line where the state is another one than in the last line, or that was printed long ago.
 
-        Other figures alone are no news.
+        The session reports alarms, and an obstacle to learning, as facts where they begin. So they are in the line only
+        where that is a reminder.
 
         Args:
-            state: The vehicle and the obstacle to learning.
-            sentences: First that on the learning, whose figures always differ, then those on problems.
+            status: The status.
+            sentences: First that on the learning, then those on problems.
         """
-        learning, *problems = sentences
-        former_problems = self._printed_problems
-        self._printed_problems = {_without_measurements(sentence) for sentence in problems}
-        new_problems = [
-            sentence
-            for sentence in problems
-            if _without_measurements(sentence) not in former_problems
-        ]
+        state = PrintedState(
+            status.vehicle,
+            None if status.obstacle is None else _meaning(status.obstacle),
+            status.delay_fact is not None,
+        )
         now = monotonic()
-        is_due = now - self._print_time >= UNCHANGED_STATE_PERIOD
-        if new_problems or state != self._printed_state or is_due:
-            self._printed_state = state
-            self._print_time = now
-            print_to_stderr(timed(" ".join([learning, *new_problems])))
+        is_new = state != self._printed_state
+        if not is_new and now - self._print_time < UNCHANGED_STATE_PERIOD:
+            return
+        self._printed_state = state
+        self._print_time = now
+        shown = sentences
+        if is_new:
+            shown = sentences[:1]
+            if status.delay_fact is not None:
+                shown.append(str(status.delay_fact))
+        print_to_stderr(timed(" ".join(shown)))
 
 
-def _printed_state(status: SessionStatus) -> PrintedState:
-    """Returns what a line says of the state of a session, without its figures."""
-    obstacle = "" if status.obstacle is None else str(status.obstacle.code)
-    return PrintedState(status.vehicle, obstacle)
+def _meaning(figure: Figure) -> Hashable:
+    """Returns what a fact says apart from its measurements, which vary from second to second and are no news.
 
-
-def _without_measurements(sentence: str) -> str:
-    """Returns a sentence with a sign in the place of each measurement, by which it is found to be the same."""
-    return MEASUREMENT.sub("#", sentence)
+    Args:
+        figure: A fact, or a figure of one: its words count, and the facts within it, but not its numbers.
+    """
+    if isinstance(figure, Fact):
+        figures = tuple((name, _meaning(value)) for name, value in figure.figures.items())
+        return figure.code, figure.level, figure.subject, figures
+    if isinstance(figure, tuple):
+        return tuple(map(_meaning, figure))
+    is_measurement = isinstance(figure, int | float) and not isinstance(figure, bool)
+    return None if is_measurement else figure
 
 
 def print_fact(fact: Fact) -> None:

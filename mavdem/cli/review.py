@@ -119,4 +119,6 @@ def review_command(
         print_json(document)
         return
     seconds = perf_counter() - start_time
-    print_to_stdout(f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {seconds:.1f} s)")
+    print_to_stdout(
+        f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {max(seconds, 1):.0f} s)"
+    )

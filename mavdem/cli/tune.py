@@ -15,7 +15,7 @@ from mavdem.cli.options import (
     start_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen, progress, report_parts
+from mavdem.cli.output import print_json, print_screen, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
 from mavdem.cli.streams import print_to_stderr
@@ -23,9 +23,10 @@ from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence
-from mavdem.report.loops import tune_blocks
+from mavdem.report.loops import is_of_loops, tune_blocks
 from mavdem.report.pages.page import tune_page
 from mavdem.report.screen import conclusion
+from mavdem.report.templates import headline
 
 PAGE_FILE = "tune.html"
 """Name of the page with the loops and the advised gains."""
@@ -131,23 +132,25 @@ def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence)
 
 
 def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
-    """Prints margins and gains, and the judgement of the flight.
+    """Prints margins and gains, and of the judgement of the flight what bears on them.
 
     Args:
         tuning: The gains to set.
         folder: Folder that the page was written to, if it was.
         verbose: Whether to print all margins and the other lights.
     """
-    parts = report_parts(conclusion(tuning.judgement))
+    judgement = tuning.judgement
+    lights = conclusion(judgement)[1:-1] if verbose else []
     blocks = tune_blocks(tuning, verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
-    # A headline that says that the vehicle must not fly comes before its gains.
-    if tuning.judgement.headline.is_bad:
-        blocks = [parts.headline, *blocks]
-    else:
-        blocks = [*blocks, parts.headline]
-    blocks.append(parts.next_step)
+    is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)
+    # A headline that says that the vehicle must not fly comes before its gains. Another one is of the loops, which the
+    # report is about, or of something that has no bearing on them.
+    if is_grounded:
+        blocks = [Sentence("", headline(judgement.headline)), *blocks]
+    if is_grounded or is_of_loops(judgement.next_step, judgement):
+        blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
         blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))
-    print_screen(None, summary=[], details=parts.body, conclusion=blocks, verbose=verbose)
+    print_screen(None, summary=[], details=lights, conclusion=blocks, verbose=verbose)

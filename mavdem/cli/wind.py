@@ -11,14 +11,21 @@ from mavdem.cli.options import (
     vehicle_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen, report_parts
+from mavdem.cli.output import print_json, print_screen
 from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
+from mavdem.facts.lights import Light
 from mavdem.fleet.priors import earlier_drag
 from mavdem.report.condition import drag_table, wind_blocks, wind_tables
-from mavdem.report.screen import conclusion
+from mavdem.report.screen import warnings_of_lights
 from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
+
+WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
+"""Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
+
+MAX_COURSE_ROWS = 6
+"""Rows of the tables of the wind over time and height, without --verbose."""
 
 
 @click.command("wind")
@@ -56,14 +63,19 @@ def wind_command(
         print_json(document)
         return
     # The shown wind is the estimate, perhaps with the earlier drag, beside that of the autopilot.
-    parts = report_parts(conclusion(assessment.judgement))
     shown_wind = WindEvidence(
         estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None
     )
+    tables = wind_tables(wind, None if verbose else MAX_COURSE_ROWS)
+    if verbose or parameters_to_set:
+        tables.append(drag_table(wind.drag, parameters_to_set))
     print_screen(
         title=None,
-        summary=[*wind_blocks(shown_wind), drag_table(wind.drag, parameters_to_set)],
-        details=[*wind_tables(wind), *parts.body],
-        conclusion=[parts.headline, parts.next_step],
+        summary=[],
+        details=[],
+        conclusion=[
+            *wind_blocks(shown_wind, tables),
+            *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
+        ],
         verbose=verbose,
     )

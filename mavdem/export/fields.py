@@ -1,5 +1,6 @@
 """Any field of a log: which messages, fields and instances there are, and the samples of one of them."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -49,18 +50,24 @@ class FieldSamples(NamedTuple):
     """Values (N,) in the unit of the message's definition; NaN where the log has none."""
 
 
-def messages_of(telemetry: Telemetry) -> list[MessageFields]:
-    """Lists the messages of a vehicle that have numeric fields, in the order of their names.
+def message_names(telemetry: Telemetry, text: str = "") -> list[str]:
+    """Returns the names of a vehicle's messages that contain a text, in upper or lower case, in their order."""
+    return sorted(name for name in telemetry.messages if text.lower() in name.lower())
+
+
+def messages_of(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]:
+    """Yields the messages of a vehicle that have numeric fields, in the order of their names.
 
     Args:
         telemetry: Messages of the vehicle.
+        text: Only messages are described whose name contains this text, in upper or lower case.
 
-    Returns:
+    Yields:
         For each message its fields and instances, its count, and its rate, Hz: where several instances, such as
         batteries, send it, the rate of the first one.
     """
-    listed = []
-    for message, columns in sorted(telemetry.messages.items()):
+    for message in message_names(telemetry, text):
+        columns = telemetry.messages[message]
         fields = _numeric_fields(columns)
         if not fields or not len(columns["time"]):
             continue
@@ -69,19 +76,16 @@ def messages_of(telemetry: Telemetry) -> list[MessageFields]:
         if instances:
             time = time[columns[_instance_column(columns)] == instances[0]]
         steps = np.diff(time)
-        listed.append(
-            MessageFields(
-                message=message,
-                name_in_source=telemetry.name_in_source(message),
-                messages=len(columns["time"]),
-                rate=rate_without_gaps(steps[steps > 0]),
-                first_time=float(columns["time"][0]),
-                last_time=float(columns["time"][-1]),
-                fields=tuple(fields),
-                instances=instances,
-            )
+        yield MessageFields(
+            message=message,
+            name_in_source=telemetry.name_in_source(message),
+            messages=len(columns["time"]),
+            rate=rate_without_gaps(steps[steps > 0]),
+            first_time=float(columns["time"][0]),
+            last_time=float(columns["time"][-1]),
+            fields=tuple(fields),
+            instances=instances,
         )
-    return listed
 
 
 def samples_of(

@@ -101,8 +101,14 @@ def _needs_whole_table(store: Store, changed_vehicles: set[str | None]) -> bool:
         return not table_path(store.folder).is_file()
     if not has_current_columns(table_path(store.folder)):
         return True
+    numbers = store.db.execute("select distinct number from table_files").fetchall()
+    for (number,) in numbers:
+        path = table_path(store.folder, number)
+        # One that is missing is written by itself.
+        if path.is_file() and not has_current_columns(path):
+            return True
     # The single file of an earlier version of mavdem has all vehicles, none of which is assigned to it.
-    return store.db.execute("select 1 from table_files").fetchone() is None
+    return not numbers
 
 
 def _assign_vehicles(db: sqlite3.Connection) -> None:

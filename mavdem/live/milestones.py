@@ -18,6 +18,9 @@ from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
 from mavdem.plant.parameters import Physical
 
+MARGIN_FIGURES = ("phase_margin", "phase_margin_interval", "gain_margin", "gain_margin_interval")
+"""Figures of the margins that are reported at a landing, by the names that the light of the margins has for them."""
+
 
 class Milestones:
     """Reports what becomes known in a live session, so that its lines can be read without a dashboard.
@@ -129,6 +132,9 @@ class Milestones:
             # Figures that the measured response contradicts are not reported.
             if not is_of_loop or margins.figures["because"] is not None:
                 margins = None
+        figures: dict[str, Any] = dict.fromkeys(MARGIN_FIGURES)
+        if margins is not None:
+            figures = {name: margins.figures[name] for name in MARGIN_FIGURES}
         wind = status.mean_wind
         self._log(
             Fact(
@@ -138,8 +144,7 @@ class Milestones:
                 is_flying=status.is_flying,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
-                phase_margin=None if margins is None else margins.figures["phase_margin"],
-                gain_margin=None if margins is None else margins.figures["gain_margin"],
+                **figures,
                 because=() if wind is None else wind.facts,
                 delay=status.latency.longest if isfinite(status.latency.longest) else None,
                 **_parameter_figures(learning, physical),

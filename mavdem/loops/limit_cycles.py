@@ -389,7 +389,7 @@ def _oscillation_in_run(
     Returns:
         The oscillation; ``None`` where it is too short, may be chance, or drifts in frequency like a sweep.
     """
-    # n half-overlapping windows last n + 1 half windows.
+    # Windows overlap by half, so that n of them last n + 1 half windows.
     duration = (len(run) + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
     drift = abs(lines.frequency[run] - frequency).max()

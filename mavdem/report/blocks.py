@@ -134,7 +134,7 @@ def shortened(text: str, columns: int) -> str:
     """Returns a text in at most ``columns`` characters, at the cost of its details.
 
     Remarks in brackets are dropped first, then clauses from the end. If the clauses that fit would fill less than half
-    of the columns, the text is cut after a word, with "…".
+    of the columns, the text is cut after a comma or, if that fills as little, after a word, with "…".
 
     Args:
         text: one sentence or more, in plain text.
@@ -144,11 +144,17 @@ def shortened(text: str, columns: int) -> str:
         text = _BRACKETS.sub("", text)
     if len(text) <= columns:
         return text
-    # The longest beginning of the text that ends with a clause and fills at least half of the columns.
-    longest_beginning = ""
-    for clause_end in re.finditer("[;.] ", text):
-        if columns / 2 <= clause_end.start() < columns:
-            longest_beginning = text[: clause_end.start()]
-    if not longest_beginning:
-        return shorten(text, columns, placeholder=" …")
-    return f"{longest_beginning}." if text.endswith(".") else longest_beginning
+    # Beginnings of the text that end with a clause, and those that end with a comma, before which " …" has room.
+    clauses = _beginnings(text, "[;.] ", columns / 2, columns - 1)
+    if clauses:
+        return f"{clauses[-1]}." if text.endswith(".") else clauses[-1]
+    phrases = _beginnings(text, ", ", columns / 2, columns - 2)
+    if phrases:
+        return f"{phrases[-1]} …"
+    return shorten(text, columns, placeholder=" …")
+
+
+def _beginnings(text: str, end: str, min_length: float, max_length: float) -> list[str]:
+    """Returns the beginnings of a text before each match of ``end``, with a length within two limits, in order."""
+    places = [match.start() for match in re.finditer(end, text)]
+    return [text[:place] for place in places if min_length <= place <= max_length]

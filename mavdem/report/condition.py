@@ -1,6 +1,6 @@
 """The contents of a log, the wind and the drag of its vehicle, in sentences and tables; a log has them at any rate."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
 from mavdem.report.templates import render_section
-from mavdem.wind_velocity.compass import meteorological_direction
+from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import Drag
@@ -144,29 +144,39 @@ def component_id(component: JsonValues) -> str:
     return f"{component['system']}:{component['component']}"
 
 
-def wind_blocks(evidence: WindEvidence) -> Blocks:
+def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
     """Returns the wind that was estimated from a flight, in sentences.
 
-    First come speed and direction with their intervals, and the mean of the autopilot's estimate for comparison. Then
-    follows, for each quantity that the data does not determine well enough to report, the reason for that.
+    First come speed, direction and gusts, then their intervals, and the mean of the autopilot's estimate for
+    comparison. Then follows, for each quantity that the data does not determine well enough to report, the reason for
+    that; where the drag is the reason for the speed as well, only that of the drag.
 
     Args:
         evidence: all that is known of the wind of a log. ``estimate`` is the estimated wind. It is None if there is
             none, and then ``obstacle`` is the reason, if one is known.
+        tables: tables of the wind, shown between the estimate and the reasons.
 
     Returns:
-        The sentences; without an estimate only the reason, or nothing if none is known.
+        The sentences, and the tables; without an estimate only the reason, or nothing if none is known.
     """
     wind = evidence.estimate
     if wind is None:
         obstacle = evidence.obstacle
         return [Sentence(obstacle.advised, "Wind:")] if obstacle else []
-    reasons = [
-        Sentence(str(reason), f"{quantity.capitalize()}:")
-        for quantity, reason in wind.reasons.items()
+    reasons = dict(wind.reasons)
+    is_blurred_by_drag = "speed" in reasons and bool(reasons["speed"].figures["by_drag"])
+    if is_blurred_by_drag and wind.speed_identifiable:
+        del reasons["speed"]
+    estimate = render_section(
+        "wind",
+        wind=wind,
+        own=_autopilot_wind(evidence, wind),
+        is_blurred_by_drag=is_blurred_by_drag,
+    )
+    sentences = [
+        Sentence(str(reason), f"{quantity.capitalize()}:") for quantity, reason in reasons.items()
     ]
-    autopilot_wind = _autopilot_wind(evidence, wind)
-    return [*render_section("wind", wind=wind, own=autopilot_wind), *reasons]
+    return [*estimate, *tables, *sentences]
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
@@ -202,31 +212,39 @@ class _WindCourse(NamedTuple):
     """Mean wind of each minute or layer: "speed", m/s, "direction", degrees, and ``key``."""
 
 
-def wind_tables(wind: WindVelocity) -> Blocks:
+def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     """Returns a table of the mean wind of each minute, and one of the mean wind in each layer of height.
 
     Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s), and the direction
-    that the wind comes from (°). A table with a single row is left out, since it would only repeat the mean of the
-    flight. There is no table where the data does not determine the wind speed.
+    that the wind comes from, if that is identifiable. A table with a single row is left out, since it would only repeat
+    the mean of the flight. There is no table where the data does not determine the wind speed.
 
     Args:
         wind: estimated wind of a flight.
+        max_rows: most rows of a table. Of more minutes or layers, evenly spaced ones are shown; None for all.
     """
     identified = wind.identified_figures
     courses = (
-        _WindCourse("Time (s)", "start", identified.minutes),
+        _WindCourse("Minute from (s)", "start", identified.minutes),
         _WindCourse("Height (m)", "height", identified.profile),
     )
-    tables = Blocks()
+    tables = []
     for course in courses:
-        if len(course.rows) < 2:
+        count = len(course.rows)
+        if count < 2:
             continue
+        shown = range(count)
+        if max_rows is not None and count > max_rows:
+            shown = np.linspace(0, count - 1, max_rows).round().astype(int).tolist()
         rows = []
-        for row in course.rows:
-            rows.append(
-                [f"{row[course.key]:.0f}", f"{row['speed']:.1f}", f"{row['direction']:.0f}"]
-            )
-        tables.append(Table([course.header, "Wind (m/s)", "From (°)"], rows))
+        for index in shown:
+            row = course.rows[index]
+            cells = [f"{row[course.key]:.0f}", f"{row['speed']:.1f}"]
+            if wind.direction_identifiable:
+                cells.append(compass_text(row["direction"]))
+            rows.append(cells)
+        header = [course.header, "Wind (m/s)", "From"]
+        tables.append(Table(header[: len(rows[0])], rows))
     return tables
 
 

@@ -50,7 +50,7 @@ class ShownQuantity(NamedTuple):
 
 
 SHOWN_QUANTITIES = {
-    SHARE: ShownQuantity("share", 100.0, "%"),
+    SHARE: ShownQuantity("relative trim", 100.0, "%"),
     EFFECT: ShownQuantity("control effectiveness", 100.0, "%"),
     MEAN_EFFECT: ShownQuantity("mean control effectiveness", 100.0, "%"),
     DAMPING: ShownQuantity("rate damping", 1.0, "1/s"),
@@ -81,8 +81,7 @@ def difference_blocks(
 ) -> Blocks:
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    Doubts about the vehicles come first, then parameters, changes, quantities that could not be compared, and the
-    conditions.
+    Doubts about the vehicles come first, then what changed and what could not be compared, parameters, and conditions.
 
     Args:
         difference: comparison of the two states.
@@ -103,9 +102,9 @@ def difference_blocks(
     )
     return [
         *_vehicle_doubts(difference),
-        *parameter_sentences,
         *_change_sentences(difference, parameters),
         *not_compared,
+        *parameter_sentences,
         *conclusions,
     ]
 
@@ -175,6 +174,7 @@ def _change_sentences(
         certain=certain,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
         unknown=unknown,
+        has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
         tested=len(difference.changes),
         level=SIGNIFICANCE,
     )
@@ -275,7 +275,7 @@ def _motor_name(change: QuantityChange, difference: VehicleDifference) -> str:
 
 
 def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
-    """Returns a change as text, such as "motor 3's share −18 % ± 6 %" or "rate damping on roll 4 → 6 1/s (+2 ± 1)".
+    """Returns a change as text, such as "motor 3's relative trim −18 % ± 6 %" or "Ms on roll 1.4 → 1.6 (+0.2 ± 0.1)".
 
     Shares and effects of motors have no value before and after. For the other quantities both values are shown, and
     then the change with the half width of its 90 % interval; that of quantities compared as ratios is in percent.
@@ -309,7 +309,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
-    """Yields a text for each kind of quantity, such as "share of motor 1 and motor 2 (± 2 %)".
+    """Yields a text for each kind of quantity, such as "relative trim of motor 1 and motor 2 (± 2 %)".
 
     Args:
         changes: changes of quantities that stayed the same. Those of one kind share a text, with the widest half width

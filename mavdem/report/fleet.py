@@ -6,6 +6,7 @@ from typing import NamedTuple
 from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS, Flights, has_shared_name, worst_health, worst_row
+from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Rated
 from mavdem.report.templates import render_section
@@ -20,6 +21,12 @@ HEALTH_LEVELS = {
     MotorHealth.UNKNOWN: Level.UNKNOWN,
 }
 """The level by which a page colours the health of the motors."""
+
+MAX_NAME_LENGTH = 16
+"""Letters of a vehicle's name that are shown whole; longer ones are serial numbers, of which the end is shown."""
+
+SERIAL_END_LENGTH = 6
+"""Last letters of a serial number that are shown: boards of one make differ in these."""
 
 NOT_USED = "not used"
 """What is shown in the place of the health of a log without a flight."""
@@ -52,6 +59,45 @@ class VehicleWords(NamedTuple):
 
     difference: str
     """What was found in all flights; may be empty."""
+
+
+def is_serial(name: str) -> bool:
+    """Returns whether the name that logs have for a vehicle is too long to be shown, such as a serial number."""
+    return len(name) > MAX_NAME_LENGTH
+
+
+def short_name(name: str) -> str:
+    """Returns the name of a vehicle as far as a line has room: of a serial number the end, which tells boards apart."""
+    return f"…{name[-SERIAL_END_LENGTH:]}" if is_serial(name) else name
+
+
+def vehicle_type(name: str, frame: str, names: GivenNames) -> str:
+    """Returns what a vehicle is called at the beginning of its line: its name or, where that is a serial, its type.
+
+    Args:
+        name: what its logs call it.
+        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
+        names: names that were given to vehicles.
+    """
+    if name in names.vehicles:
+        return names.vehicle(name)
+    if not is_serial(name):
+        return name
+    return frame.replace("_", " ").capitalize() or "Vehicle"
+
+
+def vehicle_label(name: str, frame: str, names: GivenNames) -> str:
+    """Returns what a vehicle is called in a sentence: its name, or its type and the end of its serial number.
+
+    Args:
+        name: what its logs call it.
+        frame: kind of its frame, such as "QUADROTOR"; empty where it is not known.
+        names: names that were given to vehicles.
+    """
+    label = vehicle_type(name, frame, names)
+    if name in names.vehicles or not is_serial(name):
+        return label
+    return f"{label} {short_name(name)}"
 
 
 def is_one_vehicle(name: str, flights: Flights) -> bool:

@@ -10,24 +10,21 @@ from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Blocks, Table
-from mavdem.report.fleet import MAX_URGENT_RANK, truncated
+from mavdem.report.fleet import MAX_URGENT_RANK, truncated, vehicle_label
 from mavdem.report.numbers import abbreviated_list, listed
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 from mavdem.report.vehicle_summary import UnusedRow, VehicleFlights, VehicleSummary
 
 TIER_WORDS = {
-    "a": "full model",
-    "b": "slow motion",
-    "c": "condition only",
+    "a": "with a full model",
+    "b": "with a model of slow motion",
+    "c": "with the vehicle's condition alone",
     "": "of unknown tier",
 }
 """Names shown for the tiers."""
 
 MAX_REASONS = 8
 """Reasons why logs were not used that are shown, the most frequent ones."""
-
-MAX_REASON_LENGTH = 70
-"""Letters of such a reason in a table."""
 
 MAX_FILE_LENGTH = 40
 """Letters of a file's name in a table."""
@@ -135,13 +132,16 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
         Values by the names that the template uses: "ill", "judged" and "recovered_count" are numbers of vehicles,
         "named" and "recovered" lists in words.
     """
+    labels = {
+        name: vehicle_label(name, vehicle.last.frame, names) for name, vehicle in vehicles.items()
+    }
     urgent = []
     for name in sorted(vehicles, key=lambda name: (vehicles[name].urgency, name)):
         vehicle = vehicles[name]
         if vehicle.urgency.rank < MAX_URGENT_RANK:
-            urgent.append(f"{names.vehicle(name)} ({as_clause(vehicle.words.conclusion)})")
+            urgent.append(f"{labels[name]} ({as_clause(vehicle.words.conclusion)})")
     healthy = [name for name in vehicles if vehicles[name].health == MotorHealth.OK]
-    recovered = [names.vehicle(name) for name in healthy if vehicles[name].was_in_trouble]
+    recovered = [labels[name] for name in healthy if vehicles[name].was_in_trouble]
     return {
         "ill": len(urgent),
         "named": abbreviated_list(urgent),
@@ -180,7 +180,7 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
 def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
     """Returns a sentence and a table on why logs were not used, the most frequent reasons first.
 
-    Each row of the table has a reason, the number of logs with it, and the file name of one of them. Logs are grouped
+    Each row of the table has the number of logs, the file name of one of them, and the reason. Logs are grouped
     by the code of their reason where there is one, because the sentences differ in their figures. Reasons of equal
     frequency are in the order of the alphabet. At most ``MAX_REASONS`` are listed.
 
@@ -200,14 +200,8 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
         else:
             reason = capitalize_first(code.replace("_", " "))
         example = PurePath(same_reason[0].file).name
-        cells.append(
-            [
-                truncated(reason, MAX_REASON_LENGTH),
-                str(len(same_reason)),
-                truncated(example, MAX_FILE_LENGTH),
-            ]
-        )
+        cells.append([str(len(same_reason)), truncated(example, MAX_FILE_LENGTH), reason])
     sentences = render_section("fleet_unused", logs=len(rows))
     if not rows:
         return [*sentences]
-    return [*sentences, Table(["reason", "logs", "for example"], cells, words=True)]
+    return [*sentences, Table(["logs", "for example", "reason"], cells, words=True)]

@@ -98,7 +98,7 @@ def _badge(flight: AxisRows) -> str:
 
 
 def _warning_lights(flight: AxisRows) -> str:
-    """Returns the lights of a flight that are bad or to be watched, such as "motors bad, vibration watch".
+    """Returns the lights of a flight that are bad, then those to be watched, such as "motors bad, vibration watch".
 
     A light is the judgement of one part of the vehicle. The rows of all axes have the same lights.
 
@@ -106,10 +106,10 @@ def _warning_lights(flight: AxisRows) -> str:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     texts = []
-    for light in Light:
-        level = getattr(flight[0], f"light_{light}")
-        if level in (Level.BAD, Level.WATCH):
-            texts.append(f"{light} {level}")
+    for level in (Level.BAD, Level.WATCH):
+        for light in Light:
+            if getattr(flight[0], f"light_{light}") == level:
+                texts.append(f"{light} {level}")
     return ", ".join(texts)
 
 
@@ -159,15 +159,15 @@ def _wind(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name, "8rem", "flight"),
-    "vehicle": Column("text", _vehicle, "6.8rem", "vehicle"),
-    "date": Column("text", _date, "8.8rem", "date"),
-    "tier": Column("text", _tier, "3rem"),
+    "flight": Column("text", _file_name, "10rem", "flight"),
+    "vehicle": Column("text", _vehicle, "7rem", "vehicle"),
+    "date": Column("text", _date, "6rem", "date"),
+    "tier": Column("text", _tier, "2.8rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
-    "lights": Column("text", _warning_lights, "8rem", "lights"),
+    "lights": Column("text", _warning_lights, "9.5rem", "lights"),
     "motor": Column("text", _suspect_motors, "3.6rem"),
     "notes": Column("notes", _notes, "auto", "notes"),
     "settled (s)": Column("number", _settled_seconds, "5rem"),
-    "wind (m/s)": Column("number", _wind, "8.4rem"),
+    "wind (m/s)": Column("number", _wind, "6rem"),
 }
 """Columns of the table of flights, by their headers."""

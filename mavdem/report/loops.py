@@ -6,16 +6,19 @@ from typing import NamedTuple
 
 from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopVerdict
 from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
 from mavdem.facts import Fact
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopActions, Loops
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.filters import gyro_filters
-from mavdem.loops.gain_design import MAX_GAIN_STEP
+from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.loops.margins import OpenLoop
-from mavdem.report.blocks import Blocks, Sentence, Table, caution
+from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import render_section, sentences_by_axes
 
@@ -41,6 +44,9 @@ LOOP_FIGURES = {
 }
 """Figures in the table of a loop, by the attribute of ``OpenLoop``."""
 
+TUNED_FIGURES = ("phase_margin", "gain_margin", "ms", "bandwidth")
+"""Figures of ``LOOP_FIGURES`` beside the gains to set: what the goal of tuning is made of, and the loop's speed."""
+
 ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
@@ -52,51 +58,97 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
 
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
-        is_full: whether margins and everything about the gains are included; otherwise only a sentence, the gains to
-            set, what they are for and what limits them.
-        has_gain_table: whether the page has a table of the gains elsewhere, so that this report needs none.
+        is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
+            the gains to set and the margins that change with them, and beside it how far these can be trusted.
+        has_gain_table: whether the page has a table of the gains elsewhere, so that this report repeats none.
     """
     blocks = Blocks()
     given_remedies = _texts_of_next_step(tuning)
-    for axis, advice in tuning.axes.items():
+    limits = _limits_by_axes(tuning.axes)
+    given_limits = list[_GainLimit]()
+    for axes in _axes_reported_together(tuning):
+        axis = axes[0]
+        advice = tuning.axes[axis]
         decision = tuning.judgement.loop_decisions.get(axis)
         is_doubtful = axis in tuning.doubtful_axes
-        if isinstance(advice, Fact):
-            conclusion = advice
-            facts = [conclusion]
-        else:
-            conclusion = advice.sentence
-            rating = [] if is_doubtful else _rating_as_decided(advice, decision)
-            facts = [*rating, conclusion]
-        sentences = [str(fact) for fact in facts]
+        sentences = [str(fact) for fact in _facts_on_axis(tuning, axis)]
+        conclusion = advice if isinstance(advice, Fact) else advice.sentence
         for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
             if remedy not in given_remedies and remedy not in " ".join(sentences):
                 given_remedies.add(remedy)
                 sentences.append(remedy)
-        blocks.append(Sentence(" ".join(sentences), f"{axis.capitalize()}:"))
+        blocks.append(Sentence(" ".join(sentences), f"{listed(axes).capitalize()}:"))
+        if isinstance(advice, Fact):
+            continue
+        if not advice.refusals:
+            blocks.append(_gain_and_margin_table(advice, is_doubtful, has_gain_table))
+        # The cautions on gains that change stand beside the table of the page.
+        are_given = has_gain_table and bool(advice.parameters)
+        # A caution that several axes share is shown with the first of them.
+        for limit in limits:
+            if axis in limit.axes and limit not in given_limits:
+                given_limits.append(limit)
+                if not (are_given and limit.is_about_gains_to_set):
+                    blocks.append(limit.sentence)
+        if is_full:
+            blocks += _axis_details(advice, is_doubtful)
+    return [*blocks, *_unchecked(tuning)] if is_full else blocks
+
+
+def tune_details(tuning: Tuning) -> Blocks:
+    """Returns all margins of the axes with an identified loop, and what they and the advised gains rest on.
+
+    Args:
+        tuning: advice for each axis, or the fact that says why there is none.
+    """
+    blocks = Blocks()
+    for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
-            if is_full:
-                # What to set comes before the margins that it follows from.
-                gains = gain_blocks(advice)
-                if has_gain_table:
-                    gains = [block for block in gains if not isinstance(block, Table)]
-                blocks += [*gains, *_margin_blocks(advice, is_doubtful)]
-                # The cautions on gains that change stand beside the table of the page.
-                is_given = has_gain_table and bool(advice.parameters)
-                blocks += [
-                    caution(fact)
-                    for fact in advice.before.cautions
-                    if not (is_given and is_about_gains_to_set(fact))
-                ]
-            else:
-                # The first two blocks are the table of gains and what they are for.
-                blocks += gain_blocks(advice)[:2]
-    if not is_full:
-        blocks += gain_limits(tuning.axes)
+            blocks.append(Sentence("", axis.capitalize()))
+            blocks += _axis_details(advice, axis in tuning.doubtful_axes)
+    return [*blocks, *_unchecked(tuning)]
+
+
+def _unchecked(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence on what advised gains are not checked against; none where no gains are advised."""
     has_gains = any(
         isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
     )
-    return [*blocks, *render_section("loop_not_checked", named=has_gains and is_full)]
+    return render_section("loop_not_checked", named=has_gains)
+
+
+def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
+    """Returns the axes of a tuning in groups: axes without a loop for the same reason and with the same advice.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact why there is none.
+    """
+
+    def key(axis: str) -> tuple[str, ...]:
+        advice = tuning.axes[axis]
+        if isinstance(advice, Advice):
+            # The loops of each axis have a table of their own.
+            return (axis,)
+        remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
+        return ("", advice.advised, *remedies)
+
+    return list(group_by(tuning.axes, key).values())
+
+
+def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
+    """Returns the rating of the margins of an axis, unless it is doubtful, and what to do with its gains.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact why there is none.
+        axis: "roll", "pitch" or "yaw".
+    """
+    advice = tuning.axes[axis]
+    if isinstance(advice, Fact):
+        return [advice]
+    if axis in tuning.doubtful_axes:
+        return [advice.sentence]
+    decision = tuning.judgement.loop_decisions.get(axis)
+    return [*_rating_as_decided(advice, decision), advice.sentence]
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
@@ -179,6 +231,30 @@ def _texts_of_next_step(tuning: Tuning) -> set[str]:
     return {"", next_step.sentence, *remedies}
 
 
+class _GainLimit(NamedTuple):
+    """A sentence on how far margins and advised gains can be trusted."""
+
+    axes: tuple[str, ...]
+    """The axes that it is about."""
+
+    sentence: Sentence
+
+    is_about_gains_to_set: bool
+    """Whether it limits the gains that are computed from the loop (:func:`is_about_gains_to_set`)."""
+
+
+def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
+    """Returns whether a headline or next step is about control loops: what their lights say or advise.
+
+    Args:
+        fact: the headline, or the next step.
+        judgement: the judgement of the vehicle.
+    """
+    lights_of_loops = [judgement.lights[name] for name in (Light.TRACKING, Light.MARGINS)]
+    reason = fact.figures.get("because") or fact
+    return fact.code is NextStep.LOAD_GAINS or reason in lights_of_loops
+
+
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     """Returns sentences on how far margins and advised gains can be trusted, for the axes with an identified loop.
 
@@ -188,12 +264,22 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     Args:
         advice_by_axis: advice by axis, or the fact why there is none.
     """
+    return [limit.sentence for limit in _limits_by_axes(advice_by_axis)]
+
+
+def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
+    """Returns the sentences of :func:`gain_limits`, each with the axes that share it."""
     axes_and_cautions = []
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
             for fact in advice.before.cautions:
                 axes_and_cautions.append((axis, fact))
-    return [*sentences_by_axes(axes_and_cautions, attrgetter("advised"))]
+    limits = []
+    for pairs in group_by(axes_and_cautions, lambda pair: pair[1].replace(axis="")).values():
+        (sentence,) = sentences_by_axes(pairs, attrgetter("advised"))
+        axes = tuple(axis for axis, _ in pairs)
+        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(pairs[0][1])))
+    return limits
 
 
 def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
@@ -213,8 +299,37 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
-    """Returns tables of the margins now and as advised, and sentences on filters and measurements.
+def _gain_and_margin_table(advice: Advice, is_doubtful: bool, has_gain_table: bool) -> Table:
+    """Returns a table of the gains that change, and of the margins of the loop around them, now and with these gains.
+
+    The loop is the rate loop in the first stage and where no gains change, and the attitude loop in the second.
+
+    Args:
+        advice: on the axis, with its loops.
+        is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
+        has_gain_table: whether the gains stand in another table, so that this one has the margins alone.
+    """
+    loops = [*compared_loops(advice).values()]
+    loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
+    rows = []
+    for name, value in advice.parameters.items():
+        if not has_gain_table:
+            rows.append([name, f"{advice.gains[name].now:.4g}", f"{value:.4g}"])
+    for attribute in TUNED_FIGURES:
+        figure = LOOP_FIGURES[attribute]
+        cells = [_figure_text(getattr(loop, loop_name), attribute, figure.scale) for loop in loops]
+        if is_doubtful:
+            cells = [f"doubtful: {text}" for text in cells]
+        rows.append([figure.header, *cells])
+    if advice.parameters:
+        errors = [rounded(loop.lean_in_wind) for loop in loops]
+        rows.append([f"{advice.before.axis} error by wind torque, sd (°)", *errors])
+    headers = ["now", "with these gains"][: len(loops)]
+    return Table([f"{advice.before.axis}, {loop_name} loop (90 % interval)", *headers], rows)
+
+
+def _axis_details(advice: Advice, is_doubtful: bool) -> Blocks:
+    """Returns sentences on the gains, tables of all margins now and as advised, and on filters and measurements.
 
     Args:
         advice: advice on the axis, with its loops.
@@ -222,11 +337,11 @@ def _margin_blocks(advice: Advice, is_doubtful: bool) -> Blocks:
     """
     loop = advice.before
     loops = compared_loops(advice)
-    blocks: Blocks = [*margin_tables(loops, doubtful=loops if is_doubtful else ())]
+    blocks: Blocks = [block for block in gain_blocks(advice) if isinstance(block, Sentence)]
+    blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
     filters = gyro_filters(loop.controller, loop.crossover)
     blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
-    blocks += render_section("loop_measured", loop=loop)
-    return blocks
+    return blocks + render_section("loop_measured", loop=loop)
 
 
 def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator[Table]:

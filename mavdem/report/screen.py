@@ -25,6 +25,7 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import FORECAST, PREDICTION, HeldOut
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
+from mavdem.facts.lights import Light
 from mavdem.facts.model import ModelName
 from mavdem.flight import Flights
 from mavdem.motors.hover import HoverFigures
@@ -197,6 +198,23 @@ def conclusion(judgement: Judgement) -> Blocks:
     ]
     heading = Sentence("", headline(judgement.headline))
     return [heading, *lights, Sentence(str(judgement.next_step), "Next:")]
+
+
+def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:
+    """Returns the lights of some names that are bad or to be watched, each with its advice.
+
+    A command that reports on one subject ends with the lights of that subject, not with those of all.
+
+    Args:
+        judgement: the judgement of the flight.
+        names: names of the lights, in the order to show them.
+    """
+    facts = {name: judgement.lights[name] for name in names}
+    return [
+        Sentence(fact.advised, f"{name.capitalize()}:")
+        for name, fact in facts.items()
+        if fact.warns
+    ]
 
 
 def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks:

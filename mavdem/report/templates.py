@@ -41,7 +41,7 @@ from mavdem.report.numbers import (
     without_remark,
 )
 from mavdem.report.template_cache import CompiledTemplates
-from mavdem.wind_velocity.compass import compass_text
+from mavdem.wind_velocity.compass import compass_text, compass_words
 
 PARAMETERS = {
     "effect": "control effectiveness",
@@ -154,6 +154,18 @@ def sentences_by_axes(
         lead = f"{axes.capitalize()}:"
         sentences.append(Sentence(text_of_fact(fact.replace(axis=axes)), lead))
     return sentences
+
+
+def margins_in_short(rating: Fact) -> str:
+    """Returns the margins of a rating (``Loops.MARGIN_RATING``) without intervals, such as "49°, 6.8 dB and Ms 2.2".
+
+    A loop that no gain makes unstable has no gain margin, which is then left out.
+    """
+    figures = rating.figures
+    margins = [f"{figures['phase_margin']:.0f}°"]
+    if figures["gain_margin"] is not None:
+        margins.append(f"{figures['gain_margin']:.1f} dB")
+    return listed([*margins, f"Ms {figures['ms']:.2g}"])
 
 
 @cache
@@ -292,6 +304,8 @@ def _environment() -> Environment:
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
         "compass_text": compass_text,
+        "compass_words": compass_words,
+        "margins_in_short": margins_in_short,
         "degrees": degrees,
         "fixed": _fixed,
         "headline": headline,

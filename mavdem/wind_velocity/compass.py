@@ -26,6 +26,9 @@ COMPASS_POINTS = (
 )
 """Points of the compass, clockwise from north, 22.5° apart."""
 
+COMPASS_WORDS = {"N": "north", "E": "east", "S": "south", "W": "west"}
+"""The cardinal directions in words, by their letters."""
+
 FLOW_ARROWS = "↓↙←↖↑↗→↘"
 """Arrows along the flow of wind from north, north-east and so on, 45° apart."""
 
@@ -66,6 +69,19 @@ def compass_text(direction: float) -> str:
     point = COMPASS_POINTS[round(direction / 22.5) % len(COMPASS_POINTS)]
     arrow = FLOW_ARROWS[round(direction / 45) % len(FLOW_ARROWS)]
     return f"{point} ({direction % 360:.0f}°) {arrow}"
+
+
+def compass_words(direction: float) -> str:
+    """Returns a direction that wind comes from in words, such as "the west-south-west (248°)".
+
+    The direction is rounded to the nearest of 16 points of the compass, as by :func:`compass_text`.
+
+    Args:
+        direction: degrees clockwise from north.
+    """
+    point = COMPASS_POINTS[round(direction / 22.5) % len(COMPASS_POINTS)]
+    words = "-".join(COMPASS_WORDS[letter] for letter in point)
+    return f"the {words} ({direction % 360:.0f}°)"
 
 
 def speed_and_direction(velocity: Array, band: Array, near_direction: float = 180.0) -> PolarWind:

@@ -226,7 +226,7 @@ def test_residuals_that_are_far_from_white_are_said():
     assert findings.grade(RESIDUALS) is LIMITED
     reason = findings.purposes[-1].reason
     assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
-    # held-out windows count more
+    # Held-out windows count more than the test of the residuals.
     assert next_step_for_model(findings.purposes).code is NextStep.KEEP_MODEL
 
 

@@ -3,11 +3,14 @@
 import asyncio
 import json
 import sys
+from unittest.mock import Mock
 
 import dataflash_logs
 import numpy as np
 from pytest import fixture, mark
 from recorded_flights import SLOW
+
+from mavdem.ingest import Telemetry
 
 pytestmark = mark.slow
 
@@ -89,3 +92,20 @@ def test_errors_are_sentences(answers):
     assert results["no field"].is_error and results["no log"].is_error
     assert "ATTITUDE has no field lift" in results["no field"].content[0].text
     assert "nothing.tlog does not exist." in results["no log"].content[0].text
+
+
+def test_a_log_of_many_messages_is_described_as_far_as_it_is_listed(monkeypatch):
+    # At the top of the file the import would take every worker of the tests half a second.
+    from mavdem.cli import assistant_tools
+
+    columns = {"time": np.arange(3.0), "boot": np.zeros(3), "a": np.ones(3), "b": np.ones(3)}
+    messages = {f"M{number}": columns for number in range(9)}
+    vehicle = Telemetry(1, 1, "QUADROTOR", "PX4", messages)
+    monkeypatch.setattr(assistant_tools, "MAX_LISTED_FIELDS", 5)
+    monkeypatch.setattr(assistant_tools, "_telemetry", lambda *_: vehicle)
+    monkeypatch.setattr(assistant_tools, "with_all_messages", lambda telemetry, _: telemetry)
+    describe = Mock(return_value=1.0)
+    monkeypatch.setattr("mavdem.export.fields.rate_without_gaps", describe)
+    answer = assistant_tools.messages("flight.bin", name="m")
+    assert [message["message"] for message in answer["messages"]] == ["M0", "M1"]
+    assert answer["messages_left_out"] == 7 and describe.call_count == 3

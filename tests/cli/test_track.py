@@ -8,8 +8,9 @@ from command_line import document_of, refused, run
 from fleet_rows import fleet_rows
 from pytest import mark
 from recorded_flights import LOGS
-from standin_logs import fleet_of, make_logs, track
+from standin_logs import InThisProcess, fleet_of, make_logs, track
 
+from mavdem.cli.exit_codes import EXIT_INTERRUPTED
 from mavdem.fleet.store import open_store
 from mavdem.fleet.stored_rows import read_rows
 from mavdem.fleet_pages import write_fleet_pages
@@ -106,3 +107,22 @@ def test_what_cannot_be_tracked_is_said(here, capsys, line, sentence):
     (here / "x.bin").write_bytes(b"?")
     assert sentence in refused(capsys, 2, "track", *line.split())
     assert not (here / "fleet").exists()
+
+
+class Interrupted(InThisProcess):
+    """A reader whose user presses Ctrl-C after the first log."""
+
+    def outcomes(self, jobs):
+        yield next(iter(super().outcomes(jobs)))
+        raise KeyboardInterrupt
+
+
+def test_ctrl_c_keeps_what_was_read_and_the_same_command_continues(tmp_path, capsys, monkeypatch):
+    make_logs(tmp_path / "logs", 3)
+    command = ("track", tmp_path / "logs", "--out", tmp_path / "fleet", "--jobs", "1")
+    monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: Interrupted())
+    assert run(*command) == EXIT_INTERRUPTED
+    assert capsys.readouterr().err.count("What was read is kept") == 1
+    monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess())
+    assert run(*command) == 0
+    assert capsys.readouterr().out.startswith("3 logs, 2 of them read now;")

@@ -12,7 +12,7 @@ from mavdem.fleet.priors import earlier_drag
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.report.vehicle_summary import summaries_of
-from mavdem.wind_velocity.compass import compass_text
+from mavdem.wind_velocity.compass import compass_text, compass_words
 from sitl_scenarios.files import in_toml, load
 
 
@@ -30,10 +30,8 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert run("learn", log, "--out", learnt, "--mcap", "--train", "5s", "--test", "25") == 0
     said = capsys.readouterr().out
     (low, high) = found.speed_interval
-    assert (
-        f"Wind: {found.speed:.1f} m/s ({low:.1f} to {high:.1f}) from {compass_text(found.direction)}"
-        in said
-    )
+    assert f"Wind: {found.speed:.1f} m/s from {compass_words(found.direction)}, gusts to" in said
+    assert f"the speed is {low:.1f} to {high:.1f} m/s" in said
     assert json.loads((learnt / "report.json").read_text())["wind_velocity"]["speed"] == found.speed
     assert b"wind/velocity" in (learnt / "flight.mcap").read_bytes()
     assert run("convert", log, tmp_path / "legs.csv") == 0

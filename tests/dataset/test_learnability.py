@@ -418,7 +418,7 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     doubted = learnability_of(Signals(with_steps(0.05, HOVER.telemetry())))
     assert doubted.learnable
     (caution,) = (fact for fact in doubted.cautions if fact.code is Caution.NEAR_RESOLUTION)
-    # what noise takes of a regression's slope
+    # The share is what noise takes of a regression's slope.
     assert caution.figures["share"] == approx(1 / (1 + doubted.figures.output_snr))
     assert doubted.figures.angle_step == approx(0.05) and doubted.figures.rate_step == approx(0.05)
     time = np.arange(0, 40, 0.01)

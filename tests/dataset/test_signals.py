@@ -342,12 +342,12 @@ def test_without_a_battery_monitor_there_is_none():
     for nothing in (0, 65535):
         voltages = np.full(len(time), nothing, dtype=np.uint16)
         assert measured_voltage(time, voltages.copy()) is None
-        # of damaged bytes
+        # Damaged bytes give single values.
         voltages[[3, 30, 31, 40]] = 12_800
         assert measured_voltage(time, voltages) is None
     assert measured_voltage(time[:4], np.full(4, 12_800)) is None
     falling = np.linspace(16000, 14000, len(time))
-    falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # of damaged bytes
+    falling[[0, 30, 31]] = 65_000, 33_000, 6_000  # Damaged bytes give single values.
     damaged = measured_voltage(time, falling).values
     assert len(damaged) == len(time) - 3 and 14 <= damaged.min() <= damaged.max() <= 16
 

@@ -28,7 +28,7 @@ def test_a_turn_and_what_strays_are_not_steady():
     whole = steady_seconds()
     assert whole == approx(40.0, abs=3.0)
     assert steady_seconds(turn=9.5) == whole
-    # and the second after it, over which headings are compared
+    # The second after the turn is lost too, over which headings are compared.
     assert whole - steady_seconds(turn=11.0) == approx(4.2, abs=0.1)
     assert steady_seconds(stray=14.0) == whole
     assert whole - steady_seconds(stray=16.0) == approx(5.0, abs=0.2)

@@ -96,7 +96,7 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
         estimates[8].free_energy
     )
     assert online._memory.record().lengths == (400, 100)
-    # a clock that jumps back is a gap too
+    # A clock that jumps back is a gap too.
     assert np.isnan(online.update(3.0, WINDY.outputs[0], WINDY.inputs[0]).expected).all()
 
 

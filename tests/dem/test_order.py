@@ -31,12 +31,12 @@ def choice(*flights):
     "flights, chosen",
     [
         ([[0.0, 100.0, 95.0, 90.0]], 2),  # the highest
-        # which a further state does not raise by as much as is strong evidence
+        # A further state does not raise the highest by as much as is strong evidence.
         ([[0.0, 100.0, 102.9, 90.0]], 2),
         ([[0.0, 100.0, 103.1, 90.0]], 3),
         ([[0.0, 100.0, 99.0, 110.0]], 4),  # beyond an order that gains nothing
         ([[0.0, 500.0], [0.0, -5.0], [0.0, -5.0]], 1),  # one flight alone does not make an order
-        # by two standard errors of the mean, 100 each
+        # The limit is two standard errors of the mean, 100 each.
         ([[0.0, 110.0], [0.0, 310.0]], 2),
         ([[0.0, 90.0], [0.0, 290.0]], 1),
         ([[0.0, 10.0, np.nan]], 2),  # an order that could not be learnt

@@ -191,7 +191,7 @@ def test_a_difference_of_several_flights_and_its_chance_are_those_by_hand():
     )
     assert change.quantity == (DAMPING, 0, "roll")
     assert (change.before, change.after) == approx((0.6, 1.0))
-    # between flights (8 · 0.2² + 0.02 - 0.01) / 9, within each 0.1²
+    # The variance is (8 · 0.2² + 0.02 - 0.01) / 9 between flights, and 0.1² within each.
     between = 0.33 / 9
     variance = 1.5 * (between + 0.01)
     freedom = variance**2 / ((1.5 * between) ** 2 / 9 + 0.015**2 / 20)

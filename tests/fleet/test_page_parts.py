@@ -56,3 +56,10 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
         assert kept_charts(store, "b", make) == "b 6"
         # What was made by another version is made again.
         assert summaries(store, "2") == ["a 7", "b 8", "c 9"]
+
+
+def test_a_damaged_summary_is_made_again(tmp_path):
+    whole = index_of(tmp_path, fleet_rows(7))
+    with open_store(tmp_path) as store:
+        store.db.execute("update vehicle_parts set summary = '{'")
+        assert write_fleet_pages(store, {}).index.read_text() == whole

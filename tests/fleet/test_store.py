@@ -277,10 +277,14 @@ def test_a_change_writes_only_the_file_with_the_rows_of_its_vehicle(tmp_path, mo
     assert changed == [False, True, True]
     vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
     assert sorted(vehicles) == ["a new vehicle", *sorted([*names, "v5"])]
-    # A file that is lost is written again, and so is all where the columns are of another version.
+    # A file that is lost is written again, and so is all where the columns of any are of another version.
     paths[1].unlink()
     fleet_of(tmp_path, [new])
     assert len(parquet.read_table(tmp_path / "flights")) == 12
+    older = parquet.read_table(paths[1]).drop_columns(["tier"])
+    parquet.write_table(older, paths[1])
+    fleet_of(tmp_path, [replace(new, tier="a")])
+    assert parquet.read_table(paths[1]).column_names == parquet.read_table(paths[0]).column_names
     with closing(sqlite3.connect(tmp_path / STORE, isolation_level=None)) as db:
         db.execute("pragma user_version = 1")
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 100)

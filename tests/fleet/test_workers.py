@@ -85,7 +85,7 @@ def test_no_log_stops_a_run(tmp_path):
     make_logs(logs, 3)
     for name in ("slow", "crash", "big", "where", "waits"):
         make_logs(logs, 1, name)
-    # sparse: its content alone takes longer to read than there is time
+    # The file is sparse: its content alone takes longer to read than there is time.
     os.truncate(logs / "slow_0.bin", 1 << 40)
     healthy = make_logs(tmp_path / "healthy", 1)
     done = track(
@@ -174,7 +174,7 @@ def hanging(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+@mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     run, names = hanging
     for _ in range(2):  # impatience changes nothing

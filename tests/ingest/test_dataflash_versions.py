@@ -146,6 +146,6 @@ def test_a_dataflash_log_has_its_board_and_the_time_of_the_first_receiver(tmp_pa
     path.write_bytes(dataflash.log(*dataflash.flight(np.arange(20.0, 25.0, 0.1)), *pieces))
     (found,) = read_dataflash(path).vehicles
     assert (found.board, found.hardware) == ("001a002f3039511333333539", "CUAVv5Nano")
-    # with a fix
+    # The time is that of messages with a fix.
     unix = found.messages["SYSTEM_TIME"]["time_unix_usec"] / 1e6
     assert_allclose(unix, moment.timestamp() + np.arange(1, 5), rtol=1e-12)

@@ -107,7 +107,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken():
     table = frames_in(first + outer + third)
     assert table.checksum.tolist() == [CHECKSUM_MATCHES, CHECKSUM_FAILED, CHECKSUM_MATCHES]
     assert table.sequence.tolist() == [1, 2, 3]
-    # nor is the damaged one lost before a header that is cut off
+    # The damaged one is not lost before a header that is cut off either.
     cut = tlog([first, outer, third])[: 1 - len(third)]
     assert frames_in(cut, STAMP_BYTES).sequence.tolist() == [1, 2]
 

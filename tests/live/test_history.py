@@ -55,7 +55,7 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
         flown(history, 2.0, segment, 110.0 + 5 * segment)
     measured = live_timeline(history, "roll").flight_charts[0].lines[0]
     assert np.isnan(measured.y).sum() == 3
-    # no line is drawn across a gap
+    # No line is drawn across a gap.
     assert np.diff(measured.x)[~np.isnan(measured.y[1:])].max() < 1.0
 
 

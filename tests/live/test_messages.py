@@ -55,7 +55,7 @@ def mixed(seed):
         lambda number: frame(
             70000, chance.randbytes(chance.randrange(1, 255)), sequence=number, seed=7
         ),
-        # another definition
+        # The seed is that of another definition of the message.
         lambda number: frame(30, chance.randbytes(28), sequence=number, seed=1),
         lambda number: message(
             "SERVO_OUTPUT_RAW", sequence=number, servo1_raw=chance.randrange(2000)

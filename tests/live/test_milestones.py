@@ -58,6 +58,10 @@ def test_a_landing_reports_what_the_flight_has_shown():
     milestones.report_end(learning, status, 41.0, None)
     assert len(facts) == 2, "a flight is reported once"
     assert "margins not known. Mean wind not known. Estimates at most 20 ms late." in sentence
+    margins = {"phase_margin": 66.0, "phase_margin_interval": (60.0, 72.0)}
+    margins |= {"gain_margin": 14.9, "gain_margin_interval": (13.0, 17.0)}
+    known = str(facts[1].replace(**margins))
+    assert "margins 66° (60 to 72) and 14.9 dB (13.0 to 17.0). Mean wind" in known
 
 
 @mark.parametrize(

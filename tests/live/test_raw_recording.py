@@ -13,7 +13,7 @@ from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live.raw_recording import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
-# of another dialect, and damaged
+# Frames of another dialect, and damaged ones.
 OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
 NOW = 1.7e9
 

@@ -2,6 +2,7 @@
 
 import io
 import random
+import re
 from dataclasses import dataclass, replace
 from pkgutil import resolve_name
 from unittest.mock import Mock
@@ -251,6 +252,7 @@ def test_the_status_stands_in_its_place_on_a_terminal():
     shown = io.StringIO()
     console = Console(file=shown, force_terminal=True, highlight=False, width=100)
     weak = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
+    other = weak.replace(subject="motor 2")
     wind = WindEstimate(60.0, np.array([-8.0, -11.0]), np.array([2.5, 2.5]))
     known = {
         "wind": wind,
@@ -262,11 +264,16 @@ def test_the_status_stands_in_its_place_on_a_terminal():
         lines = StatusLines(place)
         lines.show(Mock(status=SessionStatus(vehicle="1:1")))
         assert "1:1: learning" in shown.getvalue()
-        status = SessionStatus(vehicle="1:1", learned_rows=123_456, active_alarms=(weak,), **known)
+        status = SessionStatus(
+            vehicle="1:1", learned_rows=123_456, active_alarms=(weak, other), **known
+        )
         lines.show(Mock(status=status))
     last = shown.getvalue().split("1:1: ALARM")[1]
     assert last.index(" 20 ms late.") < 66  # of 80, with the margin's
     assert "\x1b[1;31m" in last
+    # A sentence that is longer than a line wraps, so that none is cut.
+    words = re.sub(r"\x1b\[[^m]*m|\s+", " ", last).split()
+    assert f"{weak} {other}" in " ".join(words) and "…" not in last
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():

@@ -260,7 +260,7 @@ def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
     learned = mavdem.learn(flight)
     loop = learned.loop()
     assert loop.measured is not None and loop.measured.agreement > 90
-    # results cannot be written, in another process either
+    # Results are read-only, also after another process has received them.
     again = pickle.loads(pickle.dumps(learned))
     torque = learned.wind_torque.band
     for array in (

@@ -149,11 +149,13 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     }
     assert set(found) == {"quad", "new"}
     text = plain_text(found["quad"])
-    assert "motor 3's share +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text
+    assert (
+        "motor 3's relative trim +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text
+    )
     for widest in ("3.0 %", "6.8 %", "17 %", "0.40 1/s", "13 ms"):
         assert f" (± {widest})" in text
     assert "the latest flight, 0007.ulg (2026-01-12), compared with 4 flights." in text
-    assert "beside the median motor's" in text and "no flight of" in plain_text(found["new"])
+    assert "over the median motor's" in text and "no flight of" in plain_text(found["new"])
 
 
 def test_a_flight_without_a_date_comes_last():

@@ -299,7 +299,7 @@ NUMBER = r"(\d+\.?\d*(?:e-?\d+)?)"
 NAMED_CHANGES = (
     rf"(MC_[A-Z_]+) from {NUMBER} to {NUMBER}",
     rf"(MC_[A-Z_]+) {NUMBER} → {NUMBER}",
-    rf"(MC_[A-Z_]+)\s+{NUMBER}\s+{NUMBER}\s+\d\.\d\d\b",
+    rf"(MC_[A-Z_]+)[ \n]+{NUMBER}[ \n]+{NUMBER}\b",
     rf"'(MC_[A-Z_]+)': {{'now': {NUMBER}, 'set': {NUMBER}",
 )
 """A gain with its value before and after: in sentences, in tables, and in documents."""
@@ -394,3 +394,16 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     for is_full in (False, True):
         report = " ".join(texts(tune_blocks(tuning, is_full)))
         assert report.count(fast.advised) == 1, is_full
+    (_, table, caution) = tune_blocks(tuning, is_full=False)
+    assert table.header[1:] == ["now", "with these gains"] and caution.text == fast.advised
+    labels = [label for label, *_ in table.rows]
+    assert labels[-5:-2] == ["phase margin (°)", "gain margin (dB)", "maximum sensitivity Ms"]
+
+
+def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
+    tuning = tunings["below the goal"]
+    roll = Fact(Loops.NO_LOOP, reasons=(Fact(Loops.NOT_STEERED, share=0.131),))
+    pitch = Fact(Loops.NO_LOOP, reasons=(Fact(Loops.NOT_STEERED, share=0.129),))
+    judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict())
+    shown = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
+    assert [block.lead for block in shown] == ["Roll and pitch:"]

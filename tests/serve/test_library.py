@@ -189,7 +189,7 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     library.add_fleet_logs()
     assert library.find(*ALL, 100)[1] == 2 and len(read_rows(tmp_path)) == 2
     library.change(entries[0].id, note="mine")
-    # as while `mavdem track` reads a log that has changed
+    # The store is so while `mavdem track` reads a log that has changed.
     for change in ("update flights set log = 'other'", "delete from logs"):
         library.db.execute(change)
     library._thread_state.fleet_version = None

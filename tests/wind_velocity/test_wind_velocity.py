@@ -25,7 +25,7 @@ from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
 from mavdem.live.wind import LiveWind
-from mavdem.report.condition import wind_blocks
+from mavdem.report.condition import wind_blocks, wind_tables
 from mavdem.wind_velocity.compass import meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity, lower_speed_bound, speed_status
 from mavdem.wind_velocity.from_log import (
@@ -207,9 +207,16 @@ def test_calm_air_is_below_a_speed():
     assert wind.calm and wind.speed < 0.7 and wind.speed_interval[0] == 0
     assert lower_speed_bound(0.6, 6.0)
     own = TimeSeries(wind.time, np.zeros(len(wind.time), int), np.ones((len(wind.time), 2)))
-    assert "own estimate is 1.4 m/s from SW" in wind_blocks(WindEvidence(wind, own, None))[0].text
+    shown = wind_blocks(WindEvidence(wind, own, None))
+    assert any("own estimate, 1.4 m/s from the south-west (225°)" in block.text for block in shown)
     of_other_boot = replace(own, boot=own.boot + 1)
-    assert "own" not in wind_blocks(WindEvidence(wind, of_other_boot, None))[0].text
+    shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
+    assert not any("own estimate" in block.text for block in shown)
+    course = tuple({"start": 60.0 * i, "speed": i, "direction": 90.0} for i in range(10))
+    (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
+    # The direction of a wind that may be still air is not shown.
+    assert table.header == ["Minute from (s)", "Wind (m/s)"]
+    assert [row[0] for row in table.rows] == ["0", "180", "360", "540"]
 
 
 def test_what_is_no_free_flight_is_refused():

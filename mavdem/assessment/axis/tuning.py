@@ -258,7 +258,8 @@ def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:
     Returns:
         The one reason that all axes share; otherwise each reason, with the ``names`` of its axes.
     """
-    axes_by_refusal = group_by(refusals, refusals.__getitem__)
-    if len(axes_by_refusal) == 1:
-        return list(axes_by_refusal)
-    return [fact.replace(names=axes) for fact, axes in axes_by_refusal.items()]
+    # Two axes have different figures of the same reason, such as their own intervals, which the words need not show.
+    groups = group_by(refusals, lambda axis: refusals[axis].advised).values()
+    if len(groups) == 1:
+        return [next(iter(refusals.values()))]
+    return [refusals[axes[0]].replace(names=axes) for axes in groups]

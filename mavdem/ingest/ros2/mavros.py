@@ -106,7 +106,7 @@ def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[st
         controls = [numbers[f"controls[{n}]"] for n in range(DEMAND_CHANNELS)]
         fields["controls"] = np.column_stack(controls)
     elif mavros_topic.message == "HEARTBEAT":
-        # plugins/sys_status.cpp.
+        # MAVROS fills this message in its plugin sys_status.
         fields = heartbeat_fields(GENERIC_VEHICLE, autopilot, numbers["armed"])
     return fields
 

@@ -34,6 +34,9 @@ SECTOR_COUNT = 16
 SECTOR_WIDTH = 360 / SECTOR_COUNT
 """Width of each direction of a wind rose, degrees."""
 
+MIN_ROSE_FLIGHTS = 8
+"""Flights from which on their winds are drawn as a rose; each of fewer is a dot. A choice: half of the directions."""
+
 MAX_PATH_POINTS = 600
 """Points of the flown path that are drawn, at most."""
 
@@ -136,7 +139,29 @@ def rose_of_flights(winds: Array) -> Plan:
         winds: mean wind of each flight (N, 2): direction that it comes from, rad, and speed, m/s.
     """
     direction, speed = winds.T
-    return _wind_rose(f"Wind of {len(winds)} flights.", np.degrees(direction), speed, 1.0)
+    description = f"How many of {len(winds)} flights had wind from where, and how strong."
+    return _wind_rose(description, np.degrees(direction), speed, 1.0)
+
+
+def dots_of_flights(winds: Array) -> Plan:
+    """Returns the winds of a few flights as dots: where each came from, and how strong it was.
+
+    Args:
+        winds: mean wind of each flight (N, 2): direction that it comes from, rad, and speed, m/s.
+    """
+    directions, speeds = winds.T
+    # The rings are at an even number of m/s and at half of it.
+    outer_speed = 2 * max(int(np.ceil(speeds.max() / 2)), 1)
+    rings = [(RADIUS / 2, f"{outer_speed // 2} m/s"), (RADIUS, f"{outer_speed} m/s")]
+    dots = [
+        (round(turn, 1), round(radius, 1))
+        for turn, radius in zip(
+            np.degrees(directions).tolist(), (RADIUS / outer_speed * speeds).tolist(), strict=True
+        )
+    ]
+    flights = "The dot shows" if len(winds) == 1 else "Each dot shows"
+    description = f"{flights} where the wind of a flight came from, and how strong it was."
+    return Plan("Wind", description, svg_of("rose", petals=(), rings=rings, arrow=None, dots=dots))
 
 
 class _Petal(NamedTuple):

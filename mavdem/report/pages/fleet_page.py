@@ -17,9 +17,17 @@ from mavdem.fleet.names import NO_NAMES, GivenNames
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.charts.chart import Plan
-from mavdem.report.charts.plans import rose_of_flights
+from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, MAX_URGENT_RANK, NOT_USED
+from mavdem.report.fleet import (
+    HEALTH_LEVELS,
+    MAX_URGENT_RANK,
+    NOT_USED,
+    is_serial,
+    short_name,
+    vehicle_label,
+    vehicle_type,
+)
 from mavdem.report.fleet_summary import fleet_blocks, vehicles_with_parts
 from mavdem.report.flight_lines import COLUMNS, FlightLine
 from mavdem.report.numbers import listed
@@ -34,12 +42,6 @@ FIRST_SHOWN = 50
 
 SUMMARY_BLOCKS = 2
 """Paragraphs of the summary at the top of the page: the headline, and what was flown."""
-
-MAX_NAME_LENGTH = 16
-"""Letters of a vehicle's name that are shown whole; longer ones are serial numbers, of which the end is shown."""
-
-SERIAL_END_LENGTH = 6
-"""Last letters of a serial number that are shown: boards of one make differ in these."""
 
 MIN_BARS = 12
 """Bars for which the list of vehicles has room at least, so that a few flights are not drawn as wide blocks."""
@@ -121,7 +123,7 @@ def fleet_page(
                 for line, line_cells in zip(lines, cells, strict=True)
             ],
             "levels": BADGE_LEVELS,
-            "given": sorted(map(names.vehicle, names.vehicles)),
+            "labels": _labels(summaries, names),
         },
     )
 
@@ -286,7 +288,7 @@ def _vehicle_parts(
         parts.append(
             VehiclePart(
                 name=name,
-                label=_label(name, vehicle.last, names),
+                label=vehicle_type(name, vehicle.last.frame, names),
                 serial=short_name(name) if names.vehicle(name) != name or is_serial(name) else "",
                 searched=names.vehicle(name),
                 last=vehicle.last,
@@ -303,29 +305,19 @@ def _vehicle_parts(
     return parts
 
 
-def is_serial(name: str) -> bool:
-    """Returns whether the name that logs have for a vehicle is too long to be shown, such as a serial number."""
-    return len(name) > MAX_NAME_LENGTH
-
-
-def short_name(name: str) -> str:
-    """Returns the name of a vehicle as far as a line has room: of a serial number the end, which tells boards apart."""
-    return f"…{name[-SERIAL_END_LENGTH:]}" if is_serial(name) else name
-
-
-def _label(name: str, last: LastFlight, names: GivenNames) -> str:
-    """Returns what a vehicle is called at the beginning of its line.
+def _labels(summaries: Sequence[VehicleSummary], names: GivenNames) -> dict[str, str]:
+    """Returns what the lines of flights call vehicles whose name is a serial number, by that name.
 
     Args:
-        name: name of the vehicle in its logs.
-        last: its latest flight.
+        summaries: what is known of the flights under each name.
         names: names that were given to vehicles.
     """
-    if name in names.vehicles:
-        return names.vehicle(name)
-    if not is_serial(name):
-        return name
-    return last.frame.replace("_", " ").capitalize() or "Vehicle"
+    labels = {}
+    for summary in summaries:
+        if is_serial(summary.name) and summary.name not in names.vehicles:
+            frame = "" if summary.vehicle is None else summary.vehicle.last.frame
+            labels[summary.name] = vehicle_label(summary.name, frame, names)
+    return labels
 
 
 def _note(vehicle: VehicleFlights) -> str:
@@ -443,9 +435,12 @@ def _repeated_differences(parts: Sequence[VehiclePart]) -> Table:
 
 
 def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
-    """Returns the wind rose of all flights whose wind is known; None without any."""
+    """Returns the winds of all flights whose wind is known, of few as dots, of many as a rose; None without any."""
     winds = [wind for summary in summaries for wind in summary.winds]
-    return rose_of_flights(np.array(winds, np.float64)) if winds else None
+    if not winds:
+        return None
+    plan = rose_of_flights if len(winds) >= MIN_ROSE_FLIGHTS else dots_of_flights
+    return plan(np.array(winds, np.float64))
 
 
 def fleet_remark(row: FlightRow) -> str:

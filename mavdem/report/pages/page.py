@@ -27,7 +27,7 @@ from mavdem.report.charts.flight_charts import loop_charts
 from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.gain_changes import GainChanges, gain_changes
-from mavdem.report.loops import compared_loops, tune_blocks
+from mavdem.report.loops import compared_loops, tune_blocks, tune_details
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
@@ -286,7 +286,7 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
         judgement.next_step,
         tuning.notch_parameters,
     )
-    blocks = tune_blocks(tuning, has_gain_table=changes is not None)
+    blocks = tune_blocks(tuning, is_full=False, has_gain_table=changes is not None)
     chapters = [Chapter("Margins and gains", blocks)]
     trials = gain_trial_groups(evidence, tuning.axes)
     caption = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
@@ -300,8 +300,10 @@ def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
             chapters.append(Chapter(f"Loops of {axis}", (), groups))
     subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
     conclusion_blocks = conclusion(judgement)
+    chapters.append(Chapter("All margins, and what they rest on", tune_details(tuning)))
     result = [conclusion_blocks[0], conclusion_blocks[-1]]
-    head = Head(judgement.headline.level, judgement.lights, changes=changes)
+    # Of the lights, those of the loops are what the page is about, and the others are not.
+    head = Head(judgement.headline.level, {}, changes=changes)
     return render_document(name, subtitle, result, chapters, head=head)
 
 

@@ -17,7 +17,7 @@ def test_what_changed_stands_first_and_every_change_is_within_the_drawing():
     svg = change_plan(difference).svg
     texts = re.findall(r'<text class="left"[^>]*>([^<]*)<', svg)
     assert len(texts) == len(difference.changes)
-    assert texts[0].startswith("Motor 3&#39;s share +12")
+    assert texts[0].startswith("Motor 3&#39;s relative trim +12")
     positions = [float(value) for value in re.findall(r'(?:x|x1|x2|cx)="([\d.]+)%"', svg)]
     assert min(positions) >= 0 and max(positions) <= 100
     assert svg.count("font-weight: 650") == 2

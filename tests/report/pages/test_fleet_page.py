@@ -37,7 +37,7 @@ def parts(text):
 
 @mark.slow
 def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
-    # one flight of each vehicle, without a figure, and a second one of the first
+    # There is one flight of each vehicle, without a figure, and a second one of the first.
     rows = fleet_rows(6)
     shuffled = random.Random(1).sample(rows, len(rows))
     assert fleet_page(rows) == fleet_page(shuffled)

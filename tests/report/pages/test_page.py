@@ -158,9 +158,9 @@ return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("a
 
 @mark.slow
 def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(flight, tmp_path):
-    # on a telephone, in the dark
+    # The window is that of a telephone, in the dark.
     title, (zoomed, wider, whole, label, fits) = shown(flight, ZOOM, tmp_path, 500, dark=True)
-    # modes, motors twice and wind torque; angle and rate of three axes; the spectrogram
+    # The plots: modes, motors twice and wind torque; angle and rate of three axes; the spectrogram.
     assert (
         fits and len(whole) == 11 and label.startswith("Modes") and title == f"\ufffd\ufffd{NAME}"
     )
