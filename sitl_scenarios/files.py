@@ -223,8 +223,6 @@ def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
 def in_toml(scenario: Scenario) -> str:
     """Writes a scenario as TOML, with every value, and its meaning and range as a comment.
 
-    Read again, the file gives the same scenario.
-
     Args:
         scenario: The scenario.
 

@@ -263,14 +263,17 @@ def _evidence_without_loops(
 
 
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
-    """Returns the first event after which the outputs of the motors say nothing about the motors themselves.
+    """Finds the first event after which the outputs of the motors say nothing about the motors themselves.
 
-    That is the loss of control, a motor that stood still, or a height estimate that diverged: a vehicle that follows a
-    false height drives its motors to their limits. None if there was no such event.
+    Such events are the loss of control, a motor that stood still, and a height estimate that diverged: a vehicle that
+    follows a false height drives its motors to their limits.
 
     Args:
         events: events of the log.
         ending: event with which the flight was lost; None if it was not.
+
+    Returns:
+        The first such event; None if there was none.
     """
     losses = []
     for event in events:

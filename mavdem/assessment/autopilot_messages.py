@@ -300,7 +300,7 @@ def in_time_order(facts: Iterable[Fact]) -> list[Fact]:
 
 
 def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
-    """Returns the facts in time order, with repetitions of a report merged into its first fact.
+    """Merges the repetitions of a report into its first fact.
 
     Autopilots repeat a warning while its cause persists, and report one problem by several messages. Two facts are one
     report if they have the same boot and code (and text, for ``CODES_WITH_TEXT``), no contrary subjects, and follow
@@ -309,6 +309,9 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
 
     Args:
         facts: facts that report messages of the autopilot, in any order.
+
+    Returns:
+        The remaining facts in time order, each with its ``count``, 1 for a report without repetitions.
     """
     merged: list[Fact] = []
     # The positions in ``merged`` of facts with the same boot, code and quoted text.

@@ -110,7 +110,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
 
 
 def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
-    """Returns all events, with the level of each report of a crash lowered to "watch" unless sensors confirm it.
+    """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
     ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and the
     usual rule decides (:func:`mavdem.witnesses.statements.weighed_event`): another one is needed. That is a loss by the
@@ -120,6 +120,9 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     Args:
         signals: signals of the vehicle.
         events: those of ``motion_events`` and ``reported_events``.
+
+    Returns:
+        All events, in the same order.
     """
     losses = [event for event in events if event.code in ENDINGS]
     weighed_events = []

@@ -185,7 +185,7 @@ def first_failure(
 
 
 def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> _Trouble:
-    """Returns the time before an impact in which something went wrong, and the motors that were at their limit.
+    """Finds the time before an impact in which something went wrong, and the motors that were at their limit.
 
     It begins with the first sign of trouble, a motor at its limit or a fall, but ``MAX_SETPOINT_DELAY`` before the
     impact at the latest.
@@ -194,6 +194,9 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
         events: events of the flight.
         boot: number of the boot.
         impact: time when the loss began, s since boot.
+
+    Returns:
+        The interval from the first sign of trouble to the impact, s since boot, and the names of those motors.
     """
     latest_start = impact - MAX_SETPOINT_DELAY
     # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
@@ -211,13 +214,14 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
 
 
 def _trouble_of_attitude(error: AttitudeError, onset: float) -> _Trouble:
-    """Returns the time from the onset of a loss of attitude until the error exceeded ``LOST_ANGLE``.
-
-    The side to which the vehicle fell is the direction of the error at its end.
+    """Finds the time from the onset of a loss of attitude until the error exceeded ``LOST_ANGLE``.
 
     Args:
         error: error of the attitude in the boot.
         onset: time when the loss began, s since boot.
+
+    Returns:
+        The interval, s since boot, and the side to which the vehicle fell: the direction of the error at its end.
     """
     lost_row = np.argmax((error.time >= onset) & (error.magnitude > LOST_ANGLE))
     interval = (onset, float(error.time[lost_row]))
@@ -361,7 +365,7 @@ def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
 def _events_at(
     events: Sequence[Fact], code: Code, boot: int, time: float, delay: float = LASTING_SECONDS
 ) -> list[Fact]:
-    """Returns the events of a code that last at a time.
+    """Selects the events of one code that last at a given time.
 
     Args:
         events: events of the log.
@@ -370,6 +374,9 @@ def _events_at(
         time: time on the boot clock, s.
         delay: an event counts too that begins up to so many seconds later. ``LASTING_SECONDS`` is how long most events
             must last to be one.
+
+    Returns:
+        These events, in the order of ``events``.
     """
     return [
         event
@@ -382,14 +389,17 @@ def _events_at(
 
 
 def _changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
-    """Returns the parameters SERVOn_FUNCTION of some motors' outputs that were changed in the log, by their names.
+    """Finds the outputs of motors whose assignment was changed during the log.
 
-    The parameter assigns output n to a motor. If it is changed in flight, the output no longer drives its motor, so
-    that the change itself may be the failure.
+    The parameter SERVOn_FUNCTION assigns output n to a motor. If it is changed in flight, the output no longer drives
+    its motor, so that the change itself may be the failure.
 
     Args:
         signals: signals of the vehicle, whose ``initial_parameters`` are those that were changed.
         names: names of the motors.
+
+    Returns:
+        The names of the changed parameters.
     """
     assert signals.motors is not None
     geometry = signals.motors.geometry

@@ -460,16 +460,16 @@ class _Contact:
         fall_speed: float | None,
         throttle_closing: Fact | None,
     ) -> MotionEvent:
-        """Returns the kind of the contact of a vehicle that lost its attitude or rests on its side.
-
-        It tipped over at take-off if it never rose, toppled in its landing if it was about to land, and else hit the
-        ground.
+        """Classifies the ground contact of a vehicle that lost its attitude or came to rest on its side.
 
         Args:
             onset: time when the contact began, s since boot.
             rest: rest of the vehicle afterwards; None if the log ended before.
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
+
+        Returns:
+            TIPPED (over, at take-off) if it never rose, TOPPLED if it was about to land, otherwise HIT (the ground).
         """
         if not has_risen_by(self.scene, self.flight, onset):
             return MotionEvent.TIPPED

@@ -139,10 +139,13 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
 
 
 def _measured_state(values: Array) -> Fact:
-    """Returns whether an instance measures: a value that never changes was not measured.
+    """Judges whether an instance of a sensor measures: a value that never changes was not measured.
 
     Args:
         values: (N,) samples.
+
+    Returns:
+        The fact CONSTANT or MEASURED.
     """
     is_constant = len(values) > 1 and np.ptp(values) == 0
     return Fact(InstanceState.CONSTANT if is_constant else InstanceState.MEASURED)
@@ -223,12 +226,15 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
 
 
 def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float) -> Fact:
-    """Returns whether an instance of the estimator rejected measurements in flight; bad only if it flew at all.
+    """Judges whether an instance of the estimator rejected measurements in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         samples: its innovation ratios, as :func:`_estimator_samples` returns them.
-        used_share: share of the time in which it flew.
+        used_share: share of the time in which the autopilot used the instance.
+
+    Returns:
+        The fact REJECTED or MEASURED. A rejection is bad only if the instance was used in flight.
     """
     failsafe_limit = failsafe_limit_of(evidence.signals.telemetry)
     rejections = []

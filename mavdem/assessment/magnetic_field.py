@@ -34,10 +34,13 @@ def field_change(evidence: Evidence, field: TimeSeries) -> float | None:
 
 
 def field_strengths(field: Array) -> Array:
-    """Returns the strengths of a magnetic field, in its unit, without samples in which it was not measured and is 0.
+    """Computes the strength of a magnetic field at each sample, without samples of 0, which were not measured.
 
     Args:
-        field: (N, 3) along the axes of the compass.
+        field: (N, 3) field along the axes of the compass.
+
+    Returns:
+        (M,) strengths of the M ≤ N measured samples, in the unit of the field.
     """
     strengths = np.linalg.norm(field, axis=1)
     return strengths[strengths > 0]

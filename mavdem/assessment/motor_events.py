@@ -167,7 +167,7 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
 
 
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
-    """Returns whether the vehicle has left the ground in its flight so far, at each of N times.
+    """Determines at which times a vehicle has left the ground in its present flight.
 
     It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. If no height was
     recorded, and in a flight that began before the record, it counts as off the ground throughout the flight.
@@ -177,6 +177,9 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
         boot: number of the boot.
         flights: start and end of each flight of the boot, s.
         time: (N,) times, s.
+
+    Returns:
+        (N,) whether it has; False outside flights.
     """
     is_off_ground = in_intervals(time, flights)
     for flight in flights:

@@ -127,13 +127,16 @@ def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> It
 
 
 def _is_far_below_usual(speeds: Array) -> Flags:
-    """Returns whether a motor turns with less than ``STANDSTILL_SHARE`` of its usual speed, at each sample (N,).
+    """Determines at which samples a motor turns with less than ``STANDSTILL_SHARE`` of its usual speed.
 
     The usual speed is the median of the earlier samples that are not so low themselves: a lost motor may go on to turn
     slowly in the wind. Before ``MIN_USUAL_SAMPLES`` of them there is none, and nothing is low.
 
     Args:
         speeds: speeds of the motor in flight (N,), 1/min.
+
+    Returns:
+        (N,) whether it does.
     """
     is_low = np.zeros(len(speeds), np.bool_)
     usual_speeds: list[float] = []
@@ -254,12 +257,15 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
-    """Returns the errors that a controller counted in an interval or a second before, as a witness; or nothing.
+    """Makes a witness of the errors that a motor's controller counted in an interval or a second before.
 
     Args:
         controller: the speed controller of the motor, which may count its errors.
         boot: number of the boot.
         interval: start and end, s since boot.
+
+    Returns:
+        One statement with the number of errors; empty if none was counted or the controller does not count.
     """
     errors = series_of_boot(controller.error_count, boot)
     if errors is None:
@@ -346,12 +352,15 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
 
 
 def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAround:
-    """Returns the samples in twice ``RECOVERY_SECONDS`` before an interval, and those in it; either may be empty.
+    """Selects the samples before and in an interval.
 
     Args:
         time: time of the samples (N,), s since boot.
         values: command or speed of a motor (N,).
         interval: start and end of the loss, s since boot.
+
+    Returns:
+        The samples in twice ``RECOVERY_SECONDS`` before the interval, and those in it; either may be empty.
     """
     start, _ = interval
     return SamplesAround(

@@ -106,14 +106,18 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
 
 
 def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Returns a witness if the attitude left its setpoint; if not, that proves nothing: other motors may hold it.
+    """Makes a witness of a motor's loss if the attitude left its setpoint.
 
-    Without a setpoint, half of the lean is taken for its error; then the statement has the whole lean.
+    If it did not, that proves nothing, since other motors may hold the attitude. Without a recorded setpoint, half of
+    the lean is taken for its error; then the statement has the whole lean.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         interval: start and end, s since boot.
+
+    Returns:
+        One statement with the largest error, or an empty tuple.
     """
     error = attitude_error(signals, boot)
     if error is None:

@@ -222,11 +222,14 @@ def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
 
 
 def _voltages(signals: Signals, segment: Segment) -> dict[str, TimeSeries | None]:
-    """Returns the voltages of the batteries within a segment, V, by name; a single battery has no number.
+    """Collects the voltages of the batteries within a segment.
 
     Args:
         signals: signals of the vehicle.
         segment: boot, start and end.
+
+    Returns:
+        Voltage, V, by the battery's name, "battery" if there is only one; None if it was not recorded in the segment.
     """
     batteries = signals.batteries
     if len(batteries) == 1:
@@ -309,13 +312,16 @@ def wind_history(evidence: WindEvidence, segment: Segment) -> WindHistory | None
 
 
 def _mode_intervals(signals: Signals, segment: Segment) -> tuple[ModeInterval, ...]:
-    """Returns the flight modes within a segment: each lasts until the next change, the last one to the end.
+    """Lists the flight modes within a segment, each from its change to the next.
 
     The mode in which the segment begins may have been set before it, so that intervals are cut at the segment's ends.
 
     Args:
         signals: signals of the vehicle.
         segment: part of the log.
+
+    Returns:
+        The modes in time order, with start and end of each.
     """
     changes = signals.mode_changes(segment.boot)
     end_times = [time for time, _ in changes[1:]] + [segment.end]

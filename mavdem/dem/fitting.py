@@ -153,13 +153,16 @@ def _parameter_prior(
     record: Record,
     r: int,
 ) -> ArrayPair:
-    """Returns the prior mean (k,) and precision (k, k) of θ, in the engine's units.
+    """Chooses the prior of the parameters θ by the settings.
 
     Args:
         settings: settings of the fit, which name the prior or give it.
         scaling: the engine's units.
         record: training data, in which the "regulated" prior looks for outputs that are derivatives of others.
         r: number of the engine's inputs, the constant one included.
+
+    Returns:
+        Mean (k,) and precision (k, k) of the k parameters, in the engine's units.
 
     Raises:
         ValueError: a given prior that does not fit the model.

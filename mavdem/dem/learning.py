@@ -193,11 +193,14 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
 
 
 def _odd_window(samples: float, min_window: int) -> int:
-    """Returns the length of an embedding window, in samples: odd, so that it has a sample at its centre.
+    """Rounds the length of an embedding window to an odd number, so that a sample is at its centre.
 
     Args:
         samples: Wanted length, in samples; it is rounded, and an even number is increased by one.
         min_window: Shortest length.
+
+    Returns:
+        Length in samples.
     """
     window = max(round(samples), min_window)
     return window + 1 - window % 2

@@ -255,13 +255,16 @@ def embed_by_kernel(
 
 
 def _samples_per_effective_sample(width: float, dt: float) -> float:
-    """Returns the number of samples of smooth noise that carry as much information as one independent sample.
+    """Computes how many samples of smooth noise carry as much information as one independent sample.
 
     It is Σₖ ρ(k dt)², with the autocorrelation ρ(τ) = exp(−τ²/4s²) of noise of kernel width s. The sum is √(2π) s/dt.
 
     Args:
         width: kernel width s, in seconds.
         dt: sampling step, s.
+
+    Returns:
+        The number, not rounded.
     """
     return sqrt(2 * pi) * width / dt
 

@@ -98,16 +98,19 @@ PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
 def looks_like_log(path: AnyPath) -> bool:
-    """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable.
+    """Returns whether a file is a log, judged by its name and, if the name says nothing, by its first bytes.
 
-    A zip archive that is damaged or of several logs counts as one, and so do logs of PX4 that are not read. So they are
-    reported.
+    This is a quick test for the files in a folder. It also accepts logs that cannot be read (damaged zip archives,
+    archives of several logs, log formats of PX4 that are not supported), so that they are reported to the user.
 
-    This is the quick test for files in a folder. A MAVLink marker alone proves little, so a telemetry log under another
-    name must also begin with a plausible receive stamp.
+    The start marker of a MAVLink message alone proves little, so a telemetry log under another name must also begin
+    with a plausible receive time.
 
     Args:
         path: the file; str, bytes or path-like.
+
+    Returns:
+        True for a log, also for one that cannot be read.
     """
     name = os.fsdecode(path)
     if _format_of_name(name) is not None or name.lower().endswith(UNREAD_LOG_ENDINGS):

@@ -50,14 +50,15 @@ class ModelJudging:
         stream: LiveStream,
         is_busy: bool,
     ) -> None:
-        """Takes a judgement that is done, or begins to judge the newest model where that is due.
+        """Stores a judgement that is done, or starts to judge the newest model if that is due.
 
-        It is called once a second, and never waits: a judgement takes seconds, and is made in the executor. Only one is
-        under way at a time, and two begin at least ``JUDGING_PERIOD`` apart. A model is judged only once physical
-        parameters are known, which the judgement is about, and only if it has the inputs of the latest rows.
+        It is called once a second and never waits: a judgement takes seconds and is made in the executor. Only one is
+        under way at a time, and two start at least ``JUDGING_PERIOD`` apart. A model is judged only once its physical
+        parameters are known, since the judgement is about those, and only if it was learned with the inputs of the
+        latest rows.
 
         Args:
-            now: s of the monotonic clock.
+            now: present time, s of the monotonic clock.
             learning: learning that has the newest model.
             stream: stream that has the autopilot's parameters, and changes of the motors' balance.
             is_busy: whether this computer has no time to judge.

@@ -382,7 +382,7 @@ class RateRequest:
         return [self._command(SET_INTERVAL, interval.message_id, microseconds)]
 
     def _report_fall(self, interval: _MessageInterval, rate: float) -> None:
-        """Reports that a message, once as fast as requested, has become too slow again, and who may be to blame.
+        """Reports that a message, once as fast as requested, is too slow again, and names the likely cause.
 
         Such a fall has two usual reasons. The vehicle rebooted and forgot its settings; then the message has ended, and
         its rate is 0. Or another ground station sets its rates back; then the message goes on slowly, and falls again
@@ -393,7 +393,7 @@ class RateRequest:
 
         Args:
             interval: the message, whose ``fall_count`` is updated.
-            rate: its measured rate, Hz; 0 where it does not come.
+            rate: its measured rate, Hz; 0 if the message no longer comes.
         """
         if rate > 0:
             interval.fall_count += 1

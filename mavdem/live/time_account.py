@@ -37,7 +37,7 @@ class AccountedState:
         first four is missing and the vehicle does not fly, it is time on the ground.
 
         Args:
-            now: s of the monotonic clock.
+            now: present time, s of the monotonic clock.
         """
         obstacle = self.status.obstacle
         on_ground_codes = (Session.NOT_FLYING, Session.FLIGHT_UNKNOWN)

@@ -199,7 +199,7 @@ def advise(
 
 
 def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
-    """Returns the gains for the next flight of the stage that a loop is in.
+    """Designs the gains for the next flight, in the stage of tuning that the loop has reached.
 
     While the rate loop lacks margin, that is stage 1; while only the attitude loop does, stage 2. A loop with enough
     margin, of which more is asked, is in stage 1 as long as the rate loop lacks margin at some effectiveness, or can
@@ -208,6 +208,9 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     Args:
         loop: the loops with the logged gains.
         target: margins to reach.
+
+    Returns:
+        The gains with their stage; without gains if none are worth changing.
     """
     search = GainSearch(loop, target)
     # Row 0 is the estimated plant.
@@ -308,7 +311,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
 
 
 def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:
-    """Returns the gains that most likely keep up a limit cycle, by the names of the controller's fields.
+    """Names the gains that most likely keep up a limit cycle.
 
     They are those of :func:`gain_reduction_advice`: attitude gain and I as far as their corner frequencies are above
     half of the oscillation's frequency, and P and D if neither is.
@@ -316,6 +319,9 @@ def _gains_behind_oscillation(controller: Controller, frequency: float | None) -
     Args:
         controller: the controller of the axis.
         frequency: frequency of the oscillation, Hz; one that is not known (None) is taken for a high one.
+
+    Returns:
+        Names of the controller's fields: "angle_gain" and "i", one of them, or "p" and "d".
     """
     angular_frequency = 2 * np.pi * (frequency or np.inf)
     # Without P, all of the response comes from the integral.

@@ -242,11 +242,14 @@ def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
 
 
 def notch_source_count(parameters: Parameters, prefix: str) -> int:
-    """Returns how many notches a harmonic notch filter has at each harmonic: one for each source that it follows.
+    """Counts the notches that a harmonic notch filter has at each harmonic: one for each source that it follows.
 
     Args:
         parameters: parameters of the log, by name.
         prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+
+    Returns:
+        The number, at least 1.
     """
     mode = parameters.get(f"{prefix}MODE", 0.0)
     if int(parameters.get(f"{prefix}OPTS", 0.0)) & MULTI_SOURCE_OPTION:

@@ -118,11 +118,14 @@ def gyro_delay(controller: Controller) -> float:
 
 
 def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
-    """Returns the gyro's filters with their phase lag at one frequency.
+    """Collects the filters of the gyro and computes their phase lag at one frequency.
 
     Args:
         controller: controller with the parameters of the filters.
         frequency: the frequency, Hz. At the crossover, the phase lag is what the filters take from the phase margin.
+
+    Returns:
+        The low-pass filter, the notches, and the phase lag of both together, degrees.
     """
     # The phase is followed from low frequencies on, since it may be more than half a turn.
     frequencies = np.linspace(0.0, frequency, PHASE_STEPS)

@@ -329,13 +329,16 @@ class GainSearch:
         return {name: best_gain}
 
     def margin_score(self, open_loop: OpenLoop) -> float:
-        """Returns the score of margins that all but ``SEARCH_MISS_SHARE`` of the models reach, at each effectiveness.
+        """Scores the margins of many plant models by a low quantile, so that a few bad models do not decide.
 
         The score of a plant is the least ratio of a margin to its target (:func:`margin_scores`): at 1 it just has all
         margins. Unstable loops, of score minus infinity, are set to ``MIN_SCORE``, so that the quantile stays finite.
 
         Args:
             open_loop: rate or attitude loop of all models, at each effectiveness.
+
+        Returns:
+            The score that all but ``SEARCH_MISS_SHARE`` of the models reach.
         """
         scores = scores_of_models(margin_scores(self.target, open_loop))
         return float(np.quantile(scores.clip(MIN_SCORE), SEARCH_MISS_SHARE))
@@ -356,11 +359,16 @@ class GainSearch:
         return ratios
 
     def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
-        """Returns P, I and D of the rate controller by the autopilot's names, of which I has the default ratio to P.
+        """Computes P, I and D of the rate controller from P and the ratio of D to P.
+
+        I follows P by the autopilot's default ratio. Gains that the log has not, or that are 0, are left out.
 
         Args:
             factor: factor on the logged P.
             derivative_ratio: ratio of D to P, s.
+
+        Returns:
+            The rounded gains by the autopilot's names.
         """
         names = self.loop.controller.parameter_names
         p = factor * self.logged_gains["p"]
@@ -373,10 +381,13 @@ class GainSearch:
         return gains
 
     def _worthwhile(self, design: Parameters) -> Parameters:
-        """Returns a design if one of its gains changes by the factor ``MIN_GAIN_CHANGE`` or more, else an empty one.
+        """Drops a design that changes no gain by the factor ``MIN_GAIN_CHANGE`` or more.
 
         Args:
             design: gains by the autopilot's name.
+
+        Returns:
+            The design, or an empty one.
         """
         parameters = self.loop.controller.parameters
         names = self.loop.controller.parameter_names
@@ -432,7 +443,7 @@ class GainSearch:
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
     def _notes(self, stage: Stage, gains: Parameters) -> Facts:
-        """Returns facts about what is unusual in new gains of the rate controller.
+        """States what is unusual in new gains of the rate controller.
 
         That is a gain of the angle that is lowered with them, and a ratio of I or D to P that differs from the
         autopilot's default by more than ``MAX_RATIO_CHANGE``.
@@ -440,6 +451,9 @@ class GainSearch:
         Args:
             stage: stage of tuning, which decides the gains that change.
             gains: gains to set, by the autopilot's name.
+
+        Returns:
+            The notes; empty for gains that are not of the rate controller's stage.
         """
         names = self.loop.controller.parameter_names
         logged = self.loop.controller.parameters

@@ -268,12 +268,15 @@ def _loop_spectra(
 
 
 def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -> Messages:
-    """Returns the values of one boot at their stamps.
+    """Selects the samples of one boot.
 
     Args:
         stream: times and boots of N samples.
         values: value of each sample (N,).
         boot: number of the boot.
+
+    Returns:
+        Times and values of these samples.
     """
     is_of_boot = stream.boot == boot
     return Messages(stream.time[is_of_boot], values[is_of_boot])
@@ -319,7 +322,7 @@ def _rows_of_window(stream: Messages, start: float) -> slice:
 
 
 def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
-    """Returns the fraction of the output's power that came while a motor was at a limit, from 0 to 1.
+    """Computes the fraction of the output's power that came while a motor was at a limit.
 
     While an output is at its limit, the loop is open: it answers neither wind nor setpoint. The power is the sum of
     squares of the demand about its mean in each window.
@@ -327,6 +330,9 @@ def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
     Args:
         messages: messages of the loop, with the output as a demand, and whether a motor was at a limit.
         window_starts: times (W,) at which the windows begin, s.
+
+    Returns:
+        The fraction, 0 to 1; 0 if the output has no power.
     """
     output = messages.streams[Quantity.OUTPUT]
     power = power_at_limit = 0.0
@@ -403,7 +409,7 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
 
 
 def _coherent_share(spectra: CrossSpectra) -> float:
-    """Returns the fraction of the rate's variance that is coherent with the reference, from 0 to 1.
+    """Computes the fraction of the rate's variance that is coherent with the reference.
 
     The reference is what pilot or navigation ask for. The rest of the rate is caused by wind and noise. At each
     frequency the coherent part of the density is |S_pq|² / S_qq, with rate p and reference q. Both densities are then
@@ -411,6 +417,9 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 
     Args:
         spectra: cross-spectra of rate, output, setpoint and reference.
+
+    Returns:
+        The fraction, 0 to 1.
     """
     density = spectra.mean_density
     rate_density = density[:, Quantity.RATE, Quantity.RATE].real

@@ -163,7 +163,7 @@ class _LogDeviations(NamedTuple):
 
 
 def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviations:
-    """Returns the standard deviations of the errors that the model itself causes, by parameter.
+    """Computes the standard deviations of the errors that the model's own simplifications cause.
 
     They grow with the time between messages beyond a control cycle, and with the share of the output that limits cut
     off. Independent errors of one parameter add in squares.
@@ -171,6 +171,9 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
     Args:
         fit: posterior, with that time and that share.
         values: parameters of the axis.
+
+    Returns:
+        The deviation of the logarithm of each parameter, without unit.
     """
     surplus_interval = fit.posterior.densities.surplus_interval
     cut_share = fit.saturation_loss

@@ -101,13 +101,16 @@ def _midpoints(highest: float) -> Array:
 
 @lru_cache(maxsize=2)
 def _sine_kernel(highest: float, time: tuple[float, ...]) -> Array:
-    """Returns sin(2πft) / f at the midpoints f and times t (M, K), s.
+    """Computes the kernel sin(2πft) / f of a step response at the midpoints f of the frequencies, and times t.
 
     The loops of a flight share their frequencies and times, and the sines take longer than all else of a response.
 
     Args:
         highest: highest frequency, Hz.
         time: times after the step (K,), s.
+
+    Returns:
+        (M, K) kernel at M frequencies and K times, s.
     """
     midpoints = _midpoints(highest)
     phases = 2 * np.pi * np.outer(midpoints, time)

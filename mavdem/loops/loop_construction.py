@@ -188,10 +188,10 @@ def at_limit_share(record: Record, controller: Controller) -> float:
 
     Args:
         record: the flight, with the inputs.
-        controller: controller of the axis, which knows the limits.
+        controller: controller of the axis, which decides what output counts as a limit.
 
     Returns:
-        The fraction; 0 if the range of the inputs is not known.
+        The fraction, 0 to 1; 0 if the range of the inputs is not known.
     """
     if len(record.input_range) != 2:
         return 0.0

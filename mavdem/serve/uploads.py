@@ -151,7 +151,7 @@ def refuse_other_files(path: Path, name: str) -> None:
     """Checks that an uploaded file is a log, before it waits with the others to be read.
 
     Args:
-        path: path of the file. It has not the name of the log, so that its content decides.
+        path: path of the file on the server. Its name is a temporary one, so that the content decides.
         name: name that the file was uploaded with.
 
     Raises:

@@ -92,11 +92,14 @@ class PositionWitness:
 
 @cached_per_vehicle()
 def position_witness(signals: Signals, boot: int) -> PositionWitness:
-    """Returns the report of receivers and estimator on the position in a boot.
+    """Collects what receivers and estimator report on the position during one boot.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        The fixes, the validity of the position estimate, and the share of the powered time with a fix.
     """
     fix = series_of_boot(position_fix(signals), boot)
     return PositionWitness(

@@ -430,7 +430,9 @@ def _gradual_losses(
     settled: Intervals,
     changes: Sequence[MotorAlarm],
 ) -> list[MotorAlarm]:
-    """Returns the motors that lost thrust slowly, in runs of settled flight without another change.
+    """Finds the motors that lost thrust slowly.
+
+    Each interval of settled flight in which no motor changed suddenly is searched.
 
     Args:
         motors: the k motors.
@@ -438,6 +440,9 @@ def _gradual_losses(
         boot: number of the boot.
         settled: intervals of settled flight, s since boot.
         changes: changes in this boot that the detector of sudden losses reported.
+
+    Returns:
+        At most one alarm for each interval, in the order of the intervals.
     """
     losses = []
     for start, end in settled:
@@ -568,6 +573,9 @@ def flights_after_start(segments: Flights, start: float) -> Flights:
     Args:
         segments: flights of all boots.
         start: time after the first sample of that boot's flights, s.
+
+    Returns:
+        The flights of that boot, cut at the start; flights that are too short to learn from are left out.
 
     Raises:
         TooFewSamples: no flight has enough samples left to learn from.

@@ -109,10 +109,13 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
 
 
 def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[Interval]:
-    """Returns the intervals in which a motor had lost thrust, s on the clock of the boot; they may overlap.
+    """Finds the intervals in which a motor had lost thrust, from its alarms of loss and recovery.
 
     Args:
         alarms: alarms of one boot.
+
+    Returns:
+        Start and end of each interval, s since boot; the end is infinite without a recovery. Intervals may overlap.
     """
     intervals = []
     for loss in alarms:
@@ -312,7 +315,7 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
 
 
 def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[StrEnum, JsonValues]:
-    """Returns the errors of each forecasting method by the keys of ``report.json``, the most accurate method first.
+    """Ranks forecasting methods by their errors.
 
     The methods are ranked by the key ``relative``: the error over that of the constant mean, 1 for a method that is no
     better. The keys ``per_output`` and ``total`` are the errors themselves, in squared units of the outputs.
@@ -321,6 +324,9 @@ def _ranked_errors(errors: Mapping[StrEnum, Array], variance: Array) -> dict[Str
         errors: mean squared errors (m,) of m outputs, by method.
         variance: (m,) variances of the outputs. An error over the variance has no unit, so that those of angle and rate
             can be added.
+
+    Returns:
+        The keys ``relative``, ``per_output`` and ``total`` for each method, the most accurate method first.
     """
     normalised_errors = {method: (error / variance).sum() for method, error in errors.items()}
     baseline_error = normalised_errors[CONSTANT_MEAN]

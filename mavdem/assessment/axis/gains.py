@@ -142,12 +142,15 @@ def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Inter
 
 
 def _gains_at(history: Sequence[GainSet], moment: BootTime) -> GainValues:
-    """Returns the gains at a time of a boot: those of the last change before.
+    """Looks up the gains that applied at a time of a boot.
 
     Args:
         history: gains in the order of boot and time. The first entry is from before the log, so that one always
             applies.
         moment: boot and time, s.
+
+    Returns:
+        The gains of the last entry at or before the time.
     """
     earlier_sets = [
         gain_set for gain_set in history if BootTime(gain_set.boot, gain_set.time) <= moment
@@ -329,13 +332,16 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
 
 
 def _autotune_texts(signals: Signals) -> list[StatusText]:
-    """Returns the texts of ArduPilot's AutoTune on the axis of ``signals``.
+    """Collects the messages of ArduPilot's AutoTune on the axis of ``signals``.
 
     They begin like "AutoTune: Yaw Rate" and, for a yaw that is tuned by its error's filter or by D, "AutoTune: Yaw(E)"
     or "AutoTune: Yaw(D)".
 
     Args:
         signals: signals of the vehicle, for the axis.
+
+    Returns:
+        The messages, in the order of the log.
     """
     name = f"AutoTune: {signals.axis.capitalize()}"
     beginnings = (f"{name} ", f"{name}(")

@@ -128,11 +128,14 @@ def margins_of(
 def axes_with_doubtful_loop(
     margins: Iterable[AxisMargins], loops: Mapping[str, Loop | Fact]
 ) -> frozenset[str]:
-    """Returns the axes whose loop was identified, and a measured response speaks against it.
+    """Selects the axes whose loop was identified but is contradicted by a measured response.
 
     Args:
         margins: stability margins of each axis, as far as they are known.
         loops: the identified loop of each axis, or why it is not known.
+
+    Returns:
+        Names of these axes.
     """
     identified = identified_loops(loops)
     return frozenset(

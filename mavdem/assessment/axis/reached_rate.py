@@ -89,12 +89,18 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
 
 
 def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_Turn]:
-    """Returns the turns of a flight about one axis, as :func:`reached_rate` defines them, with their largest rates.
+    """Finds the turns of a flight about one axis, with the largest rate and setpoint of each.
+
+    A turn lasts as long as the setpoint exceeds half of its largest value in the flight, in one direction, and at least
+    ``MIN_TURN_SECONDS``. Its rate may be reached up to ``RISE_SECONDS`` later.
 
     Args:
         rate: body rate, rad/s.
         setpoint: setpoint of the body rate, rad/s.
         segments: parts of the flight to judge.
+
+    Returns:
+        The turns, those in positive direction first; empty if no setpoint reaches ``MIN_TURN_RATE``.
     """
     is_judged = np.zeros(len(setpoint.time), dtype=bool)
     for segment in segments:
@@ -118,11 +124,14 @@ def _turns(rate: TimeSeries, setpoint: TimeSeries, segments: Segments) -> list[_
 
 
 def _long_intervals(series: TimeSeries, rows: Flags) -> list[Segment]:
-    """Returns the times of at least ``MIN_TURN_SECONDS`` in which all samples of a series are selected.
+    """Finds the intervals in which all samples of a series are selected, for at least ``MIN_TURN_SECONDS``.
 
     Args:
         series: N samples.
         rows: (N,) whether a sample is selected.
+
+    Returns:
+        The intervals, in time order, each within one boot.
     """
     # With a row that is not selected at each end, every run of selected rows has a first row and an end.
     is_selected = np.concatenate([[False], rows, [False]])

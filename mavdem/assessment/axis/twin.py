@@ -182,12 +182,15 @@ def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -
 def _compared_motions(
     twins: tuple[Twin, Twin], loops: LoopsByAxis, segments: dict[str, ReplaySegment]
 ) -> dict[str, TwinMotion]:
-    """Returns the motion of roll and pitch in one flight of each of two twins.
+    """Flies two twins through the same setpoints, and compares their roll and pitch.
 
     Args:
         twins: the twin with the present gains, and the twin with the advised ones.
         loops: identified loops by axis, "roll" among them.
         segments: setpoints by axis.
+
+    Returns:
+        For each of "roll" and "pitch" that has setpoints: the setpoint and the angles of both twins.
 
     Raises:
         NotLearnable: a twin cannot fly.

@@ -135,12 +135,15 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
 def _identifiers(
     parameters: Parameters, name: str, is_first_numbered: bool = False
 ) -> dict[int, str]:
-    """Returns the number in the name of a parameter, as text, by the device id that it has; the first of equal ones.
+    """Reads the device ids of numbered sensors from parameters.
 
     Args:
         parameters: parameters of the autopilot.
         name: name of the parameter, with a place for the number.
         is_first_numbered: whether the name of the first has a number too; otherwise it has none.
+
+    Returns:
+        By device id, the number in the parameter's name as text; if several have the same id, the first number.
     """
     suffixes: dict[int, str] = {}
     for number in range(1, MAX_SENSORS + 1):

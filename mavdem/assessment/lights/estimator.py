@@ -200,13 +200,16 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
 
 
 def failsafe_limit_of(telemetry: Telemetry) -> float:
-    """Returns the innovation ratio from which on the autopilot's failsafe doubts its filter.
+    """Looks up the innovation ratio above which the autopilot's failsafe doubts its position filter.
 
     It is the limit of PX4's own test or, for ArduPilot, the parameter FS_EKF_THRESH, whose value 0 disables the
     failsafe; then, or without the parameter, its default counts.
 
     Args:
         telemetry: autopilot and parameters of the vehicle.
+
+    Returns:
+        The ratio, without unit.
     """
     if telemetry.autopilot == "PX4":
         return INNOVATION_LIMIT

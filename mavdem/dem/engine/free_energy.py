@@ -137,10 +137,13 @@ class SampleFreeEnergy:
 
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
-        """Returns F(t) as a function of the sample, under the posterior of the training data.
+        """Prepares the free energy F(t) as a function of one sample, under the posterior of the training data.
 
         Args:
             posterior: the posterior. Its statistics say how many samples share the complexity.
+
+        Returns:
+            The function, with all factors that do not depend on the sample.
         """
         model = posterior.model
         T = posterior.samples.sample_count
@@ -300,7 +303,7 @@ def lambda_curvature(posterior: Posterior) -> Array:
 
 
 def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
-    """Returns the terms of F̄ᵒ by name, nats, Eq. ``F_action_opt``: F̄ at optimal covariances.
+    """Computes the terms of the free action at optimal covariances, F̄ᵒ, Eq. ``F_action_opt``.
 
     Each is the sum over the training samples of the term of :class:`SampleFreeEnergy` of the same name, computed from
     the second moments of the data. The mean-field term is zero at optimal covariances, and is left out.
@@ -308,6 +311,9 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
     Args:
         posterior: a posterior whose covariances are the inverses of the negative curvatures, as
             ``steps.with_optimal_covariances`` makes them.
+
+    Returns:
+        The terms by name, nats.
     """
     model = posterior.model
     # Π̃ times Σ ε̃ε̃ᵀ, entry by entry: the sum over the block of one kind of errors is their Σ ε̃ᵀ Π̃ ε̃.

@@ -326,14 +326,17 @@ class GenerativeModel:
         )
 
     def regressor_moments(self, moments: Array) -> RegressorMoments:
-        """Returns the second moments of the regressors, whose orders are weighted by the temporal precisions S.
+        """Computes the second moments of the regressors, with their orders weighted by the temporal precisions S.
 
         Row i of [A B] multiplies the regressors [x; v], and its derivatives multiply theirs, so that the row's part of
-        ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in it, with the matrix e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ. The noises of different
-        channels are independent, so no two rows are coupled. The same holds for C, with the regressors x.
+        ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in it, with the matrix e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ. The noises of
+        different channels are independent, so no two rows are coupled. The same holds for C, with the regressors x.
 
         Args:
             moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
+
+        Returns:
+            The moments of [x; v], for the rows of [A B], and of x, for those of C.
         """
         layout = self._regressor_layout
         # A last row and column of zeros are the moments of derivatives that the inputs do not have.

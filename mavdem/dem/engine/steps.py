@@ -249,13 +249,16 @@ class FreeEnergyOfLambda(NamedTuple):
 
 
 def with_optimal_covariances(posterior: Posterior) -> Posterior:
-    """Returns the posterior with every covariance at the maximum of F̄, Eq. ``Pi_curvature``.
+    """Sets every covariance of a posterior to the maximum of F̄, Eq. ``Pi_curvature``.
 
     These are the inverses of the negative curvatures (second derivatives) of the internal energy, or action, at the
     means: the Laplace approximation.
 
     Args:
         posterior: the posterior, whose means are kept.
+
+    Returns:
+        A copy of the posterior with these covariances.
 
     Raises:
         numpy.linalg.LinAlgError: a negative curvature is not positive definite.

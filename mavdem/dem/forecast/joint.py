@@ -181,11 +181,14 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
 
 
 def _with_combined_inputs(record: Record, mixer: Array) -> Record:
-    """Returns a record whose inputs are replaced by combinations of them.
+    """Replaces the inputs of a record by linear combinations of them.
 
     Args:
         record: the record, with r inputs.
         mixer: c combinations of the inputs, one in each column (r, c).
+
+    Returns:
+        A copy of the record with c inputs.
     """
     return replace(record, inputs=record.inputs @ mixer, effect_directions=None)
 
@@ -345,13 +348,16 @@ class JointModel(ImmutableResult):
 
 
 def _largest_lags(record: Record) -> int:
-    """Returns the largest number of lags that a record suffices for.
+    """Finds the largest number of lags of an autoregression that a record suffices for.
 
     That is the largest candidate for which the longest segment has ``MIN_SAMPLES_PER_LAG`` samples for each lag; where
     even the smallest is too large, as many lags, up to the smallest candidate, as leave one sample to regress.
 
     Args:
         record: the training data.
+
+    Returns:
+        The number of lags, at least 1.
     """
     possible = [
         lags for lags in LAG_CANDIDATES if lags <= record.longest_segment // MIN_SAMPLES_PER_LAG

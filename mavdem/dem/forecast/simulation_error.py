@@ -351,13 +351,16 @@ class SimulationObjective:
         return self._value_of_errors(point, self.errors(point[None]))
 
     def expand(self, point: Array) -> QuadraticExpansion:
-        """Returns the second-order expansion of the log joint density about a point.
+        """Expands the log joint density to second order about a point.
 
         The gradient and the Gauss-Newton curvature, of the form JᵀJ, follow from the Jacobian J of the errors. It is
         computed by finite differences: one simulation for each free parameter, all of them at once.
 
         Args:
             point: (f,) free parameters.
+
+        Returns:
+            The value, the gradient (f,) and the curvature (f, f) at the point.
         """
         steps = FINITE_DIFFERENCE_STEP * np.maximum(1.0, abs(point))
         errors = self.errors(np.vstack([point, point + np.diag(steps)]))

@@ -108,11 +108,14 @@ def lagged_rows(samples: Array, lags: int) -> Array:
 
 
 def latest_samples(channels: Array, count: int) -> Array:
-    """Returns the last samples of channels; where there are fewer than asked for, the first is repeated before them.
+    """Takes the last samples of channels; if there are too few, the first one is repeated before them.
 
     Args:
         channels: samples of k channels (T, k), at least one sample.
         count: number of samples to return.
+
+    Returns:
+        (count, k) samples.
     """
     rows = np.arange(len(channels) - count, len(channels))
     return channels[np.maximum(rows, 0)]

@@ -473,15 +473,18 @@ def _spectrum_groups(
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
-    """Returns the chapter of the motors: a table of them, the vehicle from above, and without a model its condition.
+    """Makes the chapter on the motors of a flight: a table of motors and the vehicle drawn from above.
 
-    Tier "a" is a log of which a full model can be learned. The hover figures are part of its table of motors; for other
-    tiers sentences on the condition say the same with less.
+    If no full model can be learned of the log (a tier other than "a"), sentences on the condition of the vehicle
+    follow.
 
     Args:
         analysis: analysis of the axis that was asked for.
         evidence: signals, events and measurements of the vehicle.
         light: the fact of the light of the motors, which colours the drawing.
+
+    Returns:
+        The chapter.
     """
     is_full_tier = analysis.tier.tier == "a"
     hover = analysis.condition.hover if is_full_tier else None
