@@ -141,7 +141,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
         hear = session.link.receive
         monkeypatch.setattr("sitl_scenarios.mavlink.live.monotonic", clock.monotonic)
         session.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or hear(0.0)
-        scenario = load("ardupilot_steps").model_copy(update={"duration": 25.0})
+        scenario = load("ardupilot_steps").model_copy(update={"duration": 20.0, "height": 5.0})
         with closing(Air(session, given[-1])) as air:
             watch = Mock()
             flown.append(fly_live(scenario, Simulation(scenario), air, Wire.speed, watch))
@@ -176,7 +176,7 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(here, capsys,
     assert re.search(r"learning; [\d,]{3,} samples", said)
     assert re.search(r"Watched: .*\boscillation\b.*\(since \d+ s\)", said)
     told = strict_json(printed.out)
-    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 1000 and told["lost"] == 0
+    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 500 and told["lost"] == 0
     assert told["record"]["frames"] > 1000 and flown[0].commands >= 4
     assert told["rates"]["ATTITUDE"] == approx(100, rel=0.1), (
         "what comes faster already is not lowered"

@@ -1,5 +1,6 @@
 """A log dropped into the Rerun Viewer, whose loaders write a recording to standard output."""
 
+import json
 import subprocess
 import sys
 
@@ -13,27 +14,36 @@ from mavdem.cli.open import EXIT_INCOMPATIBLE, load
 pytestmark = mark.slow
 
 
-@mark.parametrize(
-    "log, shown, application",
-    [
-        (short_flight, "/flight/angle/", "dropped"),
-        (lambda _: SLOW, "/report", "mavdem"),
-    ],
-)
-def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(
-    log, shown, application, tmp_path
-):
+LOADING = """
+import json, os, sys
+from mavdem.cli.open import load
+
+for recording, *words in json.loads(sys.argv[1]):
+    os.dup2(os.open(recording, os.O_WRONLY | os.O_CREAT), 1)
+    code = load(words)
+    assert code == 0, code
+"""
+"""Loads logs one after the other, each with its options into a file that is standard output meanwhile."""
+
+
+def test_a_log_is_written_as_a_dashboard_or_as_the_reason_why_there_is_no_model(tmp_path):
     """In a process of its own, which can be ended where Rerun never answers; a viewer that waits sees what is done."""
-    words = [log(tmp_path), "--recording-id", "any"]
-    words += ["--application-id", application] if application == "dropped" else []
-    loading = "import sys; from mavdem.cli.open import load; sys.exit(load(sys.argv[1:]))"
-    with (tmp_path / "shown.rrd").open("wb") as file:
-        command = [sys.executable, "-c", loading, *words]
-        subprocess.run(command, stdout=file, timeout=PATIENCE, check=True)
-    read = RrdReader(tmp_path / "shown.rrd")
-    assert len(read.blueprints()) == 1 + (application == "dropped")
-    assert [entry.application_id for entry in read.recordings()] == [application]
-    assert any(str(chunk.entity_path).startswith(shown) for chunk in read.stream())
+    dashboard, reason = str(tmp_path / "dashboard.rrd"), str(tmp_path / "reason.rrd")
+    options = ["--recording-id", "any", "--application-id", "dropped"]
+    jobs = [
+        [dashboard, str(short_flight(tmp_path)), *options],
+        [reason, str(SLOW), *options[:2]],
+    ]
+    command = [sys.executable, "-c", LOADING, json.dumps(jobs)]
+    subprocess.run(command, timeout=PATIENCE, check=True)
+    for path, shown, application, blueprints in (
+        (dashboard, "/flight/angle/", "dropped", 2),
+        (reason, "/report", "mavdem", 1),
+    ):
+        read = RrdReader(path)
+        assert len(read.blueprints()) == blueprints
+        assert [entry.application_id for entry in read.recordings()] == [application]
+        assert any(str(chunk.entity_path).startswith(shown) for chunk in read.stream())
 
 
 @mark.parametrize("name, content", [("a.png", b"\x89PNG\r\n"), ("a.mcap", b"\x89MCAP0\r\n")])

@@ -87,12 +87,17 @@ def flown(log):
     return signals, segments
 
 
+def identified_loop(log):
+    """The loop of roll, of a plant that is identified in it."""
+    signals, flights = flown(log)
+    return loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
+
+
 @mark.parametrize("every, within", [(1, (5.0, 1.5)), (8, (12.0, np.inf))])
 def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
     """The intervals hold them; beyond half of the log's rate the gain margin is said to be extrapolated."""
     known, log = flight
-    signals, flights = flown(thinned(log, every))
-    loop = loop_from_plant(identify_plant_in_loop(signals, flights), Record.from_flights(flights))
+    loop = identified_loop(thinned(log, every))
     _, *margins, _ = known["roll_rate_margins"]
     for name, true, error in zip(("phase_margin", "gain_margin"), margins, within, strict=True):
         assert abs(getattr(loop, name) - true) < error
@@ -104,6 +109,18 @@ def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
         assert Loops.GAIN_MARGIN_EXTRAPOLATED in codes
     else:
         assert Loops.GAIN_MARGIN_EXTRAPOLATED not in codes
+
+
+def test_a_loop_has_nearly_its_true_margins_at_400_hz():
+    vehicle = SCENARIO.vehicle.model_copy(update={"parameters": {"IMU_GYRO_RATEMAX": 400}})
+    stream = SCENARIO.stream.model_copy(update={"rate": 400, "rates": {"ATTITUDE_TARGET": 400}})
+    # From a low hover, which begins early, to the 20 s of settled flight that margins take.
+    fast = {"duration": 40.0, "height": 2.0, "vehicle": vehicle, "stream": stream}
+    known, log = logged(SCENARIO.model_copy(update=fast))
+    loop = identified_loop(log)
+    _, phase_margin, gain_margin, _ = known["roll_rate_margins"]
+    assert loop.phase_margin == approx(phase_margin, abs=5.0)
+    assert loop.gain_margin == approx(gain_margin, abs=1.5)
 
 
 def test_a_slow_log_has_the_loops_of_its_plant_in_the_loop(log):

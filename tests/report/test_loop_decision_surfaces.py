@@ -227,6 +227,15 @@ def searches_once():
 
 
 @fixture(scope="module")
+def without_pictures():
+    """Pages have no pictures of open loops, which take a third of their time and are not searched for advice."""
+    with MonkeyPatch.context() as patch:
+        for module in ("loop_chapters", "page"):
+            patch.setattr(f"mavdem.report.pages.{module}.loop_charts", lambda *_: ())
+        yield
+
+
+@fixture(scope="module")
 def tunings(assessments, searches_once):
     """The tuning of roll and pitch of each flight; why there is none where no loop is known."""
     made = {}
@@ -239,7 +248,7 @@ def tunings(assessments, searches_once):
 
 
 @fixture(scope="module")
-def surfaces_of(assessments, tunings, tmp_path_factory):
+def surfaces_of(assessments, tunings, without_pictures, tmp_path_factory):
     """What each surface says of a flight, computed once for its name."""
     path = tmp_path_factory.mktemp("surfaces") / "flight.rrd"
     return cache(lambda name: surfaces(assessments[name], tunings[name], path))

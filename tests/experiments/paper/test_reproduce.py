@@ -30,6 +30,7 @@ from mavdem.experiments.paper.noise_tests import analyse_noise
 from mavdem.experiments.paper.report import ITEMS, PAGE, ItemReport, document, write
 from mavdem.experiments.paper.runner import DEM_P2, PEER_METHODS, Runner
 from mavdem.experiments.window import Window, windows
+from mavdem.report.figures import style
 from sitl_scenarios.files import load
 
 HELD = Check("a rule", True, "this is so")
@@ -182,8 +183,18 @@ def test_all_items_make_one_report(tmp_path, monkeypatch, request):
 
     monkeypatch.setattr("mavdem.experiments.paper.runner.windows", first_windows)
     # Of its flights the choice of the order takes the first seconds of hover.
-    short_flight = load("paper_2").model_copy(update={"duration": 30.0})
+    short_flight = load("paper_2").model_copy(update={"duration": 20.0})
     monkeypatch.setattr(model_order, "load", lambda name: short_flight)
+    # To write a picture takes three times as long as to draw it: all are drawn, and one is written.
+    svg_of = style.svg_of
+    written = []
+
+    def svg_of_first(figure, name):
+        if not written:
+            written.append(svg_of(figure, name))
+        return written[0]
+
+    monkeypatch.setattr(style, "svg_of", svg_of_first)
     runner = Runner(experiment_numbers=(2,), uses_authors_results=False, prior_count=2)
     chosen = [claim for claim in ITEMS if claim.name not in tested_elsewhere]
     reports = [ItemReport(claim, ITEMS[claim](runner)) for claim in chosen]
