@@ -169,7 +169,14 @@ def notch_trial(
     return NotchTrial(
         tuple(_forms(filters, controller.gyro_rate)),
         _charts(controller, filters, spectrum, peaks[0], mark, has_spectrum=not is_behind),
-        tuple(_remarks(filters, has_loop=loop is not None, is_behind=is_behind)),
+        tuple(
+            _remarks(
+                filters,
+                has_loop=loop is not None,
+                is_behind=is_behind,
+                has_dynamic_notch=bool(controller.parameters.get("IMU_GYRO_DNF_EN", 0.0)),
+            )
+        ),
         tuple(f"{ending} ({READERS[ending]})" for ending in endings),
         {
             **_model(controller, filters),
@@ -184,20 +191,23 @@ def notch_trial(
     )
 
 
-def _remarks(filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool) -> Iterator[str]:
+def _remarks(
+    filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool, has_dynamic_notch: bool
+) -> Iterator[str]:
     """Yields the limitations of the trial as sentences.
 
     Args:
         filters: notch filters whose settings the reader can try.
         has_loop: whether a rate loop is identified.
         is_behind: whether the log has the gyro only after a filter that is on.
+        has_dynamic_notch: whether PX4 has notches besides that follow the motors or an FFT.
     """
     if not has_loop:
         yield f"No rate loop is identified: the phase is stated at {ASSUMED_CROSSOVER:.0f} Hz."
     if not filters[0].is_logged:
         yield "The log has none of its parameters: see whether the firmware has them."
     for title, tried in zip(_titles(filters), filters, strict=True):
-        mode = tried.parameters.get(f"{tried.prefix}MODE", NotchMode.FIXED)
+        mode = _mode_of(tried)
         name = title or "It"
         if tried.motor_frequencies:
             centers = listed(f"{frequency:.0f}" for frequency in tried.motor_frequencies)
@@ -206,10 +216,19 @@ def _remarks(filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool) ->
             yield f"{name} follows the throttle, and is shown where it is in hover."
         elif mode != NotchMode.FIXED:
             yield f"{name} follows a measurement, and is shown at its lowest frequency."
+    if any(tried.prefix and _mode_of(tried) != NotchMode.FIXED for tried in filters):
+        yield "In flight the centres move; the trial holds for the fixed ones that are shown."
+    if has_dynamic_notch:
+        yield "IMU_GYRO_DNF_EN adds notches that move with the motors: the trial holds for the fixed ones alone."
     if is_behind:
         yield (
             "The log has the gyro only behind this filter, so its spectrum with another one is not known."
         )
+
+
+def _mode_of(tried: TriedFilter) -> float:
+    """Returns what the centre of a filter follows, by its parameter; ``NotchMode.FIXED`` without one."""
+    return tried.parameters.get(f"{tried.prefix}MODE", NotchMode.FIXED)
 
 
 def _titles(filters: Sequence[TriedFilter]) -> list[str]:

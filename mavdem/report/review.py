@@ -113,7 +113,11 @@ def _last_lines(assessment: Assessment, line_count: int, columns: int) -> list[s
         *_wrapped(f"Next: {assessment.next_step}", columns),
     ]
     room = max(SCREEN_LINES - RESERVED_LINES - line_count - len(conclusion), 0)
-    alarms = [*_alarm_rows(assessment, columns)][:room]
+    alarms: list[str] = []
+    for row in _alarm_rows(assessment, columns):
+        if len(alarms) + len(row) > room:
+            break
+        alarms += row
     return [*alarms, *conclusion]
 
 
@@ -166,8 +170,8 @@ def _wrapped(text: str, columns: int) -> Iterator[str]:
         yield line.replace(HARD_SPACE, " ")
 
 
-def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
-    """Yields a row for each kind of bad event, which may have lost the vehicle, except the event of the headline.
+def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
+    """Yields the lines of each kind of bad event, which may have lost the vehicle, except the event of the headline.
 
     If the autopilot restarted between two of them, so that its clock began again, a row says so: their times are not in
     order then.
@@ -182,11 +186,10 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[str]:
         if event.is_bad and event.time != assessment.headline.time:
             boot = event.figures.get("boot", former_boot)
             if former_boot is not None and boot > former_boot:
-                yield CLOCK_BEGINS_ANEW
+                yield [CLOCK_BEGINS_ANEW]
             former_boot = boot
             name = "event" if event.time is None else f"{event.time:.0f} s"
-            remark = first_of(total)
-            yield f"{_row(name, event, columns - len(remark))}{remark}"
+            yield _whole_row(name, event, columns, first_of(total))
 
 
 def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
@@ -199,9 +202,21 @@ def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
     """
     if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
         return [_row(name, fact, columns)]
+    return _whole_row(name, fact, columns)
+
+
+def _whole_row(name: str, fact: Fact, columns: int, remark: str = "") -> list[str]:
+    """Returns the lines of a light or an event with its whole sentence.
+
+    Args:
+        name: name of the light, or time of the event.
+        fact: the light or the event.
+        columns: characters of a line.
+        remark: what follows the sentence.
+    """
     beginning = _row_beginning(name, fact)
     return wrap(
-        headline(fact),
+        headline(fact) + remark,
         columns,
         initial_indent=beginning,
         subsequent_indent=" " * len(beginning),
@@ -210,7 +225,7 @@ def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
 
 
 def _row(name: str, fact: Fact, columns: int) -> str:
-    """Returns the line of a light or an event: its name or time, its level, and its sentence as far as it fits."""
+    """Returns the line of a light: its name, its level, and its sentence as far as it fits."""
     beginning = _row_beginning(name, fact)
     return f"{beginning}{shortened(headline(fact), columns - len(beginning))}"
 

@@ -134,6 +134,12 @@ def test_a_notch_for_each_motor_is_at_the_speeds_of_the_flight():
         ARDUPILOT | HARMONIC_NOTCH | by_speed | {"INS_HNTCH_OPTS": 0.0}, motors=motors
     )
     assert any("92 Hz" in remark for remark in shared.remarks)
+    moving = "In flight the centres move"
+    assert any(moving in remark for remark in trial.remarks)
+    still = trial_of(ARDUPILOT | HARMONIC_NOTCH | {"INS_HNTCH_MODE": 0.0})
+    assert not any(moving in remark for remark in still.remarks)
+    dynamic = trial_of(PX4 | PX4_NOTCHES | {"IMU_GYRO_DNF_EN": 1.0}, autopilot="PX4")
+    assert any("IMU_GYRO_DNF_EN" in remark for remark in dynamic.remarks)
 
 
 SECOND_MOVED = {"IMU_GYRO_NF1_FRQ": 150.0, "IMU_GYRO_NF1_BW": 25.0}
