@@ -72,7 +72,7 @@ def test_the_interval_is_by_cosines_slower_than_a_twentieth_of_a_hertz():
     [
         (1950.0, {"MOT_SPIN_MAX": 0.95, "MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, 1000.0),
         (1880.0, {}, 1000.0),
-        (1880.0, {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_SPIN_MAX": 0.99}, 1100.0),
+        (1892.0, {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0, "MOT_SPIN_MAX": 0.99}, 1100.0),
     ],
 )
 def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop, parameters, low):
@@ -86,6 +86,16 @@ def test_motors_are_at_the_stop_that_the_autopilot_sets_or_the_outputs_show(stop
     assert found.headroom[1] == 0 and 0 < found.headroom[0] < 0.1
     assert found.at_upper_limit[1] == approx(0.3, abs=0.05)
     assert max(found.at_upper_limit[::2]) < 0.02
+
+
+def test_a_stop_that_a_parameter_states_is_not_guessed_from_the_outputs():
+    """A motor that stays at one output, such as on the ground after a loss, is at no limit."""
+    parameters = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MAX": 0.95}
+    for known, stop in ((parameters, 0.95), ({}, 0.75)):
+        telemetry = HOVER.telemetry(parameters=known)
+        outputs = pulses(telemetry)
+        outputs[0, -200:] = 1750.0
+        assert Signals(with_pulses(telemetry, outputs)).motors.scale.stop == approx(stop)
 
 
 def test_motors_that_never_ran_have_no_figures():

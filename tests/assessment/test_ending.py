@@ -155,6 +155,17 @@ def test_names_motors_without_output():
     assert ending.figures["cause"].figures["names"] == NAMES[2:]
 
 
+def test_a_motor_is_off_where_the_others_carry_the_vehicle_on_little_of_their_range():
+    """PX4's range begins at the idle in the air: this vehicle hovers at a sixth of it."""
+    made = driven(falling(leaning(flight(), QUAD[2], 120.0, 100.0)), 2, 1000.0)
+    parameters = {"PWM_MAIN_MIN": 1400.0, "PWM_MAIN_MAX": 2000.0}
+    time = np.arange(0.0, 40.0, 0.2)
+    state = np.where(time < 6.0, ON_GROUND, IN_AIR)
+    made = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
+    events, _ = judged(replace(made, autopilot="PX4", parameters=parameters))
+    assert events[MotionEvent.MOTOR_OFF].subject.startswith("motor 3")
+
+
 def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))

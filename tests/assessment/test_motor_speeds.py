@@ -27,7 +27,7 @@ def with_speeds(made, speed_of_failing=0.0, rate=10.0):
     time = np.arange(0.0, made.messages["ATTITUDE"]["time"][-1], 1 / rate)
     outputs = made.messages["SERVO_OUTPUT_RAW"]
     is_flying = np.interp(time, outputs["time"], outputs["servo1_raw"]) > 1100
-    speeds = np.where(is_flying, 5000.0, 0.0)[:, None] * np.ones(4)
+    speeds = np.where(is_flying, 5000.0 + np.sin(time), 0.0)[:, None] * np.ones(4)
     failed = (time > EVENT) & is_flying
     speeds[failed, MOTOR] = speed_of_failing
     return changed(made, "ESC_STATUS", **columns(time, index=0, rpm=speeds))
