@@ -89,7 +89,7 @@ def _motor_failure_history(
 
 
 def _condition(scenario: Scenario, time: float) -> Damage:
-    """Returns all damage that acts on a vehicle at a time.
+    """Collects all damage that acts on a vehicle at a given time.
 
     A weak motor turns more slowly; a chipped propeller gives less thrust and torque at the same speed; a shifted load
     moves the centre of mass.
@@ -97,6 +97,9 @@ def _condition(scenario: Scenario, time: float) -> Damage:
     Args:
         scenario: Its vehicle, propeller and load say what gets damaged, and when.
         time: Time after the first arming, s.
+
+    Returns:
+        Factors on the speed, thrust and torque of each rotor, and the displacement of the centre of mass.
     """
     vehicle = scenario.vehicle
     propeller = scenario.propeller
@@ -121,11 +124,14 @@ def _condition(scenario: Scenario, time: float) -> Damage:
 
 
 def _reduced(motor: int, fraction: float, rotors: int) -> Vector4:
-    """Returns the ``fraction`` for one motor, counted from 1, and 1 for the others.
+    """Lists the factors of a quantity for all rotors, of which at most one is damaged.
 
     Args:
         motor: Number of the motor; 0 means none.
         fraction: Its fraction.
         rotors: Number of rotors.
+
+    Returns:
+        The ``fraction`` for the damaged rotor, 1 for the others.
     """
     return tuple(fraction if motor == number else 1.0 for number in range(1, rotors + 1))

@@ -121,13 +121,16 @@ def _rotor_effects(vehicle: VehicleSpec, condition: Damage) -> list[RotorEffect]
 
 
 def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> Dynamics:
-    """Returns the accelerations of a vehicle in the air as a function of its state.
+    """Builds the equations of motion of a vehicle in the air.
 
     The simulation integrates this function, and the truth files linearise it: there is no second model.
 
     Args:
         vehicle: Vehicle of a scenario.
         condition: Damage that acts on it; None for a sound vehicle.
+
+    Returns:
+        The function of attitude, velocity, body rates, rotor speeds and air that computes the accelerations.
     """
     flat_dynamics = _flat_dynamics(vehicle, condition)
 
@@ -158,7 +161,7 @@ def disturbance_of_states(
     rotors: Array,
     air: Array,
 ) -> Disturbance:
-    """Returns what disturbs a vehicle in N states in the air, all at once.
+    """Computes what disturbs a vehicle in N states in the air, all at once.
 
     Args:
         vehicle: Vehicle of a scenario.
@@ -168,6 +171,9 @@ def disturbance_of_states(
         rates: (N, 3) body rates, rad/s.
         rotors: (N, n) speeds of its n rotors, rad/s.
         air: (N, 8) the air, columns as the fields of ``AirState``.
+
+    Returns:
+        (N, 3) forces, NED, N, and (N, 3) moments in body axes, N m.
     """
     flat_dynamics = _flat_dynamics(vehicle, condition, np.sqrt)
     # Columns of N values take the place of the numbers of one state.

@@ -74,6 +74,9 @@ def load(name_or_path: str | Path) -> Scenario:
     Args:
         name_or_path: A path, if it ends in .toml or has a folder; otherwise a name of ``names()``.
 
+    Returns:
+        The scenario.
+
     Raises:
         ValueError: There is no such scenario, or the file is not one. The message names the file and the error.
     """
@@ -194,11 +197,14 @@ def with_vehicle(scenario: Scenario, vehicle_scenario: Scenario) -> Scenario:
 
 
 def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
-    """Returns a scenario with other parameters of its autopilot.
+    """Changes parameters of a scenario's autopilot.
 
     Args:
         scenario: The scenario to change.
         assignments: Parameters to set, each as "NAME=VALUE".
+
+    Returns:
+        A copy of the scenario with these parameters.
 
     Raises:
         ValueError: The autopilot does not have a parameter, or its value is not possible.

@@ -298,13 +298,16 @@ class Simulation:
             self._body.apply_damage(condition)
 
     def _battery_fraction(self, flight_cycle: int) -> float:
-        """Returns the remaining fraction of a full battery's voltage.
+        """Computes the battery's voltage as a fraction of that of a full battery.
 
         It falls evenly from arming to the planned disarming, by the scenario's ``battery_sag``. Every flight begins
         with a full battery.
 
         Args:
             flight_cycle: Number of cycles since arming.
+
+        Returns:
+            The fraction, 0 to 1.
         """
         flown_fraction = min(max(flight_cycle / self._flight_cycles, 0.0), 1.0)
         return 1.0 - self.scenario.vehicle.battery_sag * flown_fraction
@@ -371,7 +374,7 @@ class Simulation:
         return reference.landed_state
 
     def _control_output(self, estimate: State, reference: Reference) -> ControlOutput:
-        """Returns the autopilot's output in this cycle.
+        """Computes the autopilot's output in this cycle.
 
         The motors are stopped while the vehicle is disarmed, and idle while it is armed on the ground, before take-off
         and after landing. Otherwise the flight controller runs.
@@ -379,6 +382,9 @@ class Simulation:
         Args:
             estimate: State as the autopilot estimates it.
             reference: Setpoints of the flight plan.
+
+        Returns:
+            Pulse widths of the motors, µs, and the demands and setpoints behind them.
         """
         if not self.armed:
             stopped_pulse = DISARMED_PULSE[self.scenario.stream.autopilot]
@@ -477,10 +483,13 @@ def _column(values: Sequence[Any]) -> NDArray[Any]:
 
 
 def _at_rest_on_ground(state: State) -> State:
-    """Returns the state of a vehicle that touched down: level and at rest, with its heading and rotor speeds.
+    """Brings a vehicle that touched down to rest: level, with its heading and rotor speeds.
 
     Args:
         state: State at the contact with the ground.
+
+    Returns:
+        The state, at height 0.
     """
     north, east, _ = state.position
     # A quaternion without its x and y is a rotation about the vertical: it keeps the heading of a nearly level vehicle.

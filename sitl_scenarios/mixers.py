@@ -32,7 +32,7 @@ def ardupilot_columns(frame: RotorFrame) -> Array:
 
 
 def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
-    """Returns PX4's mixer of a frame, (3, n): the scaled pseudo-inverse of the matrix of the motors' effects.
+    """Computes PX4's mixer of a frame: the scaled pseudo-inverse of the matrix of the motors' effects.
 
     ``ControlAllocationPseudoInverse.cpp`` scales the columns of roll and pitch by one factor, the larger of their norms
     per pair of motors that the column moves, and yaw by its largest element.
@@ -40,6 +40,9 @@ def px4_columns(frame: RotorFrame, moment_ratio: float) -> Array:
     Args:
         frame: Positions and directions of rotation.
         moment_ratio: Torque of a rotor by its thrust, m: the size of CA_ROTORn_KM.
+
+    Returns:
+        (3, n) effects of roll, pitch and yaw demands on the n motors.
     """
     effects = np.array(
         [

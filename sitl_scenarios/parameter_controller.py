@@ -78,10 +78,16 @@ def _parameter_range(name: str, loop_rate_parameter: str) -> Pair:
 
 
 def controller_for(scenario: Scenario) -> FlightController:
-    """Returns the controller of a scenario: the simulation's own, or the autopilot's with the scenario's parameters.
+    """Chooses the controller of a scenario: the simulation's own, or the autopilot's by its parameters.
+
+    The autopilot's controller is used if the scenario sets parameters, simulates instruments or has more than four
+    rotors.
 
     Args:
         scenario: The scenario.
+
+    Returns:
+        A new controller.
 
     Raises:
         NotLearnable: The parameters do not describe a controller.
@@ -94,11 +100,14 @@ def controller_for(scenario: Scenario) -> FlightController:
 
 
 def gyro_for(controller: FlightController) -> Gyro:
-    """Returns a new gyro at rest, with the low-pass and notch filters of a controller's parameters.
+    """Makes a gyro at rest, with the low-pass and notch filters of a controller's parameters.
 
     Args:
         controller: The controller; the simulation's own has no gyro filters. The gyro is sampled once per step of the
             physics.
+
+    Returns:
+        The gyro.
     """
     filters = None
     if isinstance(controller, ParameterController):

@@ -100,13 +100,16 @@ class FlightTimes(NamedTuple):
 
 
 def flight_times(scenario: Scenario) -> FlightTimes:
-    """Returns when a scenario's flight climbs, hovers and descends.
+    """Plans when a scenario's flight climbs, hovers and descends.
 
     Climb and descent take as long as the height needs at a moderate speed; the hover gets the rest of the duration. It
     must hold the excitation, a whole course if there is one, with some time of quiet hover on both sides of it.
 
     Args:
         scenario: Its duration, height and excitation.
+
+    Returns:
+        Durations of climb and descent, and the times after arming at which hover and descent begin, s.
 
     Raises:
         ValueError: The duration leaves no time for the excitation.
@@ -191,12 +194,15 @@ class FlightPlan:
         self._demands: list[Vector3] = [tuple(row) for row in demands.tolist()]
 
     def reference_at(self, time: float) -> Reference:
-        """Returns the setpoints at one instant of the flight: on the ground, in the climb, the hover or the descent.
+        """Computes the setpoints at one instant of the flight: on the ground, in the climb, the hover or the descent.
 
         Height and climb rate follow a minimum-jerk movement, so that climb and descent begin and end gently.
 
         Args:
             time: Time after arming, s; negative before it.
+
+        Returns:
+            The setpoints, with the phase of the flight.
         """
         climb, descent, hover, landing = self._times
         if time < SPIN_UP_SECONDS:
@@ -215,11 +221,14 @@ class FlightPlan:
         return Reference(LANDING, self._height - depth * fraction, -depth * rate / descent)
 
     def _excited(self, hover: Reference, time: float) -> Reference:
-        """Returns the setpoints of the hover with the scenario's excitation added.
+        """Adds the scenario's excitation to the setpoints of the hover.
 
         Args:
             hover: Setpoints of the hover without excitation.
             time: Time since the excitation began, s.
+
+        Returns:
+            The setpoints with excitation.
         """
         match self._excitation:
             case Doublets():
@@ -268,13 +277,16 @@ class MoveTiming(NamedTuple):
 
 
 def move_timing(move: Move) -> MoveTiming:
-    """Returns speed and durations of a move.
+    """Computes the speed and durations of a move.
 
     The speed along the leg is a trapezoid: it rises at constant acceleration, stays, and falls at the same
     deceleration. On a short leg it is a triangle, whose peak is √(a · length).
 
     Args:
         move: Displacement (m), speed (m/s), turn (degrees), rate of the turn (degrees/s) and hover (s).
+
+    Returns:
+        Largest speed, m/s, and the durations of the leg, of leg and turn together, and of the hover, s.
     """
     length = hypot(move.north, move.east, move.up)
     max_speed = min(move.speed, sqrt(MOVE_ACCELERATION * length))

@@ -529,11 +529,14 @@ class Scenario(Section):
         return 1 / loop_rate
 
     def random(self, *purpose: int) -> Generator:
-        """Returns the random number generator for one purpose, independent of those for all others.
+        """Makes the random number generator for one purpose, independent of those for all others.
 
         Args:
             purpose: One of ``SENSORS``, ``WIND``, ``MOMENT``, ``STICKS``, ``SHAKING``, ``INSTRUMENTS`` and ``MISHAP``,
                 and the number of the wind, moment or axis in its list.
+
+        Returns:
+            The generator; the same seed and purpose give the same numbers.
         """
         return default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 

@@ -108,7 +108,7 @@ class TurbulenceScales(NamedTuple):
 
 
 def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> TurbulenceScales:
-    """Returns time constants and intensities of the turbulence of a wind, by MIL-F-8785C (see the module's formulas).
+    """Computes time constants and intensities of the turbulence of a wind, by MIL-F-8785C.
 
     A vehicle meets a length L at the airspeed V within the time L/V, which is the time constant. Of the air's rotation
     the standard gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
@@ -121,6 +121,9 @@ def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> Turbul
         wind: Mean speed and intensity.
         height: Height above the ground, m.
         span: Distance b between the outermost rotors, m.
+
+    Returns:
+        Time constant, s, and standard deviation of horizontal and vertical wind, m/s, and of the air's rotation, rad/s.
     """
     # The standard's formulas take the height in feet.
     feet = max(height / FOOT, MIN_HEIGHT_FEET)

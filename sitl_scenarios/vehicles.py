@@ -171,12 +171,15 @@ AIRFRAMES = TypeAdapter(dict[str, Airframe]).validate_python(
 
 
 def airframe(vehicle: VehicleSpec) -> Airframe:
-    """Returns the airframe of a scenario's vehicle: a published one or its own, with the scenario's changes.
+    """Selects the airframe of a scenario's vehicle, a published one or its own, with the scenario's changes.
 
     Args:
         vehicle: Vehicle of a scenario. Its ``body``, when there is one, replaces the published airframe of its
             ``model``. Rotor lags that it leaves out are those of the airframe; its thrust curve is always the
             scenario's, and its moments of inertia are multiplied by ``inertia_scale``.
+
+    Returns:
+        The airframe.
     """
     base = AIRFRAMES[vehicle.model]
     if vehicle.body is not None:
@@ -199,7 +202,7 @@ def airframe(vehicle: VehicleSpec) -> Airframe:
 
 
 def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
-    """Returns a vehicle of more rotors of the same kind: each carries as much as one of the quadrotor does.
+    """Scales a quadrotor to more rotors of the same kind, each with the same load.
 
     Mass and drag grow with the number of rotors, and moments of inertia with the square of the length of the arms too.
 
@@ -207,6 +210,9 @@ def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
         quadrotor: Airframe whose rotors are used.
         frame: Frame of the vehicle.
         rotors: Number of its rotors.
+
+    Returns:
+        The airframe of the larger vehicle.
     """
     scale = rotors / quadrotor.rotors
     inertia_scale = scale * CIRCLES[frame].size ** 2
@@ -222,17 +228,20 @@ def _enlarged(quadrotor: Airframe, frame: Shape, rotors: int) -> Airframe:
 
 
 def _own_airframe(body: BodySpec, quadratic_thrust: float | None) -> Airframe:
-    """Returns an airframe by the figures of a scenario's own body, such as one that was learned from a log.
+    """Makes an airframe from the figures of a scenario's own body, such as one that was learned from a log.
 
     A log tells at which command the vehicle hovers, but no rotor speeds. So the full thrust of a rotor is its share of
-    the weight over the fraction that the thrust curve gives in hover, (1 − f) s + f s². The rotor speed is an
-    arbitrary scale, ``UNKNOWN_ROTOR_SPEED`` at full command, and thrust and torque are made quadratic in it. Such a
-    body has no drag, no inflow and no rotor lag unless the scenario gives them.
+    the weight over the fraction that the thrust curve gives in hover, (1 − f) s + f s². The rotor speed is an arbitrary
+    scale, ``UNKNOWN_ROTOR_SPEED`` at full command, and thrust and torque are made quadratic in it. Such a body has no
+    drag, no inflow and no rotor lag unless the scenario gives them.
 
     Args:
         body: Mass (kg), inertia (kg m²), arm (m), hover command and motors' range (fractions of the full command),
             torque by thrust (m) and damping (1/s).
         quadratic_thrust: Quadratic fraction f of the thrust curve; None: the thrust is purely quadratic, f = 1.
+
+    Returns:
+        The airframe.
     """
     f = 1.0 if quadratic_thrust is None else quadratic_thrust
     range_start, range_end = body.spin

@@ -126,7 +126,7 @@ class JetFlow:
         self._turbulence = RowsByBlock(turbulence)
 
     def wind_at(self, cycle: int, position: Vector3) -> Vector3:
-        """Returns the velocity of the air in one cycle at one position, NED, m/s: its mean and its turbulence there.
+        """Computes the velocity of the air of a jet in one cycle at one position: its mean and its turbulence there.
 
         The position is split into distances along the jet's axis and from it, which give the local mean speed.
         Turbulence is proportional to that speed, so that it fades at the edge of the jet as the mean does.
@@ -134,6 +134,9 @@ class JetFlow:
         Args:
             cycle: Number of the cycle, from 0.
             position: Position of the vehicle, NED, m.
+
+        Returns:
+            Velocity, NED, m/s.
         """
         axis_north = self._axis_north
         axis_east = self._axis_east
@@ -214,7 +217,7 @@ class Weather:
                 velocity_and_rotation += _turbulent_air(wind, scenario, dt, len(time), noise)
 
     def air_at(self, cycle: int, position: Vector3) -> AirState:
-        """Returns the air in one cycle at one position.
+        """Computes the state of the air in one cycle at one position.
 
         The winds drawn beforehand are the same everywhere; the profile with height and the jets are added here, because
         they depend on where the vehicle is.
@@ -222,6 +225,9 @@ class Weather:
         Args:
             cycle: Number of the cycle, from 0; before the first and after the last, the air is as in these.
             position: Position of the vehicle, NED, m.
+
+        Returns:
+            Wind, NED, m/s, rotation of the air, rad/s, and external moments, N m.
         """
         cycle = min(max(cycle, 0), len(self._air) - 1)
         north, east, down, p, q, roll, pitch, yaw = self._air_rows.row(cycle)

@@ -53,12 +53,15 @@ class ReceivedMessage(NamedTuple):
 
 
 def addressed_messages(datagram: bytes, system: int, component: int) -> list[ReceivedMessage]:
-    """Returns the messages in a datagram that the vehicle handles and that are addressed to it or to all.
+    """Decodes the messages in a datagram that the vehicle handles and that are addressed to it or to all.
 
     Args:
         datagram: Bytes of one datagram.
         system: System id of the vehicle.
         component: Component id of its autopilot.
+
+    Returns:
+        The messages with their senders, in the order of the datagram.
     """
     messages = []
     for frame in FrameReader().feed(datagram):

@@ -234,11 +234,14 @@ class Parameter(NamedTuple):
     """Its value, a whole number where the type is an integer."""
 
     def encoded(self, bitwise: bool) -> float:
-        """Returns the value as the message PARAM_VALUE carries it, in a 32-bit float whatever the parameter's type.
+        """Encodes the value for the message PARAM_VALUE, which carries a 32-bit float whatever the parameter's type.
 
         Args:
             bitwise: Whether the four bytes of an integer are copied into the float unchanged (PX4), rather than its
                 value being converted (ArduPilot).
+
+        Returns:
+            The float.
         """
         if bitwise and self.kind != REAL32:
             integer_bytes = struct.pack("<i", int(self.value))
@@ -254,7 +257,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
-    """Returns all parameters that the autopilot of a scenario reports, in alphabetical order.
+    """Lists all parameters that the autopilot of a scenario reports.
 
     They are the autopilot's fixed ones, those of the MAVLink system id and the frame, and those of its controllers,
     which win where several have the same name.
@@ -262,6 +265,9 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     Args:
         scenario: Its vehicle, gains and system id.
         autopilot: Its autopilot, with the fixed parameters and the types of integers.
+
+    Returns:
+        The parameters with their types, in alphabetical order.
     """
     system = scenario.stream.system
     layout = scenario.vehicle.layout

@@ -487,7 +487,7 @@ DAY = 86_400_000_000
 
 
 def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
-    """Returns the MAVLink stream that a ground station records of a simulated flight.
+    """Makes the MAVLink stream that a ground station records of a simulated flight.
 
     The autopilot's frames are passed over the scenario's link. Those that arrive are stamped with their times of
     arrival in µs since 1970, as in a telemetry log. The flights of different seeds begin on different days.
@@ -495,6 +495,9 @@ def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
     Args:
         scenario: Scenario of the flight, with autopilot, message rates, faults and seed.
         motion: The flight, one row for each cycle of the autopilot.
+
+    Returns:
+        The frames that arrive, with their times of arrival.
 
     Raises:
         ValueError: The scenario has rates of a message that is not sent.

@@ -100,10 +100,13 @@ class GroundContact:
             self.knock = TOPPLE_KNOCK
 
     def state(self, state: State) -> State:
-        """Returns the state of the vehicle on the ground, with the present lean and its rate.
+        """Computes the state of the vehicle on the ground from the present lean and its rate.
 
         Args:
             state: Former state, of which position and rotor speeds are kept.
+
+        Returns:
+            The state, with the velocity 0.
         """
         half = self.lean / 2
         north, east = self.axis
@@ -118,11 +121,14 @@ class GroundContact:
 
 
 def product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Returns the product of two quaternions: the rotation ``b``, followed by ``a`` about the axes of the world.
+    """Multiplies two quaternions: the rotation ``b``, followed by ``a`` about the axes of the world.
 
     Args:
         a: The second rotation, (w, x, y, z).
         b: The first rotation, (w, x, y, z).
+
+    Returns:
+        The combined rotation, (w, x, y, z).
     """
     aw, ax, ay, az = a
     bw, bx, by, bz = b
@@ -173,11 +179,14 @@ def impact(state: State) -> GroundContact:
 
 
 def topple(state: State, bearing: float) -> GroundContact:
-    """Returns the contact of a vehicle that begins to tip over from its feet.
+    """Starts the contact of a vehicle that tips over from its feet.
 
     Args:
         state: A vehicle that stands on the ground.
         bearing: Side to which it tips, degrees clockwise from the nose.
+
+    Returns:
+        The contact, with a small first lean and rate of the lean.
     """
     w, _, _, z = state.attitude
     heading = normalised((w, 0.0, 0.0, z))

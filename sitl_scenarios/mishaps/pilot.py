@@ -181,11 +181,14 @@ class Pilot:
         return ControlOutput((idle_pulse,) * self.body.rotors, (*NO_ROTATION, IDLE_COMMAND))
 
     def _level(self, estimate: State, thrust: float) -> ControlOutput:
-        """Returns the output that holds the vehicle level, with its heading, at a thrust.
+        """Computes the output that holds the vehicle level, with its present heading, at a given thrust.
 
         Args:
             estimate: State as the autopilot estimates it.
             thrust: Thrust of all rotors by the weight.
+
+        Returns:
+            Pulse widths of the motors, µs, and the demands and setpoints behind them.
         """
         _, _, yaw = euler_angles(estimate.attitude)
         return self.controller.attitude_control(

@@ -101,12 +101,15 @@ class SensorFaults:
     """Height at which the barometer got stuck, m; None before."""
 
     def faulty_estimate(self, time: float, state: State, estimate: State) -> State:
-        """Returns what the autopilot estimates with its faulty sensors; sets the ``readings`` of this cycle.
+        """Distorts the estimated state as faulty sensors do, and sets the ``readings`` of this cycle.
 
         Args:
             time: Seconds after arming; negative before.
             state: True state.
             estimate: Estimate with sound sensors.
+
+        Returns:
+            The estimate with drift, error of height and error of climb rate.
         """
         self.readings = Readings()
         match self.mishap:

@@ -109,10 +109,13 @@ class InstrumentedSimulation(Simulation):
         return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
 
     def _reference(self, estimate: State) -> Reference:
-        """Returns the setpoints that are flown: those of the plan, as the mishap changes them.
+        """Chooses the setpoints that are flown: those of the plan, as the mishap changes them.
 
         Args:
             estimate: The estimated state.
+
+        Returns:
+            The setpoints.
         """
         reference = self._pilot.reference(self._flight_time, estimate, super()._reference(estimate))
         self._planned_state = reference.landed_state
@@ -206,10 +209,15 @@ class InstrumentedSimulation(Simulation):
         return row | reported
 
     def _landed_state(self, reference: Reference) -> int:
-        """Returns the reported MAV_LANDED_STATE; a land detector mistakes a running motor for flight.
+        """Determines the landed state that the autopilot reports, which a mishap may make wrong.
+
+        For example, a land detector may mistake a motor that runs on the ground for flight.
 
         Args:
             reference: Setpoints of the flight plan, with its state.
+
+        Returns:
+            A value of MAV_LANDED_STATE.
         """
         mishap = self.scenario.mishap
         if isinstance(mishap, BenchRun):
