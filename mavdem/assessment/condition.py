@@ -196,9 +196,12 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
     shares = _shares_in(motors, settled)
     means_of_motors = shares.mean(axis=1, keepdims=True)
     mean_output = means_of_motors.mean()
-    errors = (shares - means_of_motors * (shares.mean(axis=0) / mean_output)) / mean_output
-    half_widths = mean_interval(errors, total_duration(settled))
-    return tuple(finite_or_none(half_width) for half_width in half_widths)
+    half_widths = []
+    # Motor by motor, since of hours of flight each array takes as much memory as the file.
+    for share, ratio in zip(shares.T, shares.mean(axis=0) / mean_output, strict=True):
+        errors = (share[:, None] - means_of_motors * ratio) / mean_output
+        half_widths += mean_interval(errors, total_duration(settled)).tolist()
+    return tuple(map(finite_or_none, half_widths))
 
 
 def _mean_commands(motors: MotorOutputs, settled: Segments) -> dict[str, MeanFigure]:

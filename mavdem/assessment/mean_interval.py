@@ -63,7 +63,7 @@ def mean_interval(values: Array, duration: float) -> Array:
     if sample_count <= 2 * cosine_count:
         return np.full(values.shape[1], np.inf)
     # The type-II transform of SciPy is 2 Σ x cos; its first row belongs to the mean.
-    cosine_sums = dct(values - values.mean(axis=0), axis=0)[1 : cosine_count + 1]
+    cosine_sums = dct(values - values.mean(axis=0), axis=0, overwrite_x=True)[1 : cosine_count + 1]
     projections = cosine_sums / (np.sqrt(2.0) * sample_count)
     return half_width(np.square(projections).mean(axis=0), freedom=cosine_count)
 

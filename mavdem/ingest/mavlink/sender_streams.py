@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.arrays import Flags
-from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, Offsets, release_pages, rows_of
+from mavdem.ingest.byte_rows import Bytes, Offsets, release_pages, rows_of
 from mavdem.ingest.mavlink.clocks import Rows
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, Frames, frame_content
@@ -288,15 +288,19 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
     if not len(repeated_keys):
         return False
     contents = set[bytes]()
-    resident_start = 0
-    for row in rows[np.isin(keys, repeated_keys)].tolist():
-        if all_frames.start[row] > resident_start + RESIDENT_BYTES:
-            release_pages(data)
-            resident_start = int(all_frames.start[row])
-        frame = frame_content(data, all_frames, row)
-        if frame in contents and clock_reading(frame, int(all_frames.message_id[row])) is not None:
-            return True
-        contents.add(frame)
+    for first in range(0, len(rows), ROWS_AT_ONCE):
+        part = keys[first : first + ROWS_AT_ONCE]
+        # The repeated keys are sorted.
+        places = np.searchsorted(repeated_keys, part)
+        is_repeated = repeated_keys.take(places, mode="clip") == part
+        for row in rows[first : first + ROWS_AT_ONCE][is_repeated].tolist():
+            frame = frame_content(data, all_frames, row)
+            is_copy = frame in contents
+            if is_copy and clock_reading(frame, int(all_frames.message_id[row])) is not None:
+                return True
+            contents.add(frame)
+        # These frames lie all over the file.
+        release_pages(data)
     return False
 
 
