@@ -219,13 +219,16 @@ class ParameterMessages(NamedTuple):
 
 @cached_per_vehicle()
 def _changed_parameters(signals: Signals) -> ParameterMessages:
-    """Returns the PARAM_VALUE messages of those parameters that did not always have their last value.
+    """Selects the PARAM_VALUE messages of parameters that did not always have their last value.
 
     An autopilot may send all of its thousand parameters in every boot, but few ever change. The search for what was
     valid at some time is then quick.
 
     Args:
         signals: signals of the vehicle, whose log has PARAM_VALUE.
+
+    Returns:
+        These messages, in their order.
     """
     telemetry = signals.telemetry
     parameter_messages = telemetry.messages["PARAM_VALUE"]

@@ -143,11 +143,14 @@ def usable_segments(
 
 
 def _unused_segments(segments: Segments, used: Sequence[Segment | None]) -> Facts:
-    """Returns a caution on segments of settled flight that are not used, if there are some but not all.
+    """Makes a caution on segments of settled flight that are not used.
 
     Args:
         segments: All segments of settled flight.
         used: Those that are used.
+
+    Returns:
+        One caution; empty if all or none of the segments are used.
     """
     unused_durations = [segment.duration for segment in segments if segment not in used]
     if not unused_durations or len(unused_durations) == len(segments):
@@ -170,11 +173,14 @@ def flights_of_longest_boot(flights: Flights) -> Flights:
 
 
 def _flight_with_cautions(learnability: Learnability, *further: Fact) -> Flight:
-    """Returns the flight of a learnable segment, with its cautions in the flight and in its provenance.
+    """Adds cautions to the flight of a learnable segment.
 
     Args:
         learnability: Learnability of the segment.
         further: Cautions on the whole log, which are added to those of the segment.
+
+    Returns:
+        A copy of the flight, with the cautions also in its provenance.
 
     Raises:
         NotLearnable: The segment is not learnable.
@@ -222,11 +228,14 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
 
 
 def _matching_vehicles(vehicles: Sequence[Telemetry], wanted: str | None) -> list[Telemetry]:
-    """Returns the vehicles that a choice matches or, without a choice, those that send their attitude, or all.
+    """Selects the vehicles of a log that a user's choice matches.
 
     Args:
         vehicles: All vehicles of the log.
         wanted: "system", "system:component" or the number of a board; None without a choice.
+
+    Returns:
+        Those vehicles; without a choice, the vehicles that send their attitude or, if none does, all.
     """
     if wanted is not None:
         return [

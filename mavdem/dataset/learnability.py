@@ -500,11 +500,14 @@ class _SegmentJudge:
         return None
 
     def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
-        """Returns the refusal of a log without a segment that is long enough: slow streams or else a short flight.
+        """Explains why a log has no segment that is long enough: slow streams or else a short flight.
 
         Args:
             figures: Quality of the log.
             duration: Duration, s, of its longest segment, if it has one.
+
+        Returns:
+            The refusal.
         """
         too_slow = self._too_slow(figures)
         if too_slow is not None:
@@ -653,11 +656,14 @@ class _SegmentJudge:
 
 
 def _best_segment(judge: _SegmentJudge, segments: Sequence[Segment]) -> Learnability:
-    """Returns the result for the first of several segments that can be learned from, or the first of all if none can.
+    """Judges segments in turn until one can be learned from.
 
     Args:
         judge: judges single segments.
         segments: at least one segment, the preferred first.
+
+    Returns:
+        The result for that segment or, if none can be learned from, for the first.
     """
     refused = []
     for segment in segments:

@@ -209,11 +209,14 @@ def without_transients(flight: Interval, climb_rate: TimeSeries | None) -> Inter
 
 
 def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
-    """Returns level flight without climbs and descents of ``TRANSIENT_SECONDS`` or longer in its midst.
+    """Removes climbs and descents of ``TRANSIENT_SECONDS`` or longer from level flight.
 
     Args:
         level: Intervals without climb-out and landing, s.
         climb_rate: Vertical speed, m/s upwards.
+
+    Returns:
+        The remaining intervals, s.
     """
     speed = moving_average(climb_rate)
     # If all level flight sinks, the estimate of the height has diverged.
@@ -349,10 +352,13 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
 
 
 def _with_samples_near(time: Array) -> Intervals:
-    """Returns the intervals in which the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
+    """Finds the intervals in which the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
 
     Args:
         time: Stamps (N,) of the samples, s, ascending.
+
+    Returns:
+        Start and end of each interval, s.
     """
     recorded = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
     return [(start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded]

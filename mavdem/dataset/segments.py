@@ -189,13 +189,16 @@ def _sampled_segments(
     intervals: Intervals,
     runs_without_gaps: Callable[[Array], Intervals],
 ) -> list[Segment]:
-    """Returns the segments of a boot in which neither attitude nor model inputs have a gap.
+    """Finds the segments of a boot in which neither attitude nor model inputs have a gap.
 
     Args:
         signals: Signals with both streams.
         boot: Number of the boot.
         intervals: The intervals of the boot that segments may lie in.
         runs_without_gaps: Function that splits the stamps (N,) of a stream at its gaps.
+
+    Returns:
+        The segments, in time order.
     """
     attitude, inputs = signals.attitude_and_inputs
     attitude_runs = runs_without_gaps(attitude.time[rows_of_boot(attitude.boot, boot)])

@@ -227,11 +227,14 @@ def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
 
 
 def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
-    """Returns flags (N,) of the messages: whether the controller was heard since the one before, by its counter.
+    """Determines by a counter whether a speed controller was heard since the message before.
 
     Args:
         columns: fields of the message, N rows.
         counts: messages of the controller so far (N,); they begin again at 0 after 65535.
+
+    Returns:
+        (N,) whether it was.
     """
     order = np.lexsort((columns["time"], columns["boot"]))
     is_heard = np.zeros(len(counts), dtype=bool)

@@ -52,11 +52,14 @@ def rows_of_boot(boots: Integers, boot: int) -> slice:
 
 
 def float_column(columns: Columns, field: str) -> Array:
-    """Returns a field of a message as floating-point numbers; what is no number becomes NaN.
+    """Converts a field of a message to floating-point numbers.
 
     Args:
         columns: Fields of one kind of message, N rows each.
         field: Name of a field; (N,) numbers or, of an array field, (N, k).
+
+    Returns:
+        (N,) numbers; NaN in place of values that are not numbers.
 
     Raises:
         KeyError: The message has no such field.

@@ -117,10 +117,13 @@ def join_logs(logs: Sequence[Log]) -> Log:
 
 
 def _recording(log: Log) -> Recording:
-    """Returns the one vehicle of a log with its first and last boot, and their times.
+    """Describes a log of one vehicle by its first and last boot.
 
     Args:
         log: The log.
+
+    Returns:
+        The vehicle, with the boots, their times and dates.
 
     Raises:
         Unreadable: The log does not have exactly one vehicle.
@@ -391,10 +394,13 @@ def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -
 
 
 def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
-    """Returns the first values, over both logs, of the parameters that changed in one of them or between them.
+    """Finds the parameters that changed in one of two logs or between them.
 
     Args:
         before, after: The vehicle by the two logs, in the order of time.
+
+    Returns:
+        Their first values, by name.
     """
     initial_values = {**after.initial_parameters, **before.initial_parameters}
     for name, value in before.parameters.items():

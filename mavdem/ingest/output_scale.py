@@ -206,13 +206,14 @@ def _pulse_range(
 
 
 def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Interval:
-    """Returns PX4's outputs at no and at full throttle, the mean over the motors.
-
-    Both are 0 where the parameters do not have the range of every motor, or there are no drivers.
+    """Looks up PX4's outputs at no and at full throttle, as means over the motors.
 
     Args:
         drivers: PX4's output driver of each motor.
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        Both outputs; 0 and 0 if the range of a motor is not known or there are no drivers.
     """
     if not drivers:
         return 0.0, 0.0
@@ -281,12 +282,15 @@ DEFAULT_LOWER_STOP = 0.15
 
 
 def _ardupilot_lower_stop(parameters: Parameters) -> float:
-    """Returns the share of the range at which ArduPilot's motors idle in flight.
+    """Looks up the output at which ArduPilot's motors idle in flight.
 
     The parameter is MOT_SPIN_MIN from ArduCopter 3.4 on, and THR_MIN, per mille of the range, before.
 
     Args:
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        The share of the output's range, 0 to 1; the firmware's default if no parameter has it.
     """
     if "MOT_SPIN_MIN" in parameters:
         return parameters["MOT_SPIN_MIN"]

@@ -86,13 +86,17 @@ def _battery_fields(battery: Columns) -> Fields:
 
 
 def _batteries(topics: Topics) -> dict[int, Columns]:
-    """Returns the instances of battery_status while their battery is connected, by its number from 0.
+    """Selects the messages of each battery while it is connected.
 
-    The topic has the number as ``id``, from 1, of which 0 is that of no battery; otherwise the number of the instance
-    counts. If no instance was ever connected, as old versions and simulators report it, all of them are returned.
+    The topic battery_status has the battery's number as ``id``, from 1, where 0 means no battery; without that field
+    the number of the instance counts. Old versions and simulators report no battery as connected; then all messages are
+    kept.
 
     Args:
         topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        Columns by the battery's number, from 0.
     """
     connected: dict[int, Columns] = {}
     all_batteries: dict[int, Columns] = {}

@@ -525,11 +525,14 @@ def _is_online(topic: Columns, instance: int) -> Flags:
 
 
 def _speed_controller(topic: Columns, instance: int) -> Fields:
-    """Returns the rows of the table ESC of one controller.
+    """Makes the columns of the table ESC for one speed controller.
 
     Args:
         topic: Messages of esc_status in which it reports, N rows.
         instance: Its number, from 0.
+
+    Returns:
+        Columns of N rows by field name, such as "RPM" and "Temp".
     """
     field = f"esc[{instance}]."
     fields: Fields = {

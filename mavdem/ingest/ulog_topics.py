@@ -120,18 +120,21 @@ def _fields_to_read(layout: TopicLayout) -> Sequence[NumberField]:
 def _integers_at(
     content: Bytes, offsets: Offsets, stored: np.dtype[Any]
 ) -> NDArray[np.unsignedinteger[Any]]:
-    """Reads an integer at each of N offsets of a file (N,).
+    """Reads one integer at each of N offsets of a file.
 
     Args:
         content: Bytes of the file.
         offsets: Offset (N,) of each integer.
         stored: Type of the integers.
+
+    Returns:
+        (N,) integers.
     """
     return rows_of(content, offsets, stored.itemsize).view(stored)[:, 0]
 
 
 def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: Offsets) -> bytes:
-    """Returns a file of the records that are no data, with the data that dates parameters.
+    """Makes a smaller ULog file of all records that are not data, with only the data that dates parameters.
 
     A parameter that is set in flight has no stamp: pyulog dates it to the latest stamp of the data before it. So the
     data record with that stamp is put before the parameter.
@@ -140,6 +143,9 @@ def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: 
         records: The records of the file.
         other_offsets: Offset (M,) of each record without data, ascending.
         data_offsets: Offset (N,) of each data record, ascending.
+
+    Returns:
+        The bytes of the file.
     """
     content = records.content
     pieces = [records.file_header]
@@ -154,11 +160,14 @@ def _other_content(records: SoundRecords, other_offsets: Offsets, data_offsets: 
 
 
 def _latest_record(records: SoundRecords, data_offsets: Offsets) -> bytes:
-    """Returns the bytes of the data record with the latest time stamp.
+    """Finds the data record with the latest time stamp.
 
     Args:
         records: The records of the file.
         data_offsets: Offset (N,) of each data record in question.
+
+    Returns:
+        The bytes of the record.
     """
     content = np.frombuffer(records.content, dtype=np.uint8)
     stamp_starts = data_offsets + DATA_HEADER.size

@@ -171,11 +171,14 @@ class FlightPhase:
         self._free_climb_start = inf
 
     def _recent_telemetry(self, now: float, vehicle: Telemetry) -> Telemetry:
-        """Returns the vehicle with the last seconds of the messages that show the phase, in the form that a log has.
+        """Collects the last seconds of the messages that show the phase of flight, in the form that a log has.
 
         Args:
             now: present time on the boot clock, s.
             vehicle: identity and parameters.
+
+        Returns:
+            The vehicle with these messages alone.
         """
         # Two intervals, so that at least one report is there wherever they come at all.
         columns = self._recent.columns(PHASE_MESSAGES, now - 2 * MAX_REPORT_INTERVAL)

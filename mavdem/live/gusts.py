@@ -36,13 +36,16 @@ class ResolvedTorque:
         self._mean_square_band = np.nan
 
     def resolved(self, estimate: Estimate) -> Estimate:
-        """Returns the estimate, with NaN for the wind torque where it is smaller than its error.
+        """Drops the wind torque of an estimate if it is smaller than its error.
 
         The error is the root mean square of the torque's 90 % band over the recent estimates, an exponential moving
         average. The band stays in the estimate, since it shows why there is no torque.
 
         Args:
             estimate: estimate for the latest sample; estimates must come in order, since their bands are averaged.
+
+        Returns:
+            The estimate, with NaN in place of such a torque.
         """
         if estimate.physical is None or not np.isfinite(estimate.wind_torque):
             return estimate

@@ -258,7 +258,7 @@ class FlightLearning:
             self._models.append(_KeptModel(self._landing_time, model))
 
     def final_model(self, parameters: Parameters) -> Learned:
-        """Returns the model to keep at the end of the session.
+        """Chooses the model to keep at the end of the session.
 
         After a landing that is the model of the last samples before it. In flight a model is learned now from the
         latest samples, within ``FIT_SECONDS``, or twice that if there is no other model. If that fails, the last model
@@ -266,6 +266,9 @@ class FlightLearning:
 
         Args:
             parameters: parameters of the autopilot, whose gains are kept in the model.
+
+        Returns:
+            The model.
 
         Raises:
             NotLearnable: there is no model; the reason says why.

@@ -76,13 +76,16 @@ class InputSelector:
     def candidate_messages(
         self, streams: Mapping[StreamKey, SampleStream], present_message: str | None
     ) -> dict[str, Fields]:
-        """Returns the columns of the motor messages to select from, by name, in the form in which a log has them.
+        """Collects the motor messages from which the inputs are selected, in the form in which a log has them.
 
         An autopilot may send its outputs in several messages, and a message in several ports, whose columns are joined.
 
         Args:
             streams: samples by message and port.
             present_message: the message to stay with, as within a segment of rows; None if any may be selected.
+
+        Returns:
+            Columns by message name.
         """
         messages: dict[str, Fields] = {}
         for (name, port), stream in sorted(streams.items()):

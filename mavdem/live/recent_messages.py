@@ -80,13 +80,16 @@ def _are_equal(values: Numbers, other_values: Numbers) -> bool:
 
 
 def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple[float, Numbers]]:
-    """Returns the messages of one name without every second one of the older half.
+    """Drops every second message of the older half, to bound the memory.
 
-    Batteries come in turn, so that every second message may be of the same one: each is counted for itself.
+    Several batteries report in turn under one message name, so that the messages of each are counted separately.
 
     Args:
         name: name of the message.
         rows: time, s of the boot clock, and values of each message.
+
+    Returns:
+        The remaining messages, in time order.
     """
     fields = MESSAGE_FIELDS[name]
     id_field = fields.index("id") if name == "BATTERY_STATUS" else None
@@ -109,6 +112,9 @@ def _columns_from(
         fields: names of the fields, in the order of the values.
         rows: time, s of the boot clock, and values of each message; at least one.
         boot: number of the boot, the same for all of them.
+
+    Returns:
+        One array of N values for each field, with the columns "time" and "boot".
     """
     times, values = zip(*rows, strict=True)
     columns = {"time": np.array(times), "boot": np.full(len(times), boot)}

@@ -240,7 +240,7 @@ class RowBuilder:
             self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 
     def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
-        """Returns the row of a point of the time grid.
+        """Builds the row of a point of the time grid.
 
         It picks angle and body rate of the learned axis, and each motor's channel from the values of its port. Whether
         the row is of settled or free flight is the phase of flight at its time, if the vehicle is also upright then.
@@ -249,6 +249,9 @@ class RowBuilder:
             point: values of attitude (roll and pitch, rad, and their body rates, rad/s), then of each port of the
                 motors, in the order of ``inputs.ports``.
             inputs: the channel of each motor.
+
+        Returns:
+            The row.
         """
         roll, pitch, roll_rate, pitch_rate = point.values[0]
         outputs = {"roll": (roll, roll_rate), "pitch": (pitch, pitch_rate)}[self.axis]

@@ -261,7 +261,7 @@ class RowGrid:
 
 
 def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
-    """Decides how one stream becomes values on the grid, by its stamps in the first seconds, as for a log.
+    """Decides how one stream is resampled to the grid, from its stamps in the first seconds.
 
     A stream that is faster than the grid is low-passed, since what is quicker than the grid would else be aliased. One
     with a sample at every grid point keeps its samples. Others are interpolated.
@@ -270,6 +270,9 @@ def _sampling(time: Array, grid: Array, dt: float) -> StreamSampling:
         time: stamps of the stream, (N,), s.
         grid: points of the grid in these seconds, (T,), s.
         dt: step of the grid, s.
+
+    Returns:
+        Weights of the low-pass and their times, or that samples are kept or interpolated.
     """
     if not resampling.needs_low_pass(time, dt):
         keeps_samples = resampling.nearest_rows(grid, time) is not None

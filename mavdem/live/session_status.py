@@ -183,11 +183,14 @@ class SessionStatus(ImmutableResult):
         return Fact(Session.ESTIMATES_LATE, delay=self.analysis_delay)
 
     def with_predictions(self, estimate: Estimate) -> SessionStatus:
-        """Returns the status with ``prediction_band`` and ``useful_horizon`` filled in.
+        """Fills in ``prediction_band`` and ``useful_horizon``.
 
         Args:
             estimate: the learner's latest. It has predictions, with bands (K, m), for K horizons; the angle is the
                 first of the m outputs.
+
+        Returns:
+            A copy of the status with both.
         """
         # Predicted horizons are whole steps, so that the one nearest to ``REPORTED_HORIZON`` is reported.
         horizons = estimate.ahead_times - estimate.time

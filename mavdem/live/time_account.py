@@ -31,13 +31,16 @@ class AccountedState:
     """Status of link and vehicle."""
 
     def kind_at(self, now: float) -> Spent:
-        """Returns what time is spent on that is not learned from: the most basic thing that is missing.
+        """Determines the most basic thing that is missing while nothing is learned.
 
         In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. If none of the
         first four is missing and the vehicle does not fly, it is time on the ground.
 
         Args:
             now: present time, s of the monotonic clock.
+
+        Returns:
+            The kind of time that is spent.
         """
         obstacle = self.status.obstacle
         on_ground_codes = (Session.NOT_FLYING, Session.FLIGHT_UNKNOWN)

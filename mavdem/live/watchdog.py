@@ -239,13 +239,16 @@ class Watchdog:
         start_time: float,
         settled: Intervals | None = None,
     ) -> Signals:
-        """Returns the vehicle's status messages as the signals of a log.
+        """Prepares the vehicle's status messages for the functions that judge a recorded flight.
 
         Args:
             vehicle: identity and parameters.
             now: time of the review, s of the boot clock; until then the latest phase lasts.
             start_time: messages before it are left out, s.
             settled: intervals of settled flight, s; None if they are not needed.
+
+        Returns:
+            Signals in the form that a log gives.
         """
         columns = self._recent.columns(STATUS_MESSAGES, start_time)
         # The names of flight modes come once, when a ground station asks for them.
@@ -266,7 +269,7 @@ class Watchdog:
         )
 
     def _new_reports(self, signals: Signals) -> list[Fact]:
-        """Returns what the autopilot has reported since the last search for reports.
+        """Finds the autopilot's reports that are new since the last search.
 
         ``reported_events`` finds all reports of the last minute, most of which earlier searches found, too. A report is
         new if the last search did not find it and its time is not long past. Without the second condition, an old
@@ -274,6 +277,9 @@ class Watchdog:
 
         Args:
             signals: signals of the last minute.
+
+        Returns:
+            The new reports.
         """
         former_identities = self._reported
         facts = reported_events(signals)
@@ -447,12 +453,15 @@ class Watchdog:
 
 
 def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
-    """Returns a fact that replaces a ``watch_fact`` while the link is silent: nothing is watched then.
+    """Replaces a ``watch_fact`` while the link is silent, since nothing is watched then.
 
     Args:
         watch_fact: fact since when it was monitored, or why it was not.
         reason: reason why it no longer is.
         time: time from which on it is not, s on the boot clock.
+
+    Returns:
+        The fact NOT_WATCHED on the same subject, with the reason.
     """
     figures = dict(watch_fact.figures)
     figures["because"] = reason

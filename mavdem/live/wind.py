@@ -327,7 +327,7 @@ class LiveWind:
         return Fact(Session.WIND_KNOWN, because=self.latest.facts)
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
-        """Returns the attitudes between two times, with the velocities interpolated at their stamps.
+        """Selects the attitudes between two times, and interpolates the velocities at their stamps.
 
         Attitudes before the first and after the last velocity, or in a gap of velocities longer than
         ``MAX_VELOCITY_GAP``, are left out, as they are for a recorded flight.
@@ -335,6 +335,9 @@ class LiveWind:
         Args:
             start_time: first time, s of the boot clock.
             end_time: s; attitudes at this time are left out.
+
+        Returns:
+            Times, attitudes and velocities of N samples.
         """
         # Columns of both tables: the time, then three angles or velocities.
         attitudes = np.array(

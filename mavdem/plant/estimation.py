@@ -396,13 +396,16 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 
 
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns the share of the commanded torque's variance that lies above half of the Nyquist frequency.
+    """Computes the share of the commanded torque's variance that lies above half of the Nyquist frequency.
 
     Commands that fast have parts beyond the Nyquist frequency too, which the samples miss.
 
     Args:
         fit: the fit, whose effects turn the inputs into torque.
         windows: windows of the flight.
+
+    Returns:
+        The share, 0 to 1.
     """
     # The inputs' transforms are split into channels. The first two add up to the inputs; later ones serve refinements.
     whole_inputs = windows.inputs[:REFINEMENT_CHANNEL]

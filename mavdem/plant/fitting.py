@@ -123,6 +123,9 @@ class LogPosterior(NamedTuple):
 
         Args:
             at: parameters θ (k,).
+
+        Returns:
+            The expansion: value, gradient (k,) and curvature (k, k).
         """
         expansion = self.full_expansion(at)
         index = self.model.delay_index
@@ -148,6 +151,9 @@ class LogPosterior(NamedTuple):
 
         Args:
             at: parameters θ (k,), which are moved into the bounds of the model.
+
+        Returns:
+            The expansion: value, gradient (k,) and curvature (k, k).
 
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.

@@ -28,10 +28,13 @@ class Limits(NamedTuple):
     """Largest figure with which a parameter is reported as biased; beyond it is not identifiable."""
 
     def status(self, figure: float) -> Status:
-        """Returns the status of a parameter: reported, biased or not identifiable.
+        """Classifies a parameter by a figure of its error.
 
         Args:
             figure: the figure by which it is judged, such as its relative standard deviation; small is good.
+
+        Returns:
+            REPORTED, BIASED or NOT_IDENTIFIABLE.
         """
         if figure <= self.reported:
             return Status.REPORTED

@@ -219,10 +219,13 @@ class SampledPlant(NamedTuple):
         return at_start * self.transition.Gamma0[:, 0] + at_end * self.transition.Gamma1[:, 0]
 
     def rate_filter(self, noise_sd: float) -> SteadyStateFilter:
-        """Returns the steady-state Kalman filter of a rate that is measured with white noise.
+        """Designs the steady-state Kalman filter of a rate that is measured with white noise.
 
         Args:
             noise_sd: standard deviation of the noise, rad/s.
+
+        Returns:
+            The filter.
 
         Raises:
             numpy.linalg.LinAlgError: there is no steady-state filter.

@@ -329,10 +329,13 @@ class _KeptMessages(NamedTuple):
 
 
 def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
-    """Returns the stamps of the messages whose stamps are used as a clock, in the order of the log.
+    """Merges the stamps of all messages whose stamps are used as a clock.
 
     Args:
         logged: Decoded messages by name.
+
+    Returns:
+        Names of these messages, and positions in the file and times, s, of N stamps, in the order of the log.
     """
     stamps = _stamps_of_messages(logged)
     names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
@@ -389,10 +392,13 @@ def _without_old_blocks(
 
 
 def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
-    """Returns the UNIX time at which the boot clock read 0, by each message GPS with the time of the satellites.
+    """Computes from messages of the GPS the UNIX time at which the boot clock read 0.
 
     Args:
         logged: Decoded messages by name, with GPS.
+
+    Returns:
+        Positions of N such messages in the file, and the UNIX time, s, by each of them.
     """
     positions = logged["GPS"].position
     columns = logged["GPS"].columns

@@ -113,12 +113,15 @@ class Frames:
 
 
 def frame_content(data: Bytes, frames: Frames, row: int) -> bytes:
-    """Returns the bytes of a whole frame.
+    """Copies a whole frame out of the stream.
 
     Args:
         data: Bytes (B,) of the stream.
         frames: Frames (N,) of it.
         row: Row of the frame.
+
+    Returns:
+        Its bytes, from the marker to the last byte.
     """
     start = int(frames.start[row])
     # NumPy's view of the memory, whose slices are cheaper than those of the array.
@@ -284,13 +287,16 @@ class _FrameBlock:
         return self._matching_frames(selection & ~self._is_linked)
 
     def _matching_frames(self, selection: Flags) -> Frames:
-        """Returns those candidates of a selection (N,) that lie in the stream and whose checksum matches.
+        """Selects the candidates that lie in the stream and whose checksum matches.
 
         The checksum of each is computed over header and payload, and then over CRC_EXTRA, and compared with the two
         bytes after the payload, the lower one first.
 
         Args:
             selection: (N,) whether a candidate is tried.
+
+        Returns:
+            The M ≤ N frames.
         """
         # Candidates of unknown messages are dropped first: without CRC_EXTRA their checksum cannot be computed.
         rows = np.flatnonzero(selection & (self.end <= self._size))

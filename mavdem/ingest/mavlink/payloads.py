@@ -44,11 +44,14 @@ class SentPayloads(NamedTuple):
 
 
 def sent_payloads(data: Bytes, start: NDArray[np.integer]) -> SentPayloads:
-    """Reads of frames where their payloads begin, and how long these are; needed for each field of them.
+    """Locates the payloads in frames of both versions of MAVLink.
 
     Args:
         data: Bytes (B,) of the stream.
         start: Offset (N,) of each frame's marker.
+
+    Returns:
+        Offset of each payload in its frame, and its length, bytes (N,).
     """
     headers = rows_of(data, start, LENGTH_BYTE + 1)
     is_version_1 = headers[:, 0] == MARKER_V1

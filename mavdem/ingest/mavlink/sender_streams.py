@@ -252,7 +252,7 @@ def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> b
 
 
 def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint32]:
-    """Returns keys (n,) that are equal for equal frames, and hardly ever for others.
+    """Computes keys that are equal for equal frames, and rarely for different ones.
 
     They are made of the sequence number and the last four bytes: the end of the payload and the checksum, or the end of
     a signature. Both are mixed into 32 bits, since of a long recording the keys take much memory. Afterwards frames
@@ -262,6 +262,9 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of frames of one sender.
+
+    Returns:
+        (n,) keys.
     """
     keys = np.empty(len(rows), dtype=np.uint32)
     for first in range(0, len(rows), ROWS_AT_ONCE):
@@ -305,12 +308,15 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
 
 
 def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
-    """Returns the rows of frames that may be copies of one that is still remembered, ascending.
+    """Finds the frames that may be copies of one of the frames shortly before.
 
     A frame is forgotten after ``RECENT_FRAMES`` other ones: a recording that is repeated later is no second link.
 
     Args:
         keys: Keys (n,) of the frames with a boot clock, in stream order.
+
+    Returns:
+        Their rows, ascending.
     """
     order = np.argsort(keys, kind="stable")
     is_repeated = keys[order[1:]] == keys[order[:-1]]

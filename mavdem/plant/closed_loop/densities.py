@@ -300,10 +300,13 @@ class DensityModel:
         return density, gradient
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
-        """Returns the frequency responses of the closed loop at all J frequencies and F aliases of each.
+        """Computes the frequency responses of the closed loop at all J frequencies and F aliases of each.
 
         Args:
             parameters: parameters of the loop.
+
+        Returns:
+            The responses of the loop's signals.
         """
         return closed_loop_response(
             parameters, self._controller, self._gyro_filter, self._angle_gain, self._s
@@ -358,15 +361,18 @@ class DensityModel:
         ]
 
     def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
-        """Returns a component of the wind torque with the autocorrelation size² exp(−|τ|/time), as in turbulence.
+        """Computes the spectral density of a turbulent part of the wind torque.
 
-        Its density is φ = 2 size² time / (1 + (ω time)²). So d ln φ / d ln size = 2, and
-        d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
+        Its autocorrelation is size² exp(−|τ|/time), and its density φ = 2 size² time / (1 + (ω time)²). So d ln φ / d
+        ln size = 2, and d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
 
         Args:
             name: name of the component, "drift" or "eddy", which its two parameters begin with.
             size: its standard deviation, rad/s².
             time: its correlation time, s.
+
+        Returns:
+            The density with these two derivatives.
         """
         squared = (self._angular_frequency * time) ** 2
         density = FIRST_ORDER.density(self._angular_frequency, size, time) * self._in_range
@@ -376,14 +382,17 @@ class DensityModel:
         )
 
     def _smooth_wind(self, size: float, time: float) -> DensityComponent:
-        """Returns the component of the wind torque that is smooth, with the autocorrelation size² exp(−τ²/(4 time²)).
+        """Computes the spectral density of the smooth part of the wind torque.
 
-        Its density is φ = 2 √π size² time exp(−(ω time)²). So d ln φ / d ln size = 2, and
-        d ln φ / d ln time = 1 − 2 (ω time)².
+        Its autocorrelation is size² exp(−τ²/(4 time²)), and its density φ = 2 √π size² time exp(−(ω time)²). So d ln φ
+        / d ln size = 2, and d ln φ / d ln time = 1 − 2 (ω time)².
 
         Args:
             size: its standard deviation, rad/s².
             time: its time scale, s.
+
+        Returns:
+            The density with these two derivatives.
         """
         squared = (self._angular_frequency * time) ** 2
         density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared)
