@@ -5,12 +5,21 @@ import tempfile
 import threading
 from shutil import copy
 
+import numpy as np
 import pytest
+from browsing import browsing
 from recorded_flights import FLIGHT
 from serving import TOKEN, serving
 
 from mavdem.errors import Refusal
+from mavdem.facts import Level
 from mavdem.fleet.workers import outcome_of
+from mavdem.report.blocks import Sentence
+from mavdem.report.charts.chart import Line, over_time
+from mavdem.report.charts.timeline import Timeline
+from mavdem.report.pages.page import Head, render_document
+from mavdem.report.palette import PREDICTED
+from mavdem.results import PAGE_FILE
 from mavdem.serve import stored_columns
 from mavdem.serve.field_store import FOLDER_PREFIX, SERVER_FILE, FieldRequest, FieldStore
 from mavdem.serve.stored_files import register_server
@@ -181,3 +190,49 @@ def test_columns_of_killed_servers_are_removed_and_those_of_others_stay(tmp_path
     store.messages(copy(FLIGHT, tmp_path / "flight.tlog"))
     assert not killed.exists() and alive.exists()
     lock.release()
+
+
+def page_of_a_flight(start, end):
+    """The page of a flight with one chart from start to end, s."""
+    time = np.linspace(start, end, 60)
+    height = over_time("Height", "m", [Line("height", PREDICTED, time, np.sin(time))])
+    head = Head(Level.GOOD, {}, timeline=Timeline((height,), (start, end)))
+    return render_document("flight.tlog", "", [Sentence("", "One.")], head=head)
+
+
+@pytest.mark.slow
+def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, tmp_path):
+    """The script of a flight's page lists, searches and plots the log's fields; without Chromium it is not tested."""
+    flight = flight_with_log(served, FLIGHT.read_bytes())
+    entry = served.library.entry(flight.rsplit("/", 1)[1])
+    page_path = served.library.results_folder(entry) / PAGE_FILE
+    samples = served.get(f"{flight}/samples?message=ATTITUDE&field=roll&points=10").json
+    page_path.write_text(page_of_a_flight(samples["time"][0], samples["time"][-1]))
+    status = "document.getElementById('fieldstatus').textContent"
+    listed = "[...document.querySelectorAll('#fieldlist button')].map(one => one.textContent)"
+    charts = "document.documentElement.charts.groups.flight?.charts.length"
+    with browsing(tmp_path / "profile") as tab:
+        tab.open(f"{served.address}/f/{entry.id}")
+        tab.until(f"{charts} === 1")
+        tab.run("document.querySelector('#fields summary').click()")
+        tab.until(f"{status}.includes('messages. Choose a field')")
+        assert any(text.startswith("ATTITUDE") for text in tab.run(listed))
+        search = "document.getElementById('fieldsearch')"
+        tab.run(f"{search}.value = 'no such field'; {search}.dispatchEvent(new Event('input'))")
+        assert tab.run("document.getElementById('fieldlist').textContent").startswith("No field")
+        tab.run(f"{search}.focus(); {search}.value = ''")
+        tab.command("Input.insertText", text="attitude rollspeed")
+        (field,) = tab.run(listed)
+        assert field.startswith("ATTITUDE.rollspeed")
+        tab.run("document.querySelector('#fieldlist button').click()")
+        tab.until(f"{charts} === 2 && {status}.includes('samples, below the other plots')")
+        pressed = "document.querySelector('#fieldlist button').getAttribute('aria-pressed')"
+        assert tab.run(pressed) == "true"
+        address = tab.run("location.href")
+        assert "plot=ATTITUDE" in address
+        # Who gets the link sees the same plot.
+        tab.open(address)
+        tab.until(f"{charts} === 2")
+        tab.run("document.querySelector('button.close').click()")
+        tab.until(f"{charts} === 1 && !location.search.includes('plot=')")
+        assert tab.said == []
