@@ -109,13 +109,16 @@ def is_measured(parameters: Parameters, battery: Battery) -> bool:
 
 
 def batteries_worst_first(signals: Signals) -> list[Battery]:
-    """Returns the batteries of a vehicle, the emptiest first; those that are not measured come last.
+    """Sorts the batteries of a vehicle by their level.
 
     They are compared by the lowest voltage of a cell. If the number of cells is not known, it is estimated as the
     battery's highest voltage over ``FULL_CELL_VOLTAGE``.
 
     Args:
         signals: signals of the vehicle, with its batteries and parameters.
+
+    Returns:
+        The batteries, the emptiest first; those that are not measured come last.
     """
     parameters = signals.telemetry.parameters
 

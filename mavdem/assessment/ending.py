@@ -173,12 +173,15 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
 
 
 def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> Facts:
-    """Returns the statements of the sensors around a report of a crash, as witnesses of it.
+    """Collects the statements of the sensors around a report of a crash.
 
     Args:
         signals: signals of the vehicle.
         report: the report.
         losses: events of the motion that lose a vehicle.
+
+    Returns:
+        The statements as witnesses of the crash; empty if no sensor shows one.
     """
     boot = report.figures["boot"]
     interval = _interval_of_crash(report)

@@ -40,11 +40,14 @@ def settled_flight(signals: Signals) -> Segments:
 def segments_of_boots(
     signals: Signals, intervals_of_boot: Callable[[Signals, int], Intervals]
 ) -> Segments:
-    """Returns the intervals of every boot as segments, as far as anything was recorded.
+    """Collects the intervals of every boot as segments, as far as anything was recorded.
 
     Args:
         signals: signals of the vehicle.
         intervals_of_boot: a function of :mod:`mavdem.dataset.phases`, which takes the signals and the number of a boot.
+
+    Returns:
+        The segments, in order of boot and time.
     """
     segments = []
     for part in recorded_spans(signals):

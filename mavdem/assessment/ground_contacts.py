@@ -335,11 +335,14 @@ class _Contact:
         return float(time[row]) if is_fast else None
 
     def _witnesses(self, time: float, rest: Rest | None) -> Facts:
-        """Returns the witnesses of a contact that was no landing: statements of sensors that support or contradict it.
+        """Collects the statements of sensors on a contact that was no landing.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
             rest: rest of the vehicle afterwards; None if the log ended before.
+
+        Returns:
+            The statements, which support or contradict the contact.
         """
         around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
         statements: list[Fact] = []
@@ -367,13 +370,16 @@ class _Contact:
         return report.code in REPORTS_OF_CRASH and is_of_boot and is_in_time
 
     def _descent_statements(self, time: float) -> Facts:
-        """Returns the fast descent before the contact, by each height sensor that shows it.
+        """Collects the height sensors that show a fast descent before the contact.
 
         The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that an estimate
         that runs away is no witness.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
+
+        Returns:
+            One statement for each of them.
         """
         interval = (time - DESCENT_SECONDS, time)
         speed = self.scene.sink_rate(interval)
@@ -435,7 +441,7 @@ class _Contact:
         return weighed_event(event, witnesses)
 
     def _onset(self, time: float) -> float:
-        """Returns the beginning of a contact, s: the loss of attitude, if that was part of the contact; else its time.
+        """Determines when a contact began: with the loss of attitude, if that was part of it, otherwise at its time.
 
         The largest knock of a tumble comes after its first contact, so that a loss near the ground counts for
         ``TUMBLE_SECONDS``. Elsewhere a loss belongs to the contact if it came less than ``MIN_FALL_SECONDS`` before: a
@@ -443,6 +449,9 @@ class _Contact:
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
+
+        Returns:
+            The time, s since boot.
         """
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is None or loss_time >= time:

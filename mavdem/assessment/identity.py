@@ -95,11 +95,14 @@ class _NameWithBasis(NamedTuple):
 
 
 def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identity:
-    """Returns the identity of a log's vehicle: name, type, autopilot, firmware and board, and when and where it flew.
+    """Identifies a log's vehicle: name, type, autopilot, firmware and board, and when and where it flew.
 
     Args:
         signals: signals of the vehicle.
         receive_time: time when the first message of the log was received, UNIX time in s; NaN if it is not known.
+
+    Returns:
+        The identity.
     """
     telemetry = signals.telemetry
     name, basis = _name_of(telemetry)
@@ -119,7 +122,7 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
 
 
 def _name_of(telemetry: Telemetry) -> _NameWithBasis:
-    """Returns a name by which all logs of a vehicle are recognised as its own, and what the name was made from.
+    """Makes a name by which all logs of one vehicle are recognised as its own.
 
     It is, in this order of preference:
 
@@ -130,6 +133,9 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
 
     Args:
         telemetry: messages and parameters of the vehicle.
+
+    Returns:
+        The name, and what it was made from.
     """
     board_number = (
         telemetry.board

@@ -98,11 +98,14 @@ def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
 
 
 def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
-    """Returns the samples (N,) or (N, k) of a series in flight; all of them where there was no flight.
+    """Selects the samples of a series in flight.
 
     Args:
         evidence: what the log shows of the vehicle.
         series: samples of all boots.
+
+    Returns:
+        The samples (N,) or (N, k); all of them if there was no flight.
     """
     parts = []
     for flight in evidence.in_flight(series):

@@ -288,13 +288,16 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
 def reports_on_motor(
     reports: Sequence[Fact], boot: int, name: str, interval: Interval
 ) -> list[Fact]:
-    """Returns the autopilot's reports on a motor around an interval, as witnesses.
+    """Collects the autopilot's reports on a motor around an interval.
 
     Args:
         reports: events that the autopilot reports.
         boot: number of the boot.
         name: name of the motor, which may have its place in brackets: "motor 2 (rear left)".
         interval: start and end, s since boot.
+
+    Returns:
+        The reports as witnesses.
     """
     start, end = interval[0] - RECOVERY_SECONDS, interval[1] + RECOVERY_SECONDS
     statements = []

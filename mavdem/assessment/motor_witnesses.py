@@ -28,12 +28,15 @@ from mavdem.witnesses.statements import supporting_statement, supporting_stateme
 def with_motor_witnesses(
     signals: Signals, losses: Sequence[Fact], reports: Sequence[Fact]
 ) -> list[Fact]:
-    """Returns losses of motors, each with its witnesses; facts that name no motor are returned as they are.
+    """Adds the witnesses to each loss of a motor.
 
     Args:
         signals: signals of the vehicle.
         losses: facts with the name of a motor as subject, and their ``boot``.
         reports: events that the autopilot reports.
+
+    Returns:
+        All facts, in the same order; those that name no motor are unchanged.
     """
     facts = []
     for loss in losses:
@@ -43,12 +46,15 @@ def with_motor_witnesses(
 
 
 def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
-    """Returns the witnesses of one loss, from its beginning for up to twice ``RECOVERY_SECONDS``.
+    """Collects the witnesses of one loss, from its beginning for up to twice ``RECOVERY_SECONDS``.
 
     Args:
         signals: signals of the vehicle.
         loss: event that a motor was lost.
         reports: events that the autopilot reports.
+
+    Returns:
+        The statements that support or contradict it.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
@@ -130,12 +136,15 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
 
 
 def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Returns a witness for each height sensor by which the vehicle sank fast.
+    """Makes a witness of each height sensor by which the vehicle sank fast.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         interval: start and end, s since boot.
+
+    Returns:
+        The statements; empty if no sensor shows that.
     """
     for flight in flights_in_boot(signals, boot):
         if in_intervals(interval[0], [flight]):

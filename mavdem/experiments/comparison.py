@@ -540,11 +540,14 @@ class Comparison:
         return tests
 
     def _whole_test_ratios(self, method: str, question: Question) -> list[float]:
-        """Returns the error ratio of a method over the whole test part, one for each window.
+        """Collects the error ratio of a method over the whole test part.
 
         Args:
             method: name of the method.
             question: kind of forecast: which data it may use.
+
+        Returns:
+            One ratio for each window.
         """
         return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
 

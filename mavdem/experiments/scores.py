@@ -76,10 +76,13 @@ class Mspe(NamedTuple):
 
 @may_overflow
 def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
-    """Returns the mean squared prediction error over samples (the paper's ``Metric for comparison``).
+    """Computes the mean squared prediction error over samples (the paper's ``Metric for comparison``).
 
     Args:
         measured, predicted: (H, m) values each. A prediction that is NaN has an infinite error.
+
+    Returns:
+        The mean square for each output (m,), and their sum.
 
     Raises:
         ValueError: the shapes differ, or there are no samples.
@@ -150,7 +153,7 @@ def baseline_errors(train: Flight, test: Flight) -> BaselineErrors:
 
 
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
-    """Returns the error ratio of a forecast: its MSPE over that of the training mean.
+    """Computes the error ratio of a forecast: its MSPE over that of the training mean.
 
     The errors of outputs are added up in units of their training variance. Below 1 the forecast is better than the
     mean.
@@ -159,6 +162,9 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
         train: training data, which give mean and variances.
         test: H samples that were forecast.
         forecast: (H, m) outputs, in the units of ``test``.
+
+    Returns:
+        The ratio, without unit.
 
     Raises:
         ValueError: a forecast of another shape, or an output of ``train`` that is constant.

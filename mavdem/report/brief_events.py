@@ -19,13 +19,16 @@ class CountedEvent(NamedTuple):
 
 
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
-    """Returns the first event of each kind that is bad or to be watched, the bad ones first, each by their order.
+    """Selects the first event of each kind that is bad or to be watched.
 
     Events of one kind have the same code, level and subject. How a flight was lost stands for the event of the motion
     that shows it too.
 
     Args:
         events: events of a log, in the order of time.
+
+    Returns:
+        The events with the count of their kind: the bad ones first, each in the given order.
     """
     endings = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()

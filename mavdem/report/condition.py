@@ -180,13 +180,14 @@ def wind_blocks(evidence: WindEvidence, tables: Sequence[Table] = ()) -> Blocks:
 
 
 def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, float] | None:
-    """Returns the mean wind of the autopilot while the wind was estimated: "size", m/s, and "origin", degrees.
-
-    It is None if the autopilot has no estimate of that time.
+    """Averages the autopilot's estimate of the wind over the time in which the wind was estimated.
 
     Args:
         evidence: evidence of the wind, with the autopilot's own estimate.
         wind: the estimate of mavdem, for its time.
+
+    Returns:
+        "size", m/s, and "origin", degrees from north; None if the autopilot has no estimate of that time.
     """
     series = evidence.autopilot_estimate
     if series is None:

@@ -52,11 +52,14 @@ def states_are_outputs(learned: Learned) -> bool:
 
 
 def state_names(outputs: Sequence[str], learned: Learned) -> list[str]:
-    """Returns the names of a model's n states.
+    """Names the n states of a model.
 
     Args:
         outputs: names of the outputs, which name the first states where these are the outputs.
         learned: the learned model. Its other states are "hidden 1", "hidden 2", …; of a free C all are "state 1", ….
+
+    Returns:
+        The n names.
     """
     order = learned.model.A.shape[0]
     if not states_are_outputs(learned):

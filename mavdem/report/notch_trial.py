@@ -293,11 +293,14 @@ def _harmonics(tried: TriedFilter) -> dict[int, bool]:
 
 
 def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
-    """Returns the filters by the keys that ``notch.js`` reads, with the constants of its equations.
+    """Collects the filters and the constants of their equations for the script ``notch.js``.
 
     Args:
         controller: controller with the gyro's filters.
         filters: the notch filters that are tried.
+
+    Returns:
+        Values by the keys that the script reads.
     """
     models = []
     for title, tried in zip(_titles(filters), filters, strict=True):

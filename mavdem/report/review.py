@@ -193,12 +193,15 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
 
 
 def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
-    """Returns the lines of a light: one line if it is good or not judged, otherwise its whole text.
+    """Lays out the lines of a light.
 
     Args:
         name: name of the light.
         fact: its judgement.
         columns: characters of a line.
+
+    Returns:
+        One line if it is good or not judged, otherwise its whole text.
     """
     if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
         return [_row(name, fact, columns)]

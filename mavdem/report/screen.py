@@ -466,13 +466,16 @@ def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
 
 
 def _axis_cells(figures: AxisFigures) -> list[str]:
-    """Returns mean effectiveness, damping, motor time constant and wind torque of an axis as cells of a table.
+    """Makes the table cells of an axis: mean effectiveness, damping, motor time constant and wind torque.
 
     Estimates have the half widths of their 90 % intervals, and a remark where closed-loop control biases them. The wind
     torque is its standard deviation. Units are those of :func:`_axis_header`.
 
     Args:
         figures: figures of the axis.
+
+    Returns:
+        The cells.
     """
     physical = figures.physical
     if physical is None:
@@ -496,11 +499,14 @@ def _axis_cells(figures: AxisFigures) -> list[str]:
 
 
 def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> list[str]:
-    """Returns the reasons why physical parameters are biased or not identifiable, one text for each.
+    """Collects the reasons why physical parameters are biased or not identifiable.
 
     Args:
         physical: the parameters; None gives nothing.
         is_doubtful: whether the flight itself is doubtful; then the reasons are without advice.
+
+    Returns:
+        One text for each reason, with the parameters it applies to.
     """
     if physical is None:
         return []

@@ -42,12 +42,15 @@ def truth_blocks(comparison: TruthComparison) -> Blocks:
 
 
 def _row(parameter: ComparedParameter) -> list[str]:
-    """Returns the row of a parameter: name, estimate, truth, error in percent, unit, and whether it is inside.
+    """Makes the table row of a parameter.
 
-    "Inside" means that the 90 % interval of the estimate holds the truth. Times are shown in ms, angles in degrees.
+    The estimate counts as inside if its 90 % interval holds the truth. Times are shown in ms, angles in degrees.
 
     Args:
         parameter: estimate and truth of one parameter.
+
+    Returns:
+        Name, estimate, truth, error in percent, unit, and whether the estimate is inside.
     """
     unit = DisplayUnit("ms", 1e3) if parameter.unit == "s" else display_unit(parameter.unit)
     estimate = unit.scale * parameter.estimate

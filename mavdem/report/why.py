@@ -6,13 +6,16 @@ from mavdem.report.templates import render_section
 
 
 def why(fact: Fact) -> list[Sentence]:
-    """Returns a sentence with the witnesses of a fact, first those that support it, then those that contradict it.
+    """Makes a sentence with the witnesses of a fact.
 
-    A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement.
-    A fact without witnesses has no such sentence.
+    A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement. A
+    fact without witnesses has no such sentence.
 
     Args:
         fact: the fact, which may have ``witnesses`` among its figures.
+
+    Returns:
+        The sentence, first the witnesses that support the fact, then those that contradict it; empty without witnesses.
     """
     # Imported here, since pages without an event, such as that of a fleet, need nothing of it.
     from mavdem.witnesses.statements import contradicting_statements, supporting_statements

@@ -125,7 +125,7 @@ class _NotchSettings(NamedTuple):
 def _narrowest_notch(
     controller: Controller, line: SpectralLine, spectrum: Spectrum, is_line: Flags
 ) -> _NotchSettings:
-    """Returns the narrowest notch that removes ``MIN_REMOVED_SHARE`` of a line's power, or else the widest one.
+    """Finds the narrowest notch that removes ``MIN_REMOVED_SHARE`` of a line's power.
 
     A narrow notch costs less phase margin, but the frequency of a line varies in flight. So ``RELATIVE_BANDWIDTHS`` are
     tried from narrow to wide, each with the power that it would have removed over all W windows of the flight. A notch
@@ -137,6 +137,9 @@ def _narrowest_notch(
         line: line to remove.
         spectrum: spectrum with the line.
         is_line: whether each frequency of the spectrum belongs to the line (F,).
+
+    Returns:
+        Its settings; those of the widest notch if none removes that much.
     """
     power = spectrum.total_density[:, is_line]
     relative_center = _relative_notch_frequency(controller, line, spectrum)

@@ -162,13 +162,16 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
 
 
 def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
-    """Returns the distinct lines among candidates, the strongest first.
+    """Selects the distinct lines among candidates.
 
     A candidate is left out if its ratio does not exceed ``MIN_LINE_RATIO``, or if it is within ``MIN_SEPARATION`` of a
     stronger line, since it is then that line once more.
 
     Args:
         candidates: lines in any order, of which several may be the same.
+
+    Returns:
+        The lines, the strongest first.
     """
     lines = list[SpectralLine]()
     for candidate in sorted(candidates, key=lambda line: -line.ratio):
@@ -351,7 +354,7 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Returns the width of a line at a level, as the number of neighbouring frequency bins above the level.
+    """Measures the width of a line at a level.
 
     These are the bins about the top of the line, from the last lower bin before it to the first lower bin after it,
     both excluded.
@@ -359,6 +362,9 @@ def _bins_above(track: _Track, level: float) -> int:
     Args:
         track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
         level: natural logarithm of a density, such as halfway between the top and the surroundings.
+
+    Returns:
+        Number of neighbouring frequency bins above the level.
     """
     is_below = track.mean[: track.top] <= level
     # Bin 0 is the constant part of the signal, and is never part of a line.
@@ -369,7 +375,7 @@ def _bins_above(track: _Track, level: float) -> int:
 
 
 def _kind(track: _Track) -> LineKind:
-    """Returns the cause of a line: motors, frame or an alias; unnamed where that is not certain.
+    """Identifies the cause of a line: motors, frame or an alias.
 
     The frequency of a line is proportional to the drive (motors' speed or throttle) to the power of an exponent γ. Each
     cause has a range of exponents: near 0 for the frame, positive for motors. The scores of an exponent are the
@@ -381,6 +387,9 @@ def _kind(track: _Track) -> LineKind:
 
     Args:
         track: track of the line, with its exponent and the scores (E, W) of all ``EXPONENTS``.
+
+    Returns:
+        The cause; UNNAMED if it is not certain.
     """
     # Cause by each of the E exponents.
     kinds = np.array(

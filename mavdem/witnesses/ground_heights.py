@@ -112,13 +112,15 @@ def _horizontal_distance(start: Array, end: Array) -> float:
 
 @cached_per_vehicle()
 def satellite_position(signals: Signals) -> TimeSeries | None:
-    """Returns latitude and longitude, degrees, and altitude, m, of the first receiver with fixes (N, 3).
+    """Selects the positions of the first GPS receiver with fixes.
 
-    None if no receiver was recorded, or none had a position in three dimensions with an altitude. A receiver whose
-    altitude never changes does not measure one.
+    A receiver whose altitude never changes does not measure one, and is passed over.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        (N, 3) latitude and longitude, degrees, and altitude, m; None if no receiver measured all three.
     """
     for message in RECEIVER_MESSAGES:
         columns = signals.telemetry.messages.get(message, {})

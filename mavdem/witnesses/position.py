@@ -27,12 +27,15 @@ A relative position, of optical flow, counts for vehicles that never have an abs
 
 @cached_per_vehicle()
 def position_validity(signals: Signals) -> TimeSeries | None:
-    """Returns whether the estimator reports a horizontal position (N,), 1 or 0; None if nothing reports it.
+    """Determines at which times the estimator reports a horizontal position.
 
     It is the validity flag of PX4's vehicle_local_position, or the flags of the estimator status.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        (N,) 1 or 0; None if nothing reports it.
     """
     columns = signals.telemetry.messages.get("LOCAL_POSITION_NED", {})
     if "valid" in columns:
@@ -59,12 +62,15 @@ def receiver_message(telemetry: Telemetry) -> str | None:
 
 @cached_per_vehicle()
 def position_fix(signals: Signals) -> TimeSeries | None:
-    """Returns whether any GPS receiver had a position fix (N,), 1 or 0; None if no receiver was recorded.
+    """Determines at which times any GPS receiver had a position fix.
 
     The N samples are at the messages of the first receiver that was recorded, in all boots.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        (N,) 1 or 0; None if no receiver was recorded.
     """
     message = receiver_message(signals.telemetry)
     if message is None:

@@ -70,10 +70,15 @@ def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
 
 
 def support_count(witnesses: Iterable[Fact]) -> int:
-    """Returns how many independent witnesses support the event: the number of different ``SOURCES`` they rest on.
+    """Counts the independent witnesses that support an event.
+
+    Witnesses are independent if they rest on different ``SOURCES``.
 
     Args:
         witnesses: statements of sensors and other sources that support the event.
+
+    Returns:
+        The number of these sources.
     """
     sources = set()
     for fact in supporting_statements(witnesses):
@@ -87,7 +92,7 @@ def support_count(witnesses: Iterable[Fact]) -> int:
 
 
 def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:
-    """Returns an event with its witnesses, less serious if they do not suffice.
+    """Adds the witnesses to an event, and makes it less serious if they do not suffice.
 
     A bad event needs ``MIN_SUPPORT`` independent witnesses, and more of them than contradict it. Otherwise it is to be
     watched, and its figure ``is_unconfirmed`` says why.
@@ -95,6 +100,9 @@ def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:
     Args:
         event: the event, with the level that it has if it happened.
         witnesses: statements for and against it.
+
+    Returns:
+        The event with witnesses and level.
     """
     statements = tuple(witnesses)
     support = support_count(statements)

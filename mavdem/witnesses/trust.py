@@ -216,10 +216,13 @@ class SensorTrust:
 
 
 def _level(answer: bool | None) -> Level:
-    """Returns the level of a check of a sensor.
+    """Chooses the level of a check of a sensor.
 
     Args:
         answer: whether the sensor agrees with the others; None if that could not be checked.
+
+    Returns:
+        GOOD if the sensor agrees, WATCH if it does not, UNKNOWN if that could not be checked.
     """
     if answer is None:
         return Level.UNKNOWN

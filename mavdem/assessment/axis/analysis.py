@@ -292,7 +292,7 @@ def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) 
 
 
 def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:
-    """Returns a copy of the model whose cautions begin with those about its data.
+    """Adds cautions about a model's data before its other cautions.
 
     A caution is a sentence that limits what the model may be used for. Reports show cautions in their order, so the
     most general comes first: that the model describes slow motion only, then cautions about the training data, such as
@@ -302,6 +302,9 @@ def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned
         learned: the learned model.
         flights: training data, at least one flight. All come from one log and axis, so the first one's cautions count.
         is_slow: whether the streams were so slow that the model describes the slow motion only.
+
+    Returns:
+        A copy of the model with all cautions.
     """
     cautions = [*flights[0].cautions, *learned.cautions]
     if is_slow:
@@ -317,7 +320,7 @@ def _with_physical_parameters(
     axis_figures: AxisFigures | None,
     is_slow: bool,
 ) -> Learned:
-    """Returns a copy of the model with physical parameters and with the wind torque that follows from them.
+    """Adds physical parameters to a model, and the wind torque that follows from them.
 
     Physical parameters are control effectiveness, rate damping, motor time constant and delay. The wind torque is the
     angular acceleration, rad/s², that these parameters leave unexplained by the motors.
@@ -335,6 +338,9 @@ def _with_physical_parameters(
         analysis: analysis of the vehicle, for the changes of its motors in flight.
         axis_figures: figures of the axis from an earlier analysis; None without one.
         is_slow: whether the model is one of the slow motion.
+
+    Returns:
+        A copy of the model with both.
     """
     if axis_figures is not None and axis_figures.physical:
         # Flights with the same numbers of samples are the same flights: both are of this vehicle and axis.
@@ -360,7 +366,7 @@ def _with_other_axes(
     progress: ShowStep,
     figures_of_other_axes: FiguresOfAxes,
 ) -> LogAnalysis:
-    """Returns the analysis of roll with the physical parameters of pitch and yaw too.
+    """Adds the physical parameters of pitch and yaw to the analysis of roll.
 
     Args:
         analysis: the analysis of roll.
@@ -368,6 +374,9 @@ def _with_other_axes(
         signals: signals of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
         figures_of_other_axes: returns the figures that need not be computed here.
+
+    Returns:
+        A copy of the analysis with all three axes.
     """
     figures_by_axis = {**analysis.figures_by_axis}
     with progress("Estimating the physical parameters") as show_share:

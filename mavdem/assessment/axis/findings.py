@@ -202,7 +202,7 @@ def _purpose_findings(learned: Learned, held_out: HeldOut | None) -> list[Findin
 
 
 def _grade(parameter: str, relative_half_width: float, status: Status = Status.REPORTED) -> Grade:
-    """Returns the grade of an estimate.
+    """Grades an estimate by its status and the width of its interval.
 
     It is GOOD if it is reported without bias and its interval is narrow, LIMITED if it is biased or uncertain, and NOT
     IDENTIFIABLE if the flight does not show it. A relative half width that is NaN, of an estimate of 0, counts as
@@ -212,6 +212,9 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
         parameter: name of the estimate, a key of ``MAX_RELATIVE_HALF_WIDTHS``.
         relative_half_width: half width of its 90 % interval over the estimate.
         status: status of the estimate.
+
+    Returns:
+        GOOD, LIMITED or NOT_IDENTIFIABLE.
     """
     if status == Status.NOT_IDENTIFIABLE:
         return Grade.NOT_IDENTIFIABLE
@@ -220,10 +223,13 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Returns the one reason to show for an estimate that is not reported; of several doubts the first.
+    """Chooses the one reason to show for an estimate that is not reported.
 
     Args:
         reason: reason of an estimate that is not reported, which always has one: a doubt, or a list of several.
+
+    Returns:
+        The first of its doubts.
     """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:

@@ -253,10 +253,15 @@ def gains_since(signals: Signals, controller: Controller) -> Fact | None:
 
 
 def loop_at_end_of_log(loop: Loop) -> Loop:
-    """Returns a loop with the gains with which its log ends, which the vehicle has: the starting point of advice.
+    """Sets the gains of a loop to those at the end of its log, which the vehicle still has.
+
+    Advice on gains starts from these.
 
     Args:
         loop: an identified loop, among whose cautions is the fact of :func:`gains_since`, if there are such gains.
+
+    Returns:
+        The loop of the same plant with these gains.
     """
     for caution in loop.cautions:
         if caution.code is Loops.GAINS_SINCE:

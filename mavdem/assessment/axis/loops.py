@@ -108,10 +108,13 @@ def results_of_axis(
 def loop_or_reason(
     signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
 ) -> Loop | Fact:
-    """Returns the control loops of the axis of ``signals``, or why they are not known.
+    """Identifies the control loops of the axis of ``signals``.
 
     Args:
         signals, log, start, figures: as for :func:`loop_of_axis`.
+
+    Returns:
+        The loops, or why they are not known.
     """
     try:
         return loop_of_axis(signals, log, start, figures)
@@ -122,13 +125,16 @@ def loop_or_reason(
 def loop_of_axis(
     signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
 ) -> Loop:
-    """Returns the control loops of the axis of ``signals``, with cautions on changes of the gains.
+    """Identifies the control loops of the axis of ``signals``, with cautions on changes of the gains.
 
     Args:
         signals: signals of the vehicle, for the axis.
         log: the log.
         start: time at the beginning of the settled flight that is left out, s.
         figures: physical parameters of the axis, if they were estimated before.
+
+    Returns:
+        The loops.
 
     Raises:
         NotLearnable: the loops are not known, and why.

@@ -49,7 +49,7 @@ def overrides_of(
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Facts:
-    """Returns the facts that make a flight itself doubtful, whatever a model of it is good for, the worst first.
+    """Collects the facts that make a flight itself doubtful, whatever a model of it is good for.
 
     There are five kinds. Of the first four only the worst is returned, since each explains those after it: a limit
     cycle; motors that lost thrust; a motor at its upper limit in the hover; and an uneven trim. The fifth, recorded
@@ -60,6 +60,9 @@ def overrides_of(
         alarms: lasting changes of the motors' balance.
         consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
         trim: deviations of the motors' commands from their mean; None if they are not known.
+
+    Returns:
+        The facts, the worst first; empty for a sound flight.
     """
     losses = thrust_losses(alarms)
     overrides: list[Fact] = []

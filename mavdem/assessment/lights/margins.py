@@ -47,13 +47,16 @@ def margins_light(evidence: Evidence) -> Fact:
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
-    """Returns the facts on the margins of all axes, the smallest margin first.
+    """Sorts the facts on the margins of all axes.
 
     So the axis with the smallest margin is named if several facts have one level. The figure ``share`` of a fact is the
     margin over the one to have; a fact without it, such as that of a resonance, comes last.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The facts, the smallest margin first.
     """
     facts = list[Fact]()
     for axis_margins in evidence.margins:

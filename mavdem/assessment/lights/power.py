@@ -118,12 +118,15 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
 
 
 def batteries_in_flight(evidence: Evidence) -> list[Battery]:
-    """Returns the batteries whose voltage was measured in flight, the emptiest first.
+    """Selects the batteries whose voltage was measured in flight.
 
     A battery whose sensor is not connected shows a constant voltage, and is left out (``is_measured``).
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        The batteries, the emptiest first.
     """
     parameters = evidence.signals.telemetry.parameters
     batteries = []

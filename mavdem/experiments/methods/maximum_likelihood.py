@@ -296,7 +296,7 @@ def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS)
 
 
 def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianModel:
-    """Returns the model that EM starts from: the subspace model with independent noises of states and outputs.
+    """Makes the model that EM starts from: the subspace model with independent noises of states and outputs.
 
     Innovations e of covariance R that enter the states by the gain K make state noise of covariance K R Kᵀ. More is
     added, since EM can hardly enlarge a noise that is nearly 0.
@@ -304,6 +304,9 @@ def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianMo
     Args:
         fit: model and first states by the subspace method.
         segments: inputs (T, k) and outputs (T, m) of each, in normalized units, that it was fitted to.
+
+    Returns:
+        The model.
     """
     model = fit.model
     residuals = []

@@ -36,7 +36,7 @@ do not determine the gain. In normalized units, in which outputs and states have
 
 
 def subspace(train: TrainingData, order: int = 2) -> Identified:
-    """Returns a state-space model of ``order`` states from projections, without iterations.
+    """Identifies a state-space model of ``order`` states from projections, without iterations.
 
     The states are the combinations of the past that predict the future best, given the future inputs: canonical
     correlations (CVA, Larimore 1990). y is regressed on them for C, their successors on them and u for A and B, and K
@@ -44,12 +44,15 @@ def subspace(train: TrainingData, order: int = 2) -> Identified:
     Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for System Identification, 2005, ch. 10). Biased in closed
     loop.
 
-    Past and future are as long as the number of samples allows, up to 20. The
-    state in which a segment begins is estimated from that segment.
+    Past and future are as long as the number of samples allows, up to 20. The state in which a segment begins is
+    estimated from that segment.
 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: no window reaches across a gap.
         order: number of states.
+
+    Returns:
+        The model.
 
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
@@ -131,7 +134,7 @@ def sample_windows(segments: Segments, length: int) -> Array:
 
 
 def choose_horizon(segments: Segments, order: int) -> int:
-    """Returns h, the number of past and of future samples that states are estimated from.
+    """Chooses the number of past and of future samples that states are estimated from.
 
     A longer past shows more of the state. But the regressions have 1 + 2 h (k + m) regressors, and need several windows
     for each of them: so h is the largest up to ``MAX_HORIZON`` with ``SUFFICIENT_WINDOWS`` windows for each regressor,
@@ -140,6 +143,9 @@ def choose_horizon(segments: Segments, order: int) -> int:
     Args:
         segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
+
+    Returns:
+        The number h.
 
     Raises:
         NotLearnable: too few samples even for the shortest horizon.

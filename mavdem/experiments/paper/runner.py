@@ -92,11 +92,14 @@ def forecast_errors(outcomes: Iterable[Outcome], start: str) -> Array:
 
 
 def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
-    """Returns the outcome with the median error (of an even number, the upper one of the two in the middle).
+    """Selects the outcome with the median error.
 
     Args:
         outcomes: outcomes of one method from several random priors.
         start: start of the forecasts, a key of ``QUESTION_BY_START``.
+
+    Returns:
+        The outcome; of an even number, the upper one of the two in the middle.
     """
     by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
     return outcomes[by_error[len(outcomes) // 2]]

@@ -435,12 +435,15 @@ class Group(NamedTuple):
 
 
 def over_time(title: str, unit: str, lines: Iterable[Line]) -> Chart:
-    """Returns a chart of a flight over the boot clock; all such charts of a page are zoomed together.
+    """Makes a chart of a flight over the boot clock.
 
     Args:
         title: title of the chart, which is also the label of the vertical axis.
         unit: unit of the lines.
         lines: lines over times, s.
+
+    Returns:
+        The chart; all such charts of a page are zoomed together.
     """
     return Chart(title, TIME, Axis(name_with_unit(title, unit)), tuple(lines), group="flight")
 

@@ -223,12 +223,15 @@ def _phase(response: Complex) -> Array:
 
 
 def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = GYRO) -> Chart:
-    """Returns the chart of a sensor's spectrum before and after its filters, with marks at its spectral lines.
+    """Draws a sensor's spectrum before and after its filters, with marks at its spectral lines.
 
     Args:
         noise: spectra and spectral lines of the sensors; there is at least one of this sensor.
         loop: a loop whose gyro filters are drawn as a gain in dB, and whose crossover is marked; None without.
         name: name of the sensor in ``noise``.
+
+    Returns:
+        The chart.
     """
     lines, unit = _spectrum_lines(noise, name)
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
@@ -293,13 +296,16 @@ def _spectrum_lines(noise: MeasuredNoise, name: str) -> _SpectrumLines:
 
 
 def _filter_line(loop: Loop, max_frequency: float) -> Line:
-    """Returns the line of the gain, dB, of the gyro's filters over frequency, for the axis on the right of a chart.
+    """Draws the gain of the gyro's filters over frequency, for the axis on the right of a chart.
 
     Digital filters are defined below half of the sampling rate (the Nyquist frequency), where the line ends.
 
     Args:
         loop: a loop, whose controller has the gyro's filters.
         max_frequency: highest frequency of the chart, Hz.
+
+    Returns:
+        The line, dB.
     """
     nyquist = MAX_NYQUIST_FRACTION * loop.controller.gyro_rate
     frequency = np.linspace(0.1, min(max_frequency, nyquist), MAX_BINS)

@@ -58,12 +58,15 @@ def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle
 
 
 def identified_plant(learned: Learned) -> Physical | None:
-    """Returns the physical parameters of a model if a response can be computed from them, otherwise None.
+    """Checks that a frequency response can be computed from a model's physical parameters.
 
     They must be identifiable, and the outputs no more than angle and rate, which are all that the physical plant has.
 
     Args:
         learned: the learned model.
+
+    Returns:
+        The parameters; None if it cannot.
     """
     physical = learned.physical
     output_count = learned.record.outputs.shape[1]

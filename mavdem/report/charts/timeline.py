@@ -253,13 +253,16 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
 
 
 def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line:
-    """Returns the line of a wind speed with its band, which does not go below zero.
+    """Draws a wind speed with its band, which does not go below zero.
 
     Args:
         name: name in the legend.
         time: (T,) s.
         speed: (T,) m/s.
         half_width: (T,) half widths of the band, m/s.
+
+    Returns:
+        The line.
     """
     lower_edge = np.maximum(speed - half_width, 0.0)
     return Line(name, DISTURBANCE, time, speed, lower_edge, speed + half_width)

@@ -343,12 +343,15 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
 
 
 def _wind_rows(sides: Reviews) -> list[list[str]]:
-    """Returns two rows, wind speed and the direction that it comes from, with a cell for each side.
+    """Makes the rows of a table for wind speed and the direction that the wind comes from.
 
     A cell has the estimate with its 90 % interval, or a dash where the flight does not determine it.
 
     Args:
         sides: review documents of both logs, by side.
+
+    Returns:
+        Two rows with a cell for each side.
     """
     speeds = ["wind (m/s)"]
     directions = ["from (°)"]

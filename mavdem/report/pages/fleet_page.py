@@ -153,10 +153,13 @@ def vehicle_charts(rows: FlightRows) -> str:
 
 
 def _newest_first(summaries: Sequence[VehicleSummary]) -> list[FlightLine]:
-    """Returns the lines of all flights, the newest first and those without a date last.
+    """Sorts the lines of all flights by date.
 
     Args:
         summaries: summary of the flights under each name.
+
+    Returns:
+        The lines, the newest first and those without a date last.
     """
     dated = []
     undated = []
@@ -264,7 +267,7 @@ def _vehicle_parts(
     charts: ChartsOfVehicle,
     names: GivenNames,
 ) -> list[VehiclePart]:
-    """Returns what the page shows of each vehicle, the most urgent vehicle first.
+    """Makes the part of the page on each vehicle.
 
     Urgency is a rank by the health of the motors and the latest headline. Flights that do not say whose they are may be
     those of several vehicles, and have no part. To keep the page small, charts are drawn only for the ``MAX_DRAWN``
@@ -276,6 +279,9 @@ def _vehicle_parts(
         changes: changes since a baseline, by name of the vehicle.
         charts: function that returns the charts of a vehicle.
         names: names that were given to vehicles.
+
+    Returns:
+        The parts, the most urgent vehicle first.
     """
     vehicles = vehicles_with_parts(summaries)
     ranked = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
@@ -392,13 +398,15 @@ def _bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
 
 
 def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
-    """Returns in how many flights each light has each level, the lights with most bad flights first.
+    """Counts in how many flights each light has each level.
 
     A light is the judgement of one part of the vehicle, such as its motors, by a level: bad, watch, good or unknown.
-    The list is empty without a flight.
 
     Args:
         summaries: summary of the flights under each name.
+
+    Returns:
+        The counts, the lights with most bad flights first; empty without a flight.
     """
     if not any(summary.vehicle for summary in summaries):
         return []

@@ -215,12 +215,15 @@ class FilterStep(NamedTuple):
 
 
 def corrected_step(prediction: FilterStep, output: Array, variances: Array) -> FilterStep:
-    """Returns the state and covariance of a Kalman filter after a sample, as all states are measured.
+    """Corrects a Kalman filter's prediction with a sample, in which all states are measured.
 
     Args:
         prediction: the prediction for the sample.
         output: (n,) measured states.
         variances: (n,) variances of the measurement noise.
+
+    Returns:
+        State and covariance after the sample.
     """
     P = prediction.covariance
     gain = P @ np.linalg.inv(P + np.diag(variances))
@@ -229,12 +232,15 @@ def corrected_step(prediction: FilterStep, output: Array, variances: Array) -> F
 
 
 def predicted_step(record: NoisyRecord, filtered: FilterStep, t: int) -> FilterStep:
-    """Returns a Kalman filter's prediction for the sample after t.
+    """Predicts state and covariance of a Kalman filter for the sample after t.
 
     Args:
         record: the record, with its model and inputs.
         filtered: state and covariance of sample t, after its correction.
         t: number of the sample.
+
+    Returns:
+        Predicted state and covariance.
     """
     Phi, Gamma = record.transition
     state = Phi @ filtered.state + Gamma @ record.inputs[t]

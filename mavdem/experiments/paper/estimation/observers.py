@@ -84,7 +84,7 @@ def fit_autoregression(series: Array, order: int) -> Autoregression:
 
 
 def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> DiscreteModel:
-    """Returns a model whose process noise is autoregressive: its last values are further states.
+    """Extends a model by the last values of its autoregressive process noise as further states.
 
     The states are [x; w_t; w_{t−1}; …]. Each component of w has an autoregression of its own.
 
@@ -92,6 +92,9 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
         model: the model; its Q is replaced.
         noise: (T, n) process noise, to which the autoregressions are fitted.
         order: order of the autoregressions.
+
+    Returns:
+        The extended model, whose noise is white.
     """
     n, r = model.Gamma.shape
     fits = [fit_autoregression(series, order) for series in noise.T]
@@ -116,7 +119,7 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
 
 
 def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> DiscreteModel:
-    """Returns a model that also has, as further states, the values of its first states in the last ``lag`` samples.
+    """Extends a model by its first states in the last ``lag`` samples as further states.
 
     The Kalman filter of this model is a fixed-lag smoother of the first states: it corrects their past values, too.
 
@@ -124,6 +127,9 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
         model: the model.
         kept_states: number of the first states whose past values are kept.
         lag: number of samples for which they are kept.
+
+    Returns:
+        The extended model.
     """
     n, r = model.Gamma.shape
     past_count = kept_states * lag

@@ -101,11 +101,14 @@ def input_matrix(acceleration_per_input: Array) -> Array:
 
 
 def zero_order_hold_transition(B: Array, dt: float) -> ArrayPair:
-    """Returns Φ (2, 2) and Γ (2, r) of the roll axis over one step of ``dt`` seconds, for inputs that are held over it.
+    """Discretises the roll axis for inputs that are held over a step of ``dt`` seconds.
 
     Args:
         B: (2, r) input matrix.
         dt: sampling step, s.
+
+    Returns:
+        Φ (2, 2) and Γ (2, r).
     """
     transition = discretize(ROLL_SYSTEM_MATRIX, B, dt)
     return transition.Phi, transition.Gamma0 + transition.Gamma1
@@ -158,7 +161,7 @@ def is_moving(signals: Array) -> bool:
 def roll_window(
     flight: str, states: Array, outputs: Array, motors: Array, dt: float = 1 / ARDRONE_RATE
 ) -> RollWindow:
-    """Returns a window whose inputs are scaled by the range of the motor commands, less their means.
+    """Scales the inputs of a window by the range of the motor commands, and subtracts their means.
 
     Args:
         flight: name of the flight.
@@ -166,6 +169,9 @@ def roll_window(
         outputs: (T, 1) measured roll, rad.
         motors: (T, 4) motor commands.
         dt: sampling step, s.
+
+    Returns:
+        The window.
     """
     command_range = np.ptp(motors)
     inputs = motors / command_range

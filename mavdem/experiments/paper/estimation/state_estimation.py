@@ -139,13 +139,16 @@ def dem_states(window: RollWindow, outputs: Array, inputs: Array, p: int) -> Arr
 
 
 def white_noise_model(window: RollWindow) -> DiscreteModel:
-    """Returns the discrete model of a window with white noises.
+    """Makes the discrete model of a window with white noises.
 
     The covariance of the process noise is diagonal and has the variances of the window's own noise, as in the authors'
     scripts. So the observers know more than they would in flight: that noise is computed from the hidden state.
 
     Args:
         window: transition and process noise of the window.
+
+    Returns:
+        The model.
     """
     Phi, Gamma = window.transition
     Q = np.diag(window.process_noise.var(axis=0, ddof=1))
