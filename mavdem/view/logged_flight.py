@@ -1,6 +1,6 @@
 """The 3D tab of a log's recording: the vehicle on its path with its attitude, and the mean wind."""
 
-from math import ceil, radians
+from math import ceil, floor, log10, radians
 
 import numpy as np
 import rerun as rr
@@ -34,6 +34,12 @@ PATH_RADIUS = 0.015
 
 ROTORS = np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]]) / np.sqrt(2)
 """(4, 2) rotors of the drawn vehicle, forward and right, in arms: a sign for any vehicle, not its own geometry."""
+
+MIN_GROUND_LINES = 3
+"""Least number of lines of the ground's grid along the largest extent of the path: a choice; 30 at most."""
+
+GROUND_COLOUR = (128, 128, 128, 90)
+"""Colour of these lines, RGBA: grey that shows on a dark and on a light page without hiding the path."""
 
 EYE_DISTANCE = np.array([-0.8, 0.55, -0.6])
 """Where the eye is from the middle of the path, in extents of the path: south-east of it, and above."""
@@ -80,8 +86,19 @@ def flight_scene(
         look_target=middle,
         eye_up=(0, 0, -1),
     )
+    # The ground where the path begins, by which height and direction are seen.
+    spacing = 10.0 ** floor(log10(extent / MIN_GROUND_LINES))
+    ground = rrb.LineGrid3D(
+        plane=rr.components.Plane3D((0.0, 0.0, 1.0), float(path[0, 2])),
+        spacing=spacing,
+        color=GROUND_COLOUR,
+    )
     return rrb.Spatial3DView(
-        name=title, origin="world", contents="world/**", eye_controls=controls, line_grid=False
+        name=f"{title}; grid of {spacing:g} m",
+        origin="world",
+        contents="world/**",
+        eye_controls=controls,
+        line_grid=ground,
     )
 
 
