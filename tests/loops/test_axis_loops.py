@@ -266,7 +266,7 @@ def test_each_stage_has_its_own_files_with_its_own_gains():
 
 
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
-    mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED)
+    mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED, share=0.3)
     assert refused(tuned_by, {"roll": mixer}) == mixer
     several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
     named = [fact.figures["names"] for fact in several.figures["reasons"]]
