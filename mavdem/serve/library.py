@@ -391,6 +391,13 @@ class Library:
         """The names that users have given to vehicles and flights."""
         return read_names(self.db)
 
+    @property
+    def vehicle_frames(self) -> dict[str, str]:
+        """The kind of frame of each vehicle, such as "QUADROTOR", in its latest row, by its name in the logs."""
+        query = """select vehicle, json_extract(brief, '$.frame') from flights
+            where rowid in (select max(rowid) from flights group by vehicle) and json_valid(brief)"""
+        return {vehicle: frame for vehicle, frame in self.db.execute(query) if vehicle and frame}
+
     def name_flight(self, entry: Entry, name: str) -> None:
         """Gives a name to a flight; an empty one takes it away.
 

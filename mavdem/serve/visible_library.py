@@ -230,6 +230,7 @@ class VisibleLibrary:
             "address": address,
             "upload": upload_address,
             "given": self.library.names,
+            "frames": self.library.vehicle_frames,
         }
 
 

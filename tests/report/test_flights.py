@@ -43,7 +43,7 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     worst = "beta (motor 2: fault), newer (drift), alpha (drift) and board"
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
-    assert unjudged.startswith("No vehicle could be judged yet.")
+    assert unjudged.startswith("Whether motors drift could not be judged of any vehicle yet.")
 
 
 def test_a_name_that_another_vehicle_has_merges_no_vehicles():

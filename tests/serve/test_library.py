@@ -21,10 +21,12 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Order, Stage, Start
+from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import read_rows
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
+from mavdem.report.pages.library_page import render_server_page
 from mavdem.results import PAGE_FILE, REPORT_FILE
 from mavdem.serve.index import SQL_ORDERS, entry_of_fleet_log
 from mavdem.serve.library import Library
@@ -199,6 +201,21 @@ def test_a_fleet_is_shown_as_it_is(tmp_path):
     with serving(tmp_path) as server:
         for place in ("/", f"/f/{entries[0].id}"):
             assert server.get(place).status == 200
+
+
+def test_a_vehicle_without_a_name_is_called_by_its_type_and_the_end_of_its_serial(tmp_path):
+    serial = "001a002f3039511333333539"
+    fleet_of(tmp_path, [flight_row(serial, number, frame="HEXAROTOR") for number in range(2)])
+    frames = Library(tmp_path).vehicle_frames
+    assert frames == {serial: "HEXAROTOR"}
+    page = render_server_page(
+        "library",
+        **{"entries": [], "total": 0, "query": "", "order": "upload", "offset": 0, "page": 50},
+        **{"is_empty": True, "sample": None, "is_live": False, "vehicles": [serial]},
+        **{"troubles": {}, "may_read": True, "key": "", "has_token": False, "address": ""},
+        **{"upload": "", "given": GivenNames(), "frames": frames},
+    )
+    assert ">Hexarotor …333539</a>" in page and f'title="{serial}"' in page
 
 
 def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):

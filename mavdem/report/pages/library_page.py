@@ -7,7 +7,7 @@ one script, ``serve.js``, and within a flight's page those that draw the charts,
 import base64
 import hashlib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache
 from importlib.resources import files
@@ -21,12 +21,13 @@ from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
+from mavdem.fleet.names import NO_NAMES
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, vehicle_words
+from mavdem.report.fleet import HEALTH_LEVELS, vehicle_label, vehicle_words
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.fleet_page import with_fleet_remark
 from mavdem.report.pages.page import PageEvent
@@ -36,12 +37,6 @@ POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 
 CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js", "notch.js")
 """The scripts within a page: those that draw its charts, and what else it does."""
-
-MAX_NAME_LENGTH = 19
-"""Letters of a vehicle's name that are shown whole; of a longer one, such as a serial number, both ends are."""
-
-SHOWN_END_LENGTH = 4
-"""Letters of either end that are shown of a longer name."""
 
 
 @cache
@@ -84,11 +79,14 @@ def _environment() -> Environment:
     return jinja
 
 
-def _brief_name(name: str) -> str:
-    """Returns a name as it is, or the beginning and the end of a long one."""
-    if len(name) <= MAX_NAME_LENGTH:
-        return name
-    return f"{name[:SHOWN_END_LENGTH]}…{name[-SHOWN_END_LENGTH:]}"
+def _brief_name(name: str, frames: Mapping[str, str]) -> str:
+    """Returns what a vehicle without a given name is called: its name or, of a serial number, its type and the end.
+
+    Args:
+        name: name of the vehicle in its logs.
+        frames: kind of the frame of each vehicle, such as "QUADROTOR", by that name.
+    """
+    return vehicle_label(name, frames.get(name, ""), NO_NAMES)
 
 
 def _utc_text(seconds: float) -> str:
