@@ -320,7 +320,7 @@ class Simulation:
         reference: Reference,
         control: ControlOutput,
     ) -> Row:
-        """Returns the quantities of the current cycle by the names of ``Motion``'s fields, before the vehicle moves on.
+        """Collects the quantities of the current cycle, before the vehicle moves on.
 
         Args:
             air: The air at the vehicle.
@@ -328,6 +328,9 @@ class Simulation:
             estimate: State as the autopilot estimates it.
             reference: Setpoints of the flight plan.
             control: Outputs and setpoints of the autopilot.
+
+        Returns:
+            Values by the names of ``Motion``'s fields.
         """
         state = self._state
         sticks: Vector3 = NO_ROTATION

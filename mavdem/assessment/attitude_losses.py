@@ -80,7 +80,7 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
 
 
 def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Intervals:
-    """Returns the intervals of a flight in which the attitude was lost.
+    """Finds the intervals of a flight in which the attitude was lost.
 
     It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
     attitude too, whatever the setpoint was.

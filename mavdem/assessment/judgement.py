@@ -360,7 +360,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
 
 
 def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
-    """Returns the next step against the fault in the ``headline``, with the advice of other bad lights.
+    """Makes the next step against the fault in the ``headline``, with the advice of other bad lights.
 
     Only one next step is shown, so the advice of a light is added only if the headline does not explain it. Bad power
     always has causes of its own. After a loss, every bad light of the vehicle may be the reason for it, and a bad motor

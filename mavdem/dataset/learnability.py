@@ -615,11 +615,14 @@ class _SegmentJudge:
         return None
 
     def _inconsistent_rates(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of body rates that contradict the angles: one of the two is wrong.
+        """Checks that the body rates agree with the angles; otherwise one of the two is wrong.
 
         Args:
             figures: figures of the segment, with the ``consistency``: how well the integral of the rate explains the
                 changes of the angle, 1 if fully; None if it was not measured.
+
+        Returns:
+            The refusal to learn from the segment; None if they agree or that was not measured.
         """
         axis = self.signals.axis
         if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:

@@ -158,7 +158,7 @@ def rows_of_segment(
     segment: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> slice:
-    """Returns the rows of a stream that belong to a segment.
+    """Finds the rows of a stream that belong to a segment.
 
     They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, and
     to compare every sample with each of them takes longer than all else.
@@ -167,6 +167,9 @@ def rows_of_segment(
         stream: Samples with their times and boots.
         segment: The segment.
         slack: Seconds beyond its ends whose samples still belong to it.
+
+    Returns:
+        The rows as a slice of the whole stream.
     """
     rows = rows_of_boot(stream.boot, segment.boot)
     time = stream.time[rows]

@@ -85,9 +85,9 @@ class ModelJudging:
             )
 
     def _take_result(self, pending: Future[tuple[Findings, Judgement]]) -> None:
-        """Takes a judgement of the executor, if it is done.
+        """Stores the result of a judgement that the executor has finished.
 
-        One that failed is dropped, and the judgement before it stays: the next one may succeed.
+        A judgement that failed is dropped, and the one before it stays: the next one may succeed.
 
         Args:
             pending: the judgement that an executor computes, with the findings on the model.

@@ -85,14 +85,14 @@ class SilenceMonitor:
 
 
 def resumption(missing: Missing, silence: float) -> Fact | None:
-    """Returns the fact that messages, or those of the motion, come again after a silence.
+    """Makes the report that messages, or those of the motion, come again after a silence.
 
     Args:
         missing: messages that had not come.
         silence: duration of the silence, s; infinite if nothing had ever come.
 
     Returns:
-        The fact; None if the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.
+        The report; None if the silence was at most ``SILENCE_SECONDS``, or nothing had ever come.
     """
     if silence <= SILENCE_SECONDS or silence == inf:
         return None

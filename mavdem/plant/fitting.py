@@ -115,7 +115,7 @@ class LogPosterior(NamedTuple):
         return value
 
     def expand(self, at: Array) -> QuadraticExpansion:
-        """Returns the expansion about θ = ``at`` (k,) by which the search takes its next step.
+        """Expands the log posterior about θ = ``at`` (k,), for the next step of the search.
 
         It is that of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density would
         rise below, the delay stays (active-set method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5).

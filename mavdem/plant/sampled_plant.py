@@ -205,7 +205,7 @@ class SampledPlant(NamedTuple):
     """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
 
     def input_contributions(self, commanded: Array, delay_steps: float) -> Array:
-        """Returns the part of each next state that a commanded torque adds: Γ₀ c + Γ₁ c⁺.
+        """Computes the part of each next state that a commanded torque adds: Γ₀ c + Γ₁ c⁺.
 
         Args:
             commanded: commanded torque (T,), rad/s².

@@ -277,13 +277,16 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
 
 
 def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint32]) -> bool:
-    """Returns whether a frame with a boot clock comes twice among the frames of a sender.
+    """Determines whether a frame with a boot clock comes twice among the frames of a sender.
 
     Args:
         data: Bytes (B,) of the stream.
         all_frames: The frames (N,) of all senders.
         rows: Rows (n,) of the frames of one sender that have a boot clock, in stream order.
         keys: Their keys (n,), or none if there cannot be copies.
+
+    Returns:
+        True for at least one pair of equal frames.
     """
     sorted_keys = np.sort(keys)
     repeated_keys = sorted_keys[1:][sorted_keys[1:] == sorted_keys[:-1]]
