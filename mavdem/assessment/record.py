@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,22 @@ from mavdem.containers import JsonValues
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
+from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NoModel
 from mavdem.flight import boot_number
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log
-from mavdem.loops.advice import AdviceByAxis
+from mavdem.loops.advice import AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.vibration.spectra import Spectrum
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.torque_share import torque_share_of_wind
 from mavdem.witnesses import SensorTrust
+
+if TYPE_CHECKING:
+    from mavdem.assessment.axis.twin import GainTrial
 
 
 class NoLoop(NamedTuple):
@@ -170,6 +174,37 @@ class Assessment:
             return tuned(self, AXES, is_written=False).axes
         except NotLearnable as error:
             return {"all axes": error.fact} if self.evidence.reasons_not_to_fly else {}
+
+    @cached_property
+    def gain_trial(self) -> GainTrial | Fact | None:
+        """The flights of the twin on the recorded setpoints with the present and the advised gains.
+
+        A fact says why the twin cannot fly. None where no gains are to be changed.
+        """
+        # Imported here: the twin is a simulator, which a log without advice does not need.
+        from mavdem.assessment.axis.twin import try_gains
+
+        gains = advised_parameters(self.advised_gains)
+        if self.evidence is None or not gains:
+            return None
+        return try_gains(self.evidence, gains, in_wind=False)
+
+    def compute_for_page(self) -> None:
+        """Computes what a page shows beyond the judgement, in two processes where there are two cores.
+
+        Advice on gains and their trial take about as long as measured responses and spectra. Without a loop there is
+        no advice, and little to compute.
+        """
+        if not self.identified_loops:
+            return
+        with in_second_process(lambda: (self.advised_gains, self.gain_trial)) as result:
+            # Reading these properties computes and keeps them.
+            _ = self.responses, self.noise
+            computed = result()
+        if computed is not None:
+            # These are cached properties, which keep their values here.
+            advised_gains, gain_trial = freeze(computed)
+            vars(self).update(advised_gains=advised_gains, gain_trial=gain_trial)
 
     @property
     def spectra(self) -> Mapping[str, Spectrum]:

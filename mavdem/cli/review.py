@@ -110,6 +110,7 @@ def review_command(
         if verbose:
             print_blocks([*analysis_blocks(assessment), *instance_blocks(assessment)])
         screen.show(assessment)
+    assessment.compute_for_page()
     # Imported here, so that the screen does not wait for the models of the documents.
     from mavdem.documents.review import review_document
 

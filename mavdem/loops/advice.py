@@ -139,6 +139,15 @@ AdviceByAxis = dict[str, Advice | Fact]
 """The advice by axis, or why there is none."""
 
 
+def advised_parameters(advice_by_axis: AdviceByAxis) -> Parameters:
+    """Returns the gains of all axes that are to be changed, by the autopilot's name."""
+    parameters = dict[str, float]()
+    for advice in advice_by_axis.values():
+        if isinstance(advice, Advice):
+            parameters |= advice.parameters
+    return parameters
+
+
 def advise(
     loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
 ) -> Advice:

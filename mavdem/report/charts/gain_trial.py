@@ -8,7 +8,8 @@ from mavdem.arrays import Flags
 from mavdem.assessment.axis.responses import NO_RESPONSES, Responses
 from mavdem.assessment.axis.twin import GainTrial, TwinMotion, try_gains
 from mavdem.assessment.evidence import Evidence
-from mavdem.loops.advice import Advice, AdviceByAxis
+from mavdem.facts import Fact
+from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
@@ -41,6 +42,7 @@ def gain_trial_groups(
     responses: Responses = NO_RESPONSES,
     *,
     in_wind: bool = True,
+    trial: GainTrial | Fact | None = None,
 ) -> dict[str, Group]:
     """Returns charts of each axis with new gains: what they would do, over the same with the gains that flew.
 
@@ -53,19 +55,19 @@ def gain_trial_groups(
         advice_by_axis: advice on each axis, or why there is none.
         responses: measured responses, beside which the page shows the steps with the advised gains already.
         in_wind: whether the twin hovers in wind too, which takes as long as the flight on the recorded setpoints.
+        trial: the twin's flights, or why it cannot fly, if they were made before.
 
     Returns:
         A group of charts for each axis whose gains change; none if there is nothing to draw.
     """
     advice_on_changes = dict[str, Advice]()
-    new_gains = dict[str, float]()
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice) and advice.parameters:
             advice_on_changes[axis] = advice
-            new_gains |= advice.parameters
     if not advice_on_changes:
         return {}
-    trial = try_gains(evidence, new_gains, in_wind=in_wind)
+    if trial is None:
+        trial = try_gains(evidence, advised_parameters(advice_by_axis), in_wind=in_wind)
     groups = {}
     for axis, advice in advice_on_changes.items():
         loops = {"now": advice.before, "advised": advice.after}

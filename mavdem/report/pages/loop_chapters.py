@@ -169,7 +169,10 @@ def loops_chapters(
     yield Chapter("Control loops", summary, [group])
     groups: list[Group] = []
     # The page of a flight must be fast to make. That of `mavdem tune` also has the twin's hover in wind.
-    trials = gain_trial_groups(evidence, advice, assessment.responses, in_wind=False)
+    flights_of_twin = assessment.gain_trial if advice else None
+    trials = gain_trial_groups(
+        evidence, advice, assessment.responses, in_wind=False, trial=flights_of_twin
+    )
     for trial in trials.values():
         # All axes have one caption, below the last.
         if groups:
