@@ -21,7 +21,13 @@ from mavdem.facts.identifiability import Status
 from mavdem.facts.model import NoPhysical, Refinement
 from mavdem.immutable import freeze
 from mavdem.plant.closed_loop.spectra import ComplexArray
-from mavdem.plant.fitting import WIND_SPECTRA, GrayBoxFit, fit_gray_box, initial_model
+from mavdem.plant.fitting import (
+    WIND_SPECTRA,
+    GrayBoxFit,
+    best_start,
+    fit_gray_box,
+    initial_model,
+)
 from mavdem.plant.identifiability import (
     PARAMETERS,
     IdentifiabilityFigures,
@@ -169,7 +175,8 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     count = len(windows.rate)
     selection = np.linspace(0, count - 1, min(count, MAX_SELECTION_WINDOWS)).round().astype(int)
     selected_windows = windows.select(selection)
-    model, start = initial_model(selected_windows, directions)
+    model, prior_start = initial_model(selected_windows, directions)
+    start = best_start(model, prior_start, selected_windows)
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)

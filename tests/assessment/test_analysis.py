@@ -18,6 +18,7 @@ from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected_rows
+from mavdem.loops.advice import advised_parameters
 from mavdem.plant import physical
 from mavdem.report.blocks import plain_text
 from mavdem.report.screen import analysis_blocks
@@ -90,6 +91,13 @@ def test_each_axis_is_as_by_itself_and_that_of_a_model_of_it(tmp_path, monkeypat
     found = assess(read_log(path))
     monkeypatch.setattr(parallel, "available_workers", lambda: 1)
     in_one_process = assess(read_log(path))
+    # So are advised gains and their trial, for a page.
+    monkeypatch.setattr(parallel, "available_workers", lambda: 2)
+    found.compute_for_page()
+    assert {"advised_gains", "responses", "noise"} <= vars(found).keys()
+    assert advised_parameters(found.advised_gains) == advised_parameters(
+        in_one_process.advised_gains
+    )
     axes = found.analysis.axes
     for axis, figures in in_one_process.analysis.axes.items():
         assert_array_equal(figures.physical.covariance, axes[axis].physical.covariance)

@@ -51,3 +51,29 @@ def test_a_step_out_of_the_domain_is_damped_more():
     assert abs(trace[-1].point[0] - MAXIMUM) < 0.05
     assert objective.values > 0
     assert all(after.value > before.value for before, after in zip(trace, trace[1:], strict=False))
+
+
+class MisjudgedBowl:
+    """A quadratic function of four variables whose expansions have a curvature that is wrong by factors."""
+
+    true_curvature = np.diag([1.0, 4.0, 9.0, 16.0]) + 0.5
+    reported_curvature = np.diag([6.0, 4.0, 1.5, 16.0]) + 0.5
+
+    def value(self, point: Array, /) -> float:
+        """Returns the value at a point (4,)."""
+        return float(-0.5 * point @ self.true_curvature @ point)
+
+    def expand(self, point: Array, /) -> QuadraticExpansion:
+        """Returns the expansion about a point (4,), with the true gradient."""
+        gradient = -self.true_curvature @ point
+        return QuadraticExpansion(point, self.value(point), gradient, self.reported_curvature)
+
+
+def test_a_curvature_that_is_corrected_by_gradients_saves_half_of_the_steps():
+    objective = MisjudgedBowl()
+    start = objective.expand(np.array([30.0, -20.0, 20.0, 10.0]))
+    plain, _ = gauss_newton(objective, start, DAMPING, 200)
+    corrected, gain = gauss_newton(objective, start, DAMPING, 200, corrects_curvature=True)
+    assert len(corrected) < len(plain) / 2
+    assert gain < 5e-3
+    assert corrected[-1].value > -0.01

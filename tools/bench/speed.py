@@ -301,10 +301,11 @@ def review_cost(log: Path, checkout: Path) -> ReviewCost:
             for line in lines:
                 if line.startswith("Page: "):
                     break
-                # Fields 14 and 15 of /proc/PID/stat, counted behind the name, are user and system time in ticks.
+                # Fields 14 to 17 of /proc/PID/stat, counted behind the name, are user and system time in ticks, of the
+                # process and of those of its children that have ended.
                 status = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8")
                 fields = status.rpartition(")")[2].split()
-                ticks = int(fields[11]) + int(fields[12])
+                ticks = sum(int(field) for field in fields[11:15])
                 seconds_at_lines.append(ticks / os.sysconf("SC_CLK_TCK"))
             lines.read()
         usage = os.wait4(process.pid, 0)[2]

@@ -26,6 +26,12 @@ MAX_STEPS = 40
 MIN_DAMPING = 1e-6
 """Smallest damping, as a fraction of the curvature's diagonal: below it, the steps are Gauss-Newton's own."""
 
+MIN_CURVATURE_RATIO = 1e-6
+"""Least eigenvalue of a corrected curvature, relative to the Fisher information: below, its steps are not trusted."""
+
+MIN_SECANT_COSINE = 1e-12
+"""Least cosine between a step and the change of the gradient that teaches a curvature: it must be positive."""
+
 POOR_GAIN_FACTOR = 4
 """Factor by which the damping grows after a step that gained less than a fifth of what the expansion predicted."""
 
@@ -98,12 +104,73 @@ class Damping(NamedTuple):
         return POOR_GAIN_FACTOR * damping
 
 
+class CurvatureCorrection:
+    """Correction of a function's curvature, learned from how its gradient changed with the steps.
+
+    The curvature of an expansion is mostly a Fisher information, which lacks the second derivatives of the residuals.
+    Where residuals are large, because no model of this kind is right, each step then goes only a part of the way. The
+    secant update of Dennis, Gay and Welsch adds what is missing (NL2SOL, ACM Trans. Math. Software 7(3), 1981).
+    """
+
+    def __init__(self, size: int) -> None:
+        """Begins without a correction, for a function of so many variables."""
+        self._matrix = np.zeros((size, size))
+        self._is_used = False
+
+    def curvature(self, expansion: QuadraticExpansion) -> Array:
+        """Returns the curvature (f, f) of an expansion with the correction, if it helped and leaves it positive."""
+        if not self._is_used:
+            return expansion.curvature
+        corrected = expansion.curvature + self._matrix
+        scale = np.sqrt(expansion.curvature.diagonal())
+        least_eigenvalue = np.linalg.eigvalsh(corrected / np.outer(scale, scale))[0]
+        return corrected if least_eigenvalue > MIN_CURVATURE_RATIO else expansion.curvature
+
+    def update(self, current: QuadraticExpansion, following: QuadraticExpansion) -> None:
+        """Learns from a step: the gradient changed by the true mean curvature along it.
+
+        Args:
+            current: expansion about the point before the step.
+            following: expansion about the point after it.
+        """
+        step = following.point - current.point
+        change = current.gradient - following.gradient
+        missing = change - following.curvature @ step
+        # An earlier correction that is larger than what is missing now has become too large.
+        learned = float(step @ self._matrix @ step)
+        if learned:
+            self._matrix *= min(1.0, abs(float(step @ missing)) / abs(learned))
+        along = float(step @ change)
+        if along > MIN_SECANT_COSINE * np.linalg.norm(step) * np.linalg.norm(change):
+            difference = missing - self._matrix @ step
+            self._matrix += (np.outer(difference, change) + np.outer(change, difference)) / along
+            self._matrix -= float(step @ difference) / along**2 * np.outer(change, change)
+        # It is used where it would have predicted the gain of this step better.
+        gain = following.value - current.value
+        predicted = predicted_gain(current, current.curvature, step)
+        corrected = predicted - 0.5 * float(step @ self._matrix @ step)
+        self._is_used = abs(corrected - gain) < abs(predicted - gain)
+
+
+def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array) -> float:
+    """Returns the gain of a step that an expansion predicts with a curvature, nats.
+
+    Args:
+        expansion: the expansion, for its gradient.
+        curvature: negative second derivative (f, f).
+        step: the step (f,).
+    """
+    return float(expansion.gradient @ step - 0.5 * step @ curvature @ step)
+
+
 def gauss_newton(
     objective: Objective,
     start: QuadraticExpansion,
     damping: Damping,
     iterations: int = MAX_STEPS,
     stop: Callable[[QuadraticExpansion], bool] = lambda expansion: False,
+    *,
+    corrects_curvature: bool = False,
 ) -> tuple[list[QuadraticExpansion], float]:
     """Maximises a function by Levenberg and Marquardt's method.
 
@@ -117,6 +184,8 @@ def gauss_newton(
         damping: settings of the damping of steps.
         iterations: largest number of steps.
         stop: ends the search where it returns true for the latest expansion.
+        corrects_curvature: whether the curvature of expansions is corrected by how gradients change: worth it where the
+            curvature is far from the second derivative, so that steps are many.
 
     Returns:
         The expansions about all iterates, ``start`` first, and the gain of the last step, nats: below
@@ -127,15 +196,15 @@ def gauss_newton(
     damping_now = damping.initial
     gain = np.inf
     attempt = 0
+    correction = CurvatureCorrection(len(start.point)) if corrects_curvature else None
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
         current = trace[-1]
         # More damping makes a step shorter, and turns it towards the gradient, until it increases the function.
         following = None
         needed_one_attempt = attempt == 0
+        curvature = current.curvature if correction is None else correction.curvature(current)
         for attempt in range(damping.max_attempts):
-            damped_curvature = current.curvature + damping_now * np.diag(
-                current.curvature.diagonal()
-            )
+            damped_curvature = curvature + damping_now * np.diag(current.curvature.diagonal())
             newton_step = np.asarray(np.linalg.solve(damped_curvature, current.gradient), float)
             step = damping.limit_step(newton_step)
             following = _higher_expansion(
@@ -151,8 +220,11 @@ def gauss_newton(
         if following is None:
             return trace, current.predicted_gain
         gain = following.value - current.value
-        predicted_gain = float(current.gradient @ step - 0.5 * step @ current.curvature @ step)
-        damping_now = damping.after_step(damping_now, gain, predicted_gain)
+        damping_now = damping.after_step(
+            damping_now, gain, predicted_gain(current, curvature, step)
+        )
+        if correction is not None:
+            correction.update(current, following)
         trace.append(following)
     return trace, gain
 

@@ -1,0 +1,143 @@
+#!/usr/bin/env python
+"""What the search of the gray-box fit costs and finds, beside Fisher scoring from the prior mean; prints a table.
+
+The form of the model is chosen on each axis of each log, as in ``mavdem.plant.physical``, once with each search. The
+logs are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
+
+Usage: tools/validation/gray_box_search.py FOLDER...   # of the telemetry logs in them
+"""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+from unittest.mock import patch
+
+import click
+import numpy as np
+import pandas as pd
+from flights import print_table
+
+from mavdem.arrays import Array
+from mavdem.dataset.axes import AXES
+from mavdem.dataset.flights import usable_segments
+from mavdem.dataset.signals import Signals
+from mavdem.dem.engine.gauss_newton import QuadraticExpansion, gauss_newton
+from mavdem.dem.engine.linalg import one_thread
+from mavdem.dem.record import Record
+from mavdem.errors import NotLearnable
+from mavdem.ingest import read_log
+from mavdem.plant import estimation, fitting
+from mavdem.plant.fitting import LogPosterior
+from mavdem.plant.windows import FlightWindows, cut_windows
+
+
+class Search(NamedTuple):
+    """What one search of an axis cost and found."""
+
+    evaluations: float
+    """Prediction errors that were computed, in passes through all windows."""
+    evidence: float
+    """Log evidence of the chosen model, nats."""
+
+
+def searched(windows: FlightWindows, directions: Array | None) -> Search:
+    """Chooses the model of an axis, and counts evaluations.
+
+    Args:
+        windows: windows of the flight.
+        directions: relative effect of each input (r,), or None.
+    """
+    passes = 0
+    value_at, expand_at = LogPosterior.value, LogPosterior.full_expansion
+
+    def value(posterior: LogPosterior, point: Array) -> float:
+        nonlocal passes
+        passes += 1
+        return value_at(posterior, point)
+
+    def full_expansion(posterior: LogPosterior, point: Array) -> QuadraticExpansion:
+        nonlocal passes
+        passes += len(point) + 1
+        return expand_at(posterior, point)
+
+    with (
+        patch.object(LogPosterior, "value", value),
+        patch.object(LogPosterior, "full_expansion", full_expansion),
+        one_thread(),
+        np.errstate(all="ignore"),
+    ):
+        selected = estimation._select_model(windows, directions)
+    return Search(passes, selected.fit.evidence)
+
+
+def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
+    """Does the same as :func:`searched` by Fisher scoring alone, from the prior mean."""
+
+    def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
+        return gauss_newton(*arguments)
+
+    def prior_mean(_: object, start: Array, __: FlightWindows) -> Array:
+        return start
+
+    with (
+        patch.object(fitting, "gauss_newton", fisher_scoring),
+        patch.object(estimation, "best_start", prior_mean),
+    ):
+        return searched(windows, directions)
+
+
+def compared(path: Path) -> Iterator[dict[str, object]]:
+    """Yields a row for each axis of a log of which parameters can be estimated."""
+    log = read_log(path)
+    half = "AB"[hashlib.sha256(path.name.encode()).digest()[0] % 2]
+    signals = Signals(log.vehicles[0])
+    for axis in AXES:
+        flights, _ = usable_segments(signals.for_axis(axis, None), log.components)
+        if not flights:
+            continue
+        record = Record.from_flights(flights)
+        try:
+            windows = cut_windows(record)
+        except NotLearnable:
+            continue
+        directions = estimation._mixer_directions(record)
+        plain = plain_search(windows, directions)
+        now = searched(windows, directions)
+        yield {
+            "half": half,
+            "before": plain.evaluations,
+            "now": now.evaluations,
+            "gain": now.evidence - plain.evidence,
+        }
+
+
+@click.command(help=__doc__)
+@click.argument("folders", nargs=-1, type=click.Path(exists=True, file_okay=False, path_type=Path))
+def main(folders: tuple[Path, ...]) -> None:
+    """Prints the table.
+
+    Args:
+        folders: folders with telemetry logs; those at less than 40 Hz have no rows.
+    """
+    logs = [path for folder in folders for path in sorted(folder.glob("*.tlog"))]
+    rows = pd.DataFrame([row for path in logs for row in compared(path)])
+    table = []
+    for half, axes in rows.groupby("half"):
+        gain = axes["gain"]
+        table.append(
+            {
+                "half": half,
+                "axes": len(axes),
+                "evaluations, ratio": f"{axes['now'].sum() / axes['before'].sum():.2f}",
+                "evidence gained, nats: median": f"{gain.median():+.2f}",
+                "mean": f"{gain.mean():+.1f}",
+                "by more than 1": int((gain > 1).sum()),
+                "lost, by more than 1": int((gain < -1).sum()),
+            }
+        )
+    print_table("**Search of the gray-box fit**", table)
+
+
+if __name__ == "__main__":
+    main()
