@@ -56,12 +56,15 @@ def rows_of_log(path, key, page):
 
 
 class InThisProcess:
-    """A reader without processes."""
+    """A reader without processes, of stand-ins unless another function makes the rows of a log."""
 
     limits = LIMITS
 
+    def __init__(self, rows=None):
+        self.rows = rows or rows_of_log
+
     def outcomes(self, jobs):
-        return (outcome_of(job, rows_of_log) for job in jobs)
+        return (outcome_of(job, self.rows) for job in jobs)
 
 
 def track(
