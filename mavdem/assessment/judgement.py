@@ -363,8 +363,8 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
     """Makes the next step against the fault in the ``headline``, with the advice of other bad lights.
 
     Only one next step is shown, so the advice of a light is added only if the headline does not explain it. Bad power
-    always has causes of its own. After a loss, every bad light of the vehicle may be the reason for it, and a bad motor
-    is named as the suspect.
+    always has causes of its own, and so has bad vibration beside bad power. After a loss, every bad light of the
+    vehicle may be the reason for it, and a bad motor is named as the suspect.
 
     Args:
         headline: headline of the judgement, with a fault.
@@ -374,6 +374,8 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         The fact that advises the step.
     """
     related_lights = [Light.POWER]
+    if headline == lights[Light.POWER]:
+        related_lights.append(Light.VIBRATION)
     if headline.code in Ending:
         related_lights = VEHICLE_LIGHTS
         motors = lights[Light.MOTORS]

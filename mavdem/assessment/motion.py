@@ -325,7 +325,7 @@ def _end_in_air(
             boot=boot,
             witnesses=sources,
             # A stream ends as well where somebody ends its recording.
-            is_received=True if not signals.telemetry.translated_from else None,
+            is_received=not signals.telemetry.translated_from,
         )
         yield end_in_air.replace(is_after_loss=True) if is_after_loss else end_in_air
 

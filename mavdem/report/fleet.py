@@ -4,8 +4,16 @@ from collections import Counter
 from typing import NamedTuple
 
 from mavdem.facts import Level
+from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.flights import HEALTHS, Flights, has_shared_name, worst_health, worst_row
+from mavdem.fleet.flights import (
+    HEALTHS,
+    AxisRows,
+    Flights,
+    has_shared_name,
+    worst_health,
+    worst_row,
+)
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import UNKNOWN
 from mavdem.report.blocks import Rated
@@ -36,6 +44,23 @@ MAX_URGENT_RANK = 2
 
 BAD_HEADLINE_RANK = 1.5
 """Rank of a vehicle whose latest flight has a bad headline: after a drift, which has 1, before healthy motors."""
+
+
+def light_level(flight: AxisRows, light: Light) -> Level:
+    """Returns the level of a light of a flight; unknown if the log has none.
+
+    The light of the motors is judged by the flight alone, and their health beside the vehicle's other flights, which
+    shows smaller losses. On pages of a fleet the light is as bad as the health, so that both say the same.
+
+    Args:
+        flight: rows of the flight, one for each axis.
+        light: the light.
+    """
+    level = Level(getattr(flight[0], f"light_{light}") or Level.UNKNOWN)
+    if light is not Light.MOTORS or level is Level.BAD:
+        return level
+    health_level = HEALTH_LEVELS[MotorHealth(worst_health(flight))]
+    return health_level if health_level in (Level.BAD, Level.WATCH) else level
 
 
 class Urgency(NamedTuple):

@@ -11,7 +11,7 @@ from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, worst_health
 from mavdem.fleet.names import content_hash
-from mavdem.report.fleet import TROUBLED_HEALTHS, badge, truncated
+from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level, truncated
 from mavdem.report.numbers import listed, rounded
 from mavdem.wind_velocity.compass import compass_text
 
@@ -108,7 +108,7 @@ def _warning_lights(flight: AxisRows) -> str:
     texts = []
     for level in (Level.BAD, Level.WATCH):
         for light in Light:
-            if getattr(flight[0], f"light_{light}") == level:
+            if light_level(flight, light) is level:
                 texts.append(f"{light} {level}")
     return ", ".join(texts)
 

@@ -314,6 +314,7 @@ def _environment() -> Environment:
         "parameter": PARAMETERS.get,
         "percent": _percent,
         "plus_minus": plus_minus,
+        "probability": _probability,
         "quoted": quote,
         "rounded": rounded,
         "rounded_below": rounded_below,
@@ -442,6 +443,13 @@ def _fixed(value: float, decimals: int = 0) -> str:
 def _percent(share: float, decimals: int = 0) -> str:
     """Formats a fraction as percent."""
     return f"{100 * share:.{decimals}f} %"
+
+
+def _probability(probability: float) -> str:
+    """Formats a probability with two decimals; one that would be rounded to certainty is "> 0.99" or "< 0.01"."""
+    if probability > 0.99:
+        return "> 0.99"
+    return "< 0.01" if probability < 0.01 else f"{probability:.2f}"
 
 
 def _with_display_unit(value: float, unit: str) -> str:

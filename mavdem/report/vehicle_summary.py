@@ -36,13 +36,14 @@ from mavdem.report.fleet import (
     badge,
     badge_level,
     is_one_vehicle,
+    light_level,
     urgency,
     vehicle_health,
     vehicle_words,
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "2"
+SUMMARY_VERSION = "3"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -279,20 +280,15 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
             badge=str(word),
             badge_level=badge_level(flights) if word != NOT_USED else Level.UNKNOWN,
             headline=(last.headline or "") if last.headline_level in WARNING_LEVELS else "",
-            lights={light: _level(last, light) for light in Light},
+            lights={light: light_level(flights[-1], light) for light in Light},
         ),
     )
 
 
-def _level(row: FlightRow, light: Light) -> Level:
-    """Returns the level of a light of a flight; unknown where the log has none."""
-    return Level(getattr(row, f"light_{light}") or Level.UNKNOWN)
-
-
 def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
     """Returns in how many flights each light has each level; logs without a flight are left out."""
-    flown = [flight[0] for flight in flights if flight[0].has_flight]
-    return {light: Counter(_level(row, light) for row in flown) for light in Light}
+    flown = [flight for flight in flights if flight[0].has_flight]
+    return {light: Counter(light_level(flight, light) for flight in flown) for light in Light}
 
 
 def _unused_rows(rows: FlightRows) -> list[UnusedRow]:

@@ -87,6 +87,12 @@ def test_the_headline_is_the_worst_that_was_found(levels, more, said):
         assert Light.POWER not in levels
 
 
+def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
+    known = lights(power="bad", vibration="bad")
+    following = next_step_of(known[Light.POWER], known, None)
+    assert known[Light.VIBRATION] in following.figures["also"]
+
+
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])
 def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(code):
     known = lights(vibration="bad")

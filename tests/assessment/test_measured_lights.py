@@ -165,6 +165,8 @@ def test_a_voltage_that_changes_is_not_called_one_whatever_the_load():
     assert "whatever the load" not in open_input.sentence
     constant = power_light(evidence(battery(0 * volts + 16.4)))
     assert "it reads 16.4 V whatever the load" in constant.sentence
+    loaded = changed(battery(16.4 + 0 * SAG), "SYS_STATUS", current_battery=100 * (20 + SAG))
+    assert "16.4 V while the current rises to" in power_light(evidence(loaded)).sentence
 
 
 def test_a_vehicle_that_stayed_on_the_ground_has_no_flight_to_judge_the_power_by():
@@ -238,6 +240,12 @@ def test_the_failsafe_may_doubt_a_filter_that_rejects_nothing():
     fact = estimator_light(evidence(filtered(**pair)))
     assert fact.is_bad and fact.figures["failsafe_limit"] == ARDUPILOT_FAILSAFE_LIMIT
     assert "rejected" not in fact.sentence and "(80 %) for 1.8 s: velocity 90 %" in fact.sentence
+
+
+def test_an_innovation_far_beyond_its_limit_is_to_be_watched_however_short_it_is():
+    fact = estimator_light(evidence(filtered(pos_vert=(8.63, 0.1))))
+    assert (fact.code, fact.level) == (EstimatorLight.FILTER_AGREED, "watch")
+    assert "863 %" in fact.sentence and fact.remedy
 
 
 def test_the_largest_innovation_of_all_flights_is_named(monkeypatch):

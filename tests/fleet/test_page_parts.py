@@ -4,10 +4,12 @@ from fleet_rows import fleet_rows, flight_row
 from pytest import mark
 from standin_logs import fleet_of
 
+from mavdem.facts.lights import Light
 from mavdem.fleet.judgement import mark_pages_updated, outdated_vehicles
 from mavdem.fleet.page_parts import kept_charts, kept_summaries
 from mavdem.fleet.store import open_store
 from mavdem.fleet_pages import write_fleet_pages
+from mavdem.report.fleet import light_level
 from mavdem.report.vehicle_summary import summaries_of, summary_adapter
 
 
@@ -24,6 +26,18 @@ def index_of(folder, *steps):
 def test_the_page_of_a_fleet_that_grew_is_that_of_all_its_flights(tmp_path):
     few, many = fleet_rows(7), fleet_rows(20)
     assert index_of(tmp_path / "grown", few, many) == index_of(tmp_path / "at once", many)
+
+
+def test_the_light_of_the_motors_is_as_bad_as_their_health_in_a_fleet():
+    for health, light, level in (
+        ("fault", "watch", "bad"),
+        ("drift", "good", "watch"),
+        ("ok", "watch", "watch"),
+        ("unknown", "bad", "bad"),
+    ):
+        flight = [flight_row("x", 1, health=health, light_motors=light, light_wind="good")]
+        assert light_level(flight, Light.MOTORS) == level
+        assert light_level(flight, Light.WIND) == "good"
 
 
 def test_a_summary_is_the_same_after_it_was_kept():

@@ -68,6 +68,9 @@ INNOVATION_LIMIT = 1.0
 ARDUPILOT_FAILSAFE_LIMIT = 0.8
 """Innovation ratio from which ArduCopter's ``ekf_check.cpp`` doubts the filter: the default of FS_EKF_THRESH."""
 
+WATCHED_RATIO = 2.0
+"""Innovation ratio that is to be watched however short it is: ArduCopter's ``ekf_check.cpp`` counts it twice."""
+
 FAILSAFE_SECONDS = 1.0
 """Time, s, for which ArduCopter's ``ekf_check.cpp`` doubts the filter before its failsafe."""
 
@@ -239,6 +242,7 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
         code = EstimatorLight.FILTER_AGREED
         duration = rejection.duration
         failsafe_figures = {}
+        level = Level.WATCH if rejection.ratio >= WATCHED_RATIO else None
         if rejection.is_doubted:
             code = EstimatorLight.FILTER_DOUBTED
         elif rejection.is_bad:
@@ -247,7 +251,7 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
             failsafe_figures["failsafe_limit"] = failsafe_limit
         yield Fact(
             code,
-            Level.BAD if rejection.is_bad and not is_spare else None,
+            Level.BAD if rejection.is_bad and not is_spare else level,
             time=rejection.time,
             subject=_instance_in_flight(telemetry, flight) if instances else "",
             name=rejection.name,

@@ -94,6 +94,8 @@ def log_light(evidence: Evidence) -> Fact:
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
         damage=_damage(telemetry),
+        # A stream has gaps by its link, a log by its card.
+        is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )
 
@@ -205,6 +207,7 @@ def _log_of_other_vehicle(evidence: Evidence) -> Fact:
         longest_gap=longest_gap,
         dropouts=dropouts,
         damage=_damage(evidence.signals.telemetry),
+        is_received=not evidence.signals.telemetry.translated_from,
     )
 
 

@@ -80,12 +80,18 @@ def power_light(evidence: Evidence) -> Fact:
         ]
     if not facts:
         voltages_read = [battery.voltage.values for battery in evidence.signals.batteries]
+        currents = [
+            battery.current.values
+            for battery in evidence.signals.batteries
+            if battery.current is not None and np.ptp(battery.current.values) > 0
+        ]
         return Fact(
             PowerLight.POWER_UNMEASURED,
             airborne=evidence.was_in_air,
             is_constant=not any(np.ptp(volts) for volts in voltages_read),
             voltage=max((volts.max() for volts in voltages_read), default=None),
             voltage_usual=_constant_board_voltage(evidence),
+            **({"current": max(values.max() for values in currents)} if currents else {}),
         )
     worst = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:

@@ -244,12 +244,50 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
         autopilot_lines = _lines(history.autopilot_speed, ["autopilot's own"], [BASELINE])
         yield over_time("Wind", "m/s", [line, *autopilot_lines])
     if wind.direction_identifiable:
-        line = Line.with_band(
+        line = _direction_line(
             "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
         )
-        autopilot_lines = _lines(history.autopilot_direction, ["autopilot's own"], [BASELINE])
+        autopilot_lines = []
+        if history.autopilot_direction is not None:
+            own = history.autopilot_direction
+            autopilot_lines.append(
+                _direction_line("autopilot's own", BASELINE, own.time, own.values.ravel())
+            )
         title = f"Wind from {compass_text(wind.direction)}"
         yield over_time(title, "°", [line, *autopilot_lines])
+
+
+def _direction_line(
+    name: str, colour: str, time: Array, direction: Array, half_width: Array | None = None
+) -> Line:
+    """Returns the line of a wind direction from 0° to 360°, which breaks where it passes north.
+
+    Args:
+        name: name in the legend.
+        colour: colour from ``mavdem.report.palette``.
+        time: (T,) s.
+        direction: (T,) degrees, not limited to 0 to 360.
+        half_width: (T,) half widths of the band, degrees; None for no band. The band ends at north.
+    """
+    wrapped = np.mod(direction, 360.0)
+    breaks = 1 + np.flatnonzero(abs(np.diff(wrapped)) > 180.0)
+
+    def with_breaks(values: Array) -> Array:
+        return np.insert(values, breaks, np.nan)
+
+    times = np.insert(time, breaks, (time[breaks] + time[breaks - 1]) / 2)
+    if half_width is None:
+        return Line(name, colour, times, with_breaks(wrapped))
+    lower_edge = np.maximum(wrapped - half_width, 0.0)
+    upper_edge = np.minimum(wrapped + half_width, 360.0)
+    return Line(
+        name,
+        colour,
+        times,
+        with_breaks(wrapped),
+        with_breaks(lower_edge),
+        with_breaks(upper_edge),
+    )
 
 
 def _speed_line(name: str, time: Array, speed: Array, half_width: Array) -> Line:

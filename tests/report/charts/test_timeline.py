@@ -53,6 +53,16 @@ def charts(estimate):
     return [*wind_speed_and_direction_charts(history)]
 
 
+def test_a_direction_about_north_breaks_and_stays_on_the_compass():
+    velocity = np.column_stack([np.full(10, -5.0), np.where(TIME < 5, -0.5, 0.5)])
+    north = replace(wind(), velocity=velocity, direction=0.0)
+    _, direction = charts(north)
+    line = direction.lines[0]
+    assert line.y.size == 11 and np.isnan(line.y[5]) and line.x[5] == 4.5
+    for values in (line.y, line.lower_edge, line.upper_edge):
+        assert np.nanmin(values) >= 0.0 and np.nanmax(values) <= 360.0
+
+
 def test_speed_is_drawn_in_metres_per_second_and_direction_in_degrees():
     speed, direction = charts(wind())
     assert speed.y.label == "Wind, m/s" and direction.y.label.endswith("°")
