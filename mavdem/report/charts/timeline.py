@@ -247,14 +247,12 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
         line = _direction_line(
             "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
         )
-        autopilot_lines = []
+        lines = [line]
         if history.autopilot_direction is not None:
             own = history.autopilot_direction
-            autopilot_lines.append(
-                _direction_line("autopilot's own", BASELINE, own.time, own.values.ravel())
-            )
+            lines.append(_direction_line("autopilot's own", BASELINE, own.time, own.values.ravel()))
         title = f"Wind from {compass_text(wind.direction)}"
-        yield over_time(title, "°", [line, *autopilot_lines])
+        yield over_time(title, "°", lines)
 
 
 def _direction_line(
