@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
@@ -105,6 +105,9 @@ CHAPTER_OF_LIGHT = {
 }
 """Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
 
+MAX_WATCHED_CHAPTERS = 2
+"""Chapters to be watched that are open at first: a choice, so that a page stays short; the contents mark all."""
+
 TRACKING_FIGURES = {
     "angle_error": "angle error (RMS)",
     "delay": "delay",
@@ -162,7 +165,7 @@ def log_page(
         chapters += _model_chapters(assessment)
         if contents is not None:
             chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
-        chapters = [*_opened_where_not_good(chapters, assessment.lights)]
+        chapters = [*opened_where_not_good(chapters, assessment.lights, assessment.headline)]
         head = Head(
             assessment.headline.level,
             lights_with_reason_once(assessment.lights),
@@ -182,19 +185,29 @@ def log_page(
         return render_document(name, subtitle, result, chapters, back, head, max_points)
 
 
-def _opened_where_not_good(chapters: Iterable[Chapter], lights: NamedFacts) -> Iterator[Chapter]:
+def opened_where_not_good(
+    chapters: Sequence[Chapter], lights: NamedFacts, headline: Fact
+) -> Iterator[Chapter]:
     """Yields the chapters of a page with their levels, and opens those that explain the worst lights.
 
     A light is the judgement of one part of the vehicle, with a level. The level of a chapter is the worst one of the
     lights that it explains. Chapters with a bad light are open or, if nothing is bad, those with a light to be watched;
-    all others are folded. The chapter of the log is never open, since its light says everything.
+    all others are folded. Of those to be watched at most ``MAX_WATCHED_CHAPTERS`` are open, the headline's first. The
+    chapter of the log is never open, since its light says everything.
 
     Args:
         chapters: the chapters.
         lights: the fact of each light, by its name.
+        headline: the headline, which is the fact of a light, or of an event.
     """
+    titles_of_headline = set()
+    for light, title in CHAPTER_OF_LIGHT.items():
+        if light in lights and lights[light].code is headline.code:
+            titles_of_headline.add(title)
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
+    judged_chapters = []
+    titles_to_open = []
     for chapter in chapters:
         levels = set()
         for light, title in CHAPTER_OF_LIGHT.items():
@@ -203,13 +216,19 @@ def _opened_where_not_good(chapters: Iterable[Chapter], lights: NamedFacts) -> I
         # A chapter of sections has the worst of their levels.
         if chapter.sections and chapter.level is not None:
             levels.add(chapter.level)
-        is_open = worst in levels and chapter.title != LOG_TITLE
+        if worst in levels and chapter.title != LOG_TITLE:
+            titles_to_open.append(chapter.title)
         # From the worst level to the best one; a level that is not known may hide a bad one.
         for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
             if level in levels:
                 chapter = chapter._replace(level=level)
                 break
-        yield chapter._replace(folded=not is_open)
+        judged_chapters.append(chapter)
+    if worst is Level.WATCH:
+        titles_to_open.sort(key=lambda title: title not in titles_of_headline)
+        del titles_to_open[MAX_WATCHED_CHAPTERS:]
+    for chapter in judged_chapters:
+        yield chapter._replace(folded=chapter.title not in titles_to_open)
 
 
 def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:

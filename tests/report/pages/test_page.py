@@ -21,11 +21,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.hardware import HardwareFact
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.session import VehicleFact
+from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import read_log
 from mavdem.live.history import LiveHistory
 from mavdem.report.charts.timeline import live_timeline, timeline_of
-from mavdem.report.pages.flight_page import flight_page, log_page
+from mavdem.report.pages.flight_page import flight_page, log_page, opened_where_not_good
 from mavdem.report.pages.page import Chapter, Head, PageEvent, Section, render_document
 from mavdem.report.screen import analysis_blocks
 
@@ -272,6 +274,21 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
         history.add_row(2, time, np.zeros(2), None, (0.5, 2.0))
     wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
+
+
+def test_of_chapters_to_be_watched_two_are_open_first_that_of_the_headline():
+    lights = {
+        Light.VIBRATION: Fact(VibrationLight.VIBRATION_MEASURED, Level.WATCH),
+        Light.TRACKING: Fact(Unjudged.NOT_JUDGED, Level.WATCH),
+        Light.WIND: Fact(Unjudged.MULTIROTORS_ONLY, Level.WATCH),
+    }
+    chapters = [Chapter(title) for title in ("Three axes", "Spectra", "Wind", "Motors")]
+    opened = [*opened_where_not_good(chapters, lights, lights[Light.WIND])]
+    assert [chapter.title for chapter in opened if not chapter.folded] == ["Three axes", "Wind"]
+    assert [chapter.level for chapter in opened] == [*3 * [Level.WATCH], None]
+    bad = {light: fact.replace(Level.BAD) for light, fact in lights.items()}
+    opened = [*opened_where_not_good(chapters, bad, lights[Light.WIND])]
+    assert sum(not chapter.folded for chapter in opened) == 3
 
 
 def test_a_section_shows_its_sentence_and_opens_where_it_is_to_be_watched():
