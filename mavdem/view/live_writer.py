@@ -108,18 +108,19 @@ class LiveWriter:
         channels: names and units of what the rows contain.
     """
 
-    def __init__(self, channels: Channels, recording: rr.RecordingStream) -> None:
+    def __init__(self, channels: Channels, recording: rr.RecordingStream, scene: LiveScene) -> None:
         """Sends the name and the layout of the recording; no row is drawn yet.
 
         Args:
             channels: names and units of what the rows contain.
             recording: recording to draw into.
+            scene: its 3D tab, which draws the poses of the rows; it outlives a change of the channels.
         """
         recording.send_recording_name(channels.title)
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
-        self._scene = LiveScene(recording)
+        self._scene = scene
         # Smallest and largest value that was drawn without clipping so far, by plot.
         self._plot_ranges: dict[str, Interval] = {}
         # For the plots of the first tab: how many intervals between ticks they have room for, and the ranges of the

@@ -255,7 +255,14 @@ def test_other_channels_continue_the_lines_under_their_own_names(tmp_path):
         for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
             view.change(channels)
             inputs = INPUTS[i][: len(channels.input_names)]
-            view.put(DisplayRow(TIME[i], 0.0, 0, OUTPUTS[i], inputs, estimate(20 + i, TIME[i])))
+            row = DisplayRow(TIME[i], 0.0, 0, OUTPUTS[i], inputs, estimate(20 + i, TIME[i]))
+            view.put(
+                row._replace(
+                    pose=LatestPose(TIME[i], (0.0, 0.0, 0.0), (), (0.0, 0.0), (0.2 * i, 0.0, 0.0))
+                )
+            )
+    (north,) = [batch for name, _, batch in chunks(path, static=True) if name == "world/north"]
+    assert north.num_rows == 1  # the 3D tab is drawn once, and its path goes on
     rows = [
         batch.column("Scalars:scalars").to_pylist()
         for name, _, batch in chunks(path)
