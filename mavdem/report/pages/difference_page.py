@@ -5,11 +5,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import half_width as half_width_of
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
-from mavdem.fleet.quantities import PHASE_MARGIN
+from mavdem.fleet.quantities import (
+    PHASE_MARGIN,
+    SHARE,
+    motor_log_estimates,
+    relative_to_median_motor,
+)
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.telemetry import Telemetry
@@ -313,9 +319,10 @@ def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
 
 
 def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
-    """Returns a chart of how far each motor's trim is from the mean of all motors in both flights, %.
+    """Returns a chart of how far each motor's trim is from that of the median motor in both flights, %.
 
-    Each motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
+    These are the quantities that are compared, so a step between two dots is the change that the text states. Each
+    motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
     of motors differ, the axis has the names that both have.
 
     Args:
@@ -327,19 +334,22 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     for side, review in sides.items():
         shares = value_at(review, "condition.hover.trim_share")
         if shares:
-            deviation = 100 * (np.array(shares) - 1)
             half_widths = value_at(review, "condition.share_interval") or [0.0] * len(shares)
-            half_width = 100 * np.array(half_widths, np.float64)
+            estimates = relative_to_median_motor(SHARE, motor_log_estimates(shares, half_widths))
             motor_count = min(motor_count, len(shares))
-            motors = np.arange(float(len(shares)))
+            motors = np.array([quantity.motor - 1.0 for quantity in estimates])
+            deviation = 100 * np.array([estimate.value for estimate in estimates.values()])
+            half_width = 100 * half_width_of(
+                np.array([estimate.sd for estimate in estimates.values()]) ** 2
+            )
             colour = SIDE_COLOURS[side]
             lines.append(
                 Line.with_band(legend[side], colour, motors, deviation, half_width, LineStyle.DOTS)
             )
     motor_names = tuple(str(number + 1) for number in range(motor_count))
     motor_axis = Axis("motor", names=motor_names)
-    deviation_axis = Axis("trim deviation (%)")
-    return Chart("Trim deviation (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
+    deviation_axis = Axis("relative trim (%)")
+    return Chart("Relative trim (%)", motor_axis, deviation_axis, tuple(lines), (0.0,))
 
 
 def _wind_rows(sides: Reviews) -> list[list[str]]:
