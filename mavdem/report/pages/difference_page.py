@@ -334,8 +334,10 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     for side, review in sides.items():
         shares = value_at(review, "condition.hover.trim_share")
         if shares:
-            half_widths = value_at(review, "condition.share_interval") or [0.0] * len(shares)
-            estimates = relative_to_median_motor(SHARE, motor_log_estimates(shares, half_widths))
+            half_widths = tuple(value_at(review, "condition.share_interval") or [0.0] * len(shares))
+            estimates = relative_to_median_motor(
+                SHARE, motor_log_estimates(tuple(shares), half_widths)
+            )
             motor_count = min(motor_count, len(shares))
             motors = np.array([quantity.motor - 1.0 for quantity in estimates])
             deviation = 100 * np.array([estimate.value for estimate in estimates.values()])
