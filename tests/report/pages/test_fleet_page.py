@@ -192,24 +192,17 @@ const lines = () => [...body.rows].filter(row => row.dataset.at !== undefined);
 const cells = place => lines().map(row => row.cells[place].textContent);
 const heads = [...document.querySelectorAll('#flights th button')];
 const settled = heads.findIndex(one => one.textContent[0] === 's');
-const timed = act => {
-  const began = performance.now();
-  act();
-  body.getBoundingClientRect();
-  return performance.now() - began;
-};
-const type = words => timed(() => {
+const type = words => {
   filter.value = words;
   filter.dispatchEvent(new Event('input'));
-});
-const found = {opened: performance.getEntriesByType('navigation')[0].domInteractive, dates: cells(2)};
+};
+const found = {dates: cells(2)};
 scrollTo(0, body.getBoundingClientRect().top + scrollY);
-found.sorting = timed(() => heads[settled].click());
+heads[settled].click();
 found.rising = cells(settled);
 found.state = [...document.querySelectorAll('#flights th')].map(one => one.ariaSort);
 heads[settled].click();
 found.falling = cells(settled);
-found.searching = Math.max(...['q', 'QUAD-1', 'QUAD-1 fa', 'QUAD-1 fault'].map(type));
 type('QUAD-1 fault 0199.ulg');
 found.health = cells(4);
 found.count = document.getElementById('count').textContent;
@@ -229,7 +222,7 @@ return found;
 
 
 @mark.slow
-def test_a_browser_opens_sorts_and_searches_ten_thousand_flights_at_once(tmp_path):
+def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path):
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     few = table_of(text)
@@ -254,8 +247,6 @@ def test_a_browser_opens_sorts_and_searches_ten_thousand_flights_at_once(tmp_pat
         200,
         "The first 200 of 10030 flights; filter before printing to see others.",
     ]
-    # On a quiet machine a tenth of it: the bounds are those of a person who waits, on a busy one.
-    assert found["opened"] < 3000 and max(found["sorting"], found["searching"]) < 500
 
 
 @mark.slow
