@@ -78,6 +78,7 @@ class Trim(Code):
     TRIM_OF_ONE_MOTOR = "trim_of_one_motor"
     TRIM_OF_LEADING_MOTOR = "trim_of_leading_motor"
     TRIM_OF_SEVERAL = "trim_of_several"
+    TRIM_NEAR_LIMIT = "trim_near_limit"
     TRIM_UNSURE = "trim_unsure"
     TRIM_UNKNOWN = "trim_unknown"
     TRIM_OF_UNKNOWN_PLACES = "trim_of_unknown_places"

@@ -56,8 +56,8 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     They work unevenly where the 90 % interval of some motor's deviation from the mean lies beyond ``FAULT_RISE``; of a
     quadrotor also where one motor leads alone (:func:`_leading_motor`).
 
-    There is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. If
-    some interval is wider than ± ``FAULT_RISE``, an even trim is not claimed either.
+    There is no healthy flight to compare with here: the flight is judged against a vehicle that is trimmed evenly. An
+    even trim is claimed only if no deviation is estimated beyond ``FAULT_RISE`` and no interval is wider than ± that.
 
     Args:
         balance: Balance of the motors in one flight; None if it is not known.
@@ -80,15 +80,18 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     half_widths = half_width(allocation**2 @ variance)
     # What each deviation is at least, within its interval.
     sure_deviations = abs(deviations) - half_widths
-    worst_motor = np.argmax(sure_deviations)
+    is_uneven = bool(sure_deviations.max() > FAULT_RISE)
+    worst_motor = int(np.argmax(sure_deviations if is_uneven else abs(deviations)))
     figures: JsonValues = {
         "shift": level_balance,
+        "worst": geometry.names[worst_motor],
         "deviation": deviations[worst_motor],
         "half": half_widths[worst_motor],
         "assumed": geometry.positions_assumed,
     }
-    if sure_deviations[worst_motor] <= FAULT_RISE:
+    if not is_uneven:
         if half_widths.max() > FAULT_RISE:
+            figures["half"] = half_widths.max()
             return Fact(Trim.TRIM_UNSURE, **figures)
         leading_motor = _leading_motor(deviations, half_widths)
         if leading_motor is not None:
@@ -98,7 +101,10 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
         # A trim of the vehicle in the opposite direction may have hidden a loss.
         own_rise_ratio = np.diag(allocation @ signatures.mixer_rows[1:])
         hidden_rises = (FAULT_RISE + deviations + half_widths) / own_rise_ratio
-        return Fact(Trim.TRIM_EVEN, most_loss=lost_thrust(hidden_rises.max()), **figures)
+        figures["most_loss"] = lost_thrust(hidden_rises.max())
+        if abs(deviations[worst_motor]) > FAULT_RISE:
+            return Fact(Trim.TRIM_NEAR_LIMIT, limit=FAULT_RISE, **figures)
+        return Fact(Trim.TRIM_EVEN, **figures)
     scale = np.sqrt(PRIOR_BALANCE_SD**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     deviation = Deviation(level_balance, scale, PRIOR_BALANCE_FREEDOM, lean)

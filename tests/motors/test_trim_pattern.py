@@ -10,6 +10,7 @@ from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE
 from mavdem.motors.signatures import motor_signatures
 from mavdem.motors.trim_pattern import trim_pattern
+from mavdem.report.templates import with_interval
 
 QUAD = geometry()
 
@@ -57,8 +58,18 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
 
 def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
-    for halves, level in ((0.99, "good"), (1.1 * np.sqrt(3), "watch")):
-        assert trim((0, 0, FAULT_RISE + halves * half), error=1e-2).level == level
+    limit = FAULT_RISE
+    for yaw, code, level in (
+        (0.99 * limit, Trim.TRIM_EVEN, "good"),
+        (limit + 0.99 * half, Trim.TRIM_NEAR_LIMIT, "unknown"),
+        (limit + 1.1 * np.sqrt(3) * half, Trim.TRIM_OF_YAW, "watch"),
+    ):
+        fact = trim((0, 0, yaw), error=1e-2)
+        assert (fact.code, fact.level) == (code, level)
+        # The figure that decides is written, whatever the pattern.
+        assert abs(fact.figures["deviation"]) == approx(yaw)
+        figure = with_interval(fact.figures["deviation"], fact.figures["half"])
+        assert figure in fact.sentence
     # Steady wind leans the vehicle, and asks for torque too.
     wind = trim((0.0, 0.12, 0.0), lean=(0, -9))
     assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, "unknown")
@@ -73,8 +84,8 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
     [
         (1.05, 0.003, Trim.TRIM_OF_LEADING_MOTOR),
         (0.95, 0.003, Trim.TRIM_EVEN),
-        # An estimate that may as well be half of it is none.
-        (1.05, 0.02, Trim.TRIM_EVEN),
+        # An estimate that may as well be half of it is none, but it is not called even.
+        (1.05, 0.02, Trim.TRIM_NEAR_LIMIT),
     ],
 )
 def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
