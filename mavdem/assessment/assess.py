@@ -18,6 +18,7 @@ from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.judgement import judge, lights_without_loops, unjudged
+from mavdem.assessment.lights.power import with_batteries_on_ground
 from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.record import Assessment
@@ -257,6 +258,7 @@ def _evidence_without_loops(
         tuple(in_time_order(events)),
         ending,
     )
+    evidence = replace(evidence, events=with_batteries_on_ground(evidence))
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
     return evidence

@@ -122,6 +122,21 @@ RATIO_FIELDS = {
 """Fields of ESTIMATOR_STATUS with the test ratios of the estimator's innovations."""
 
 
+AID_SOURCES = {
+    EstimatorRatio.VELOCITY: ("gnss_vel", "ev_vel"),
+    EstimatorRatio.POSITION: ("gnss_pos", "ev_pos"),
+    EstimatorRatio.HEIGHT: ("baro_hgt", "gnss_hgt", "rng_hgt", "ev_hgt"),
+    EstimatorRatio.COMPASS: ("mag", "mag_heading"),
+}
+"""Endings of the topics ``estimator_aid_src_…`` (PX4 1.14 and later), each with the samples of one aiding source."""
+
+UNFILTERED_ENDING = "_is_unfiltered"
+"""Ending of further fields of ESTIMATOR_STATUS: whether a ratio is the largest of samples (1), or the topic's (0)."""
+
+MAX_AID_AGE = 1.0
+"""Age, s, up to which the last sample of an aiding source counts: two steps at the 2 Hz at which PX4 logs it."""
+
+
 def estimator_status(topics: Topics) -> Fields:
     """Makes the columns of ESTIMATOR_STATUS from the estimator instance that PX4 flies by at each time.
 
@@ -170,12 +185,64 @@ def estimator_instances(topics: Topics) -> Fields:
 
 
 def _estimators(topics: Topics) -> dict[int, Fields]:
-    """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s."""
+    """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s.
+
+    PX4 1.15 and later low-pass the ratios of estimator_status, so that a rejected sample may stay below 1 there. Where
+    the samples of the aiding sources were logged, the ratios are theirs, and the field with ``UNFILTERED_ENDING`` is 1.
+    """
     rule = TRANSLATION_RULES["ESTIMATOR_STATUS"]
     instances = {}
     for instance, topic in topics.get("estimator_status", {}).items():
-        instances[instance] = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
+        columns: Fields = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
+        for ratio, field in RATIO_FIELDS.items():
+            sampled = _sampled_ratios(topics, instance, ratio, topic["time"])
+            is_sampled = np.isfinite(sampled)
+            if is_sampled.any():
+                columns[field] = np.where(is_sampled, sampled, columns[field])
+                columns[field + UNFILTERED_ENDING] = is_sampled.astype(np.uint8)
+        instances[instance] = columns
     return instances
+
+
+def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: Array) -> Array:
+    """Returns the largest test ratio that the samples of the aiding sources have, by the times of estimator_status.
+
+    The topics have the squares of the ratios (``estimator_aid_source.hpp``). A source counts from the first sample that
+    the estimator fused: PX4 computes the ratio of sources too that it does not use.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+        instance: Number of the estimator instance.
+        ratio: The innovation.
+        time: Times (T,) of estimator_status, s, ascending.
+
+    Returns:
+        Ratios (T,): of the samples since the time before, or else of the last one if that is at most ``MAX_AID_AGE``
+        old; NaN where there are none.
+    """
+    largest = np.full(len(time), np.nan)
+    for source in AID_SOURCES[ratio]:
+        for number, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
+            numbers = topic.get("estimator_instance", np.full(len(topic["time"]), number))
+            is_fused = (numbers == instance) & (topic.get("fused", np.zeros(len(numbers))) > 0)
+            rows = np.flatnonzero((numbers == instance) & (np.cumsum(is_fused) > 0))
+            squares = [
+                topic[field][rows] for field in topic if field.partition("[")[0] == "test_ratio"
+            ]
+            if not len(rows) or not squares:
+                continue
+            sample_time = topic["time"][rows]
+            ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
+            # The first sample after the time before, and the one behind the last at this time.
+            ends = np.searchsorted(sample_time, time, side="right")
+            starts = np.minimum(np.r_[ends[:1] - 1, ends[:-1]], ends - 1)
+            is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
+            if is_recent.any():
+                windows = np.column_stack([starts, ends])[is_recent]
+                # Every second part that ``reduceat`` takes is a window; the 0 behind all ends the last one.
+                parts = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
+                largest[is_recent] = np.fmax(largest[is_recent], parts[::2])
+    return largest
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:

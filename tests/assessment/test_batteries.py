@@ -10,7 +10,7 @@ from pytest import approx
 
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.condition import condition_of
-from mavdem.assessment.lights.power import power_light
+from mavdem.assessment.lights.power import power_light, with_batteries_on_ground
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -256,3 +256,12 @@ def test_of_one_battery_the_emergency_counts_and_not_the_critical_state_before()
     states = {1: np.select([TIME < 20.0, TIME < 30.0, TIME < 45.0], [OK, CRITICAL, EMERGENCY], OK)}
     fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.4}, states)))
     assert (fact.code, fact.subject) == (Reported.BATTERY_SPENT, "battery 2")
+
+
+@pytest.mark.parametrize(("time", "is_on_ground"), [(3.0, True), (30.0, False)])
+def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_ground):
+    spent = Fact(Reported.BATTERY_SPENT, Level.BAD, time=time, boot=0)
+    flight = evidence(HOVER.telemetry(20.0, 20.0))
+    (event,) = with_batteries_on_ground(replace(flight, events=(spent,)))
+    assert ("land earlier" in event.remedy) is not is_on_ground
+    assert ("before a flight" in event.remedy) is is_on_ground

@@ -1,5 +1,7 @@
 """Several instances of the state estimator: the one that flies is judged, a spare that rejects is to be watched."""
 
+from dataclasses import replace
+
 import dataflash_logs as made
 import numpy as np
 import pytest
@@ -206,3 +208,57 @@ def test_px4_s_primary_instance_gives_the_estimator_s_status():
     del topics["estimator_selector_status"], topics["estimator_status"][1]
     assert_allclose(estimator_status(topics)["pos_horiz_ratio"], 0.1)
     assert not estimator_instances(topics)
+
+
+def aided(**aid_topics):
+    """Topics of an estimator whose filtered velocity ratio stays at 0.9, with samples of aiding sources."""
+    ratios = {"pos_test_ratio": 0.1, "hgt_test_ratio": 0.1, "mag_test_ratio": 0.1}
+    status = topic(vel_test_ratio=0.9, solution_status_flags=831, **ratios)
+    return {"estimator_status": {0: status}} | {
+        f"estimator_aid_src_{name}": {1: columns} for name, columns in aid_topics.items()
+    }
+
+
+def aid(squares, fused):
+    count = len(squares)
+    return {
+        "time": np.arange(count) / 2,
+        "estimator_instance": np.zeros(count, int),
+        "test_ratio[0]": np.full(count, 0.01),
+        "test_ratio[1]": np.array(squares),
+        "fused": np.array(fused),
+    }
+
+
+def test_a_rejected_sample_of_an_aiding_source_shows_beside_a_filtered_ratio():
+    velocity = aid([0.04, 0.04, 0.04, 1.44, 0.04, 0.04], fused=[1, 1, 1, 0, 1, 1])
+    status = estimator_status(aided(gnss_vel=velocity))
+    # The samples end at 2.5 s: later, the filtered ratio is all there is.
+    assert_allclose(status["vel_ratio"], [0.2, 0.2, 1.2, 0.2] + [0.9] * 6)
+    assert_array_equal(status["vel_ratio_is_unfiltered"], [1, 1, 1, 1] + [0] * 6)
+    assert "hgt_ratio_is_unfiltered" not in status
+
+
+def test_an_aiding_source_that_the_estimator_never_fused_does_not_count():
+    status = estimator_status(aided(ev_vel=aid([9.0] * 6, fused=[0] * 6)))
+    assert_allclose(status["vel_ratio"], 0.9)
+
+
+@pytest.mark.parametrize(
+    ("firmware", "is_sampled", "is_filtered"),
+    [("PX4 v1.15.0", 0, True), ("PX4 v1.15.0", 1, False), ("PX4 v1.12.3", 0, False)],
+)
+def test_filtered_ratios_are_called_filtered(firmware, is_sampled, is_filtered):
+    ratios = dict.fromkeys(("pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"), 0.1 + 0 * TIME)
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    messages = dict(telemetry.messages)
+    messages.pop("EKF_STATUS_REPORT", None)
+    telemetry = replace(telemetry, messages=messages, autopilot="PX4", firmware=firmware)
+    status = columns(
+        TIME,
+        vel_ratio=0.9 + 0 * TIME,
+        vel_ratio_is_unfiltered=np.full(len(TIME), is_sampled),
+        **ratios,
+    )
+    fact = estimator_light(evidence(changed(telemetry, "ESTIMATOR_STATUS", **status)))
+    assert fact.level == "good" and ("filtered" in str(fact)) is is_filtered

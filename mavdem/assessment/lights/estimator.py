@@ -1,5 +1,6 @@
 """Light on the estimator: innovations in flight against what the filter accepts, GPS quality, and the compass."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -34,6 +35,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.mavlink.dialect import mavlink_constant
+from mavdem.ingest.px4_instances import RATIO_FIELDS, UNFILTERED_ENDING
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.witnesses.position import position_fix, position_validity
@@ -73,6 +75,12 @@ WATCHED_RATIO = 2.0
 
 FAILSAFE_SECONDS = 1.0
 """Time, s, for which ArduCopter's ``ekf_check.cpp`` doubts the filter before its failsafe."""
+
+FIRST_FILTERING_VERSION = (1, 15)
+"""First version of PX4 whose estimator_status has low-passed ratios (``test_ratio_filtered`` of the aiding sources)."""
+
+PX4_VERSION = re.compile(r"v(\d+)\.(\d+)")
+"""Major and minor version in the name of PX4's firmware, such as "PX4 v1.15.0-beta"."""
 
 MAX_DILUTION = 2.5
 """HDOP above which PX4's filter does not start with GPS: the default of EKF2_REQ_HDOP."""
@@ -259,7 +267,23 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
             duration=duration,
             **failsafe_figures,
             **({"is_spare": True} if is_spare else {}),
+            **({"is_filtered": True} if _is_filtered(telemetry, rejection.name) else {}),
         )
+
+
+def _is_filtered(telemetry: Telemetry, name: EstimatorRatio) -> bool:
+    """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
+
+    PX4's are, from ``FIRST_FILTERING_VERSION`` on, where the log has no samples of the aiding sources.
+    """
+    version = PX4_VERSION.search(telemetry.firmware)
+    if telemetry.autopilot != "PX4" or version is None:
+        return False
+    if (int(version[1]), int(version[2])) < FIRST_FILTERING_VERSION:
+        return False
+    columns = telemetry.messages.get("ESTIMATOR_STATUS", {})
+    is_unfiltered = columns.get(RATIO_FIELDS[name] + UNFILTERED_ENDING)
+    return is_unfiltered is None or not is_unfiltered.any()
 
 
 def instance_name(telemetry: Telemetry, number: int) -> str:

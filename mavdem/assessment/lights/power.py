@@ -41,12 +41,10 @@ value the current explains half of the voltage's variance."""
 MAX_SAG = 0.5
 """Share of a battery's voltage that its resistance takes at most: beyond it, more than half of the power heats it."""
 
-POWER_REPORTS = {
-    Reported.BATTERY_WARNED,
-    Reported.BATTERY_ALARMED,
-    Reported.BATTERY_SPENT,
-    Reported.BOARD_VOLTAGE_LOW,
-}
+BATTERY_REPORTS = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT}
+"""Reports of the autopilot on the state of a battery."""
+
+POWER_REPORTS = {*BATTERY_REPORTS, Reported.BOARD_VOLTAGE_LOW}
 """Reports of the autopilot in flight that concern the power."""
 
 
@@ -98,6 +96,24 @@ def power_light(evidence: Evidence) -> Fact:
         others = [fact for fact in voltages if fact is not worst]
         worst = worst.replace(batteries=(*others, *_constant_voltages(evidence, batteries)))
     return worst
+
+
+def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
+    """Returns the events, where a report on a battery before any flight of its boot has the figure ``is_on_ground``.
+
+    To land earlier is no advice for a vehicle that did not fly.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+    """
+    events = []
+    for event in evidence.events:
+        if event.code in BATTERY_REPORTS and not any(
+            start <= (event.time or 0.0) for start, _ in evidence.flights(event.figures["boot"])
+        ):
+            event = event.replace(is_on_ground=True)
+        events.append(event)
+    return tuple(events)
 
 
 def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iterator[Fact]:
