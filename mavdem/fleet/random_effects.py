@@ -109,7 +109,7 @@ class QuantityChange(NamedTuple):
     """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
 
     @property
-    def is_certain_by_itself(self) -> bool:
+    def is_significant_alone(self) -> bool:
         """Whether the quantity would count as changed if no other were tested beside it."""
         return self.outcome is not QuantityOutcome.SAME and self.p <= SIGNIFICANCE
 

@@ -148,7 +148,7 @@ def _change_sentences(
     """Returns sentences on the quantities that changed, that stayed the same, and that are uncertain.
 
     A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities that would be
-    certain if they were tested alone are named first: the joint test of many quantities makes them doubtful.
+    significant if they were tested alone are named first: the joint test of many quantities makes them doubtful.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
@@ -158,20 +158,20 @@ def _change_sentences(
         The sentences.
     """
     changed = []
-    certain = []
+    significant_alone = []
     unknown = []
     for change in difference.changes:
         text = change_text(change, difference) + _parameters_beside(change, parameters)
         if change.outcome is QuantityOutcome.CHANGED:
             changed.append(text)
-        elif change.is_certain_by_itself:
-            certain.append(text)
+        elif change.is_significant_alone:
+            significant_alone.append(text)
         elif change.outcome is QuantityOutcome.UNCERTAIN:
             unknown.append(text)
     return render_section(
         "difference_changes",
         changed=changed,
-        certain=certain,
+        significant_alone=significant_alone,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
         unknown=unknown,
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),

@@ -81,7 +81,7 @@ def counts(difference: VehicleDifference) -> Values:
     """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1."""
     changed = difference.changes_with(QuantityOutcome.CHANGED)
     by_kind = Counter(change.quantity.kind for change in changed)
-    alone = any(change.is_certain_by_itself for change in difference.changes)
+    alone = any(change.is_significant_alone for change in difference.changes)
     return {
         "pairs": 1,
         "any": int(bool(changed)),

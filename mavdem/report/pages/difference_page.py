@@ -1,16 +1,17 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.confidence import half_width as half_width_of
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import (
+    HALF_WIDTH_PER_SD,
     PHASE_MARGIN,
     SHARE,
     motor_log_estimates,
@@ -55,6 +56,10 @@ Each change from A to B with its 90 % interval, relative to the largest one that
 changed, rings are not known, dots stayed the same. All are tested together."""
 """What stands below the drawing of all changes."""
 
+TRIMS_CAPTION = """\
+Whiskers are the 90 % interval of each change, shared between A and B: their root sum of squares is the change's ±."""
+"""What stands below the chart of trims."""
+
 MAX_MOTORS = 12
 """Motors that the axis of a chart has names for: those of the largest frames."""
 
@@ -98,7 +103,7 @@ def comparison_page(
         if vehicle is not None
     }
     histories = [
-        Group.side_by_side([chart])
+        Group.side_by_side([_with_single_side(chart)])
         for chart in flight_history_charts(telemetry, legend, SIDE_COLOURS)
     ]
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
@@ -113,7 +118,7 @@ def comparison_page(
     chapters = [
         Chapter("What changed", (), [] if plan is None else [changed_group]),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
-        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend))),
+        Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
         Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
         Chapter("Time series", (), histories),
         _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides)),
@@ -155,9 +160,19 @@ def _table_chapter(title: str, header: str, rows: list[list[str]]) -> Chapter:
     return Chapter(title, [Table([header, *SIDE_COLOURS], known_rows)])
 
 
-def _chart_group(chart: Chart) -> list[Group]:
-    """Returns a group of one chart; none if the chart has no lines."""
-    return [Group.side_by_side([chart])] if chart.lines else []
+def _chart_group(chart: Chart, caption: str = "") -> list[Group]:
+    """Returns a group of one chart with a caption; none if the chart has no lines."""
+    return [Group.side_by_side([_with_single_side(chart)], caption)] if chart.lines else []
+
+
+def _with_single_side(chart: Chart) -> Chart:
+    """Returns the chart of a quantity that one side alone has with that side in its title.
+
+    A chart of a single line has no legend, so nothing else would say whose line it is.
+    """
+    if len(chart.lines) != 1:
+        return chart
+    return chart._replace(title=f"{chart.title}, only {chart.lines[0].name}")
 
 
 class _MarginChange(NamedTuple):
@@ -218,7 +233,7 @@ def _main_difference(
 
 
 def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange | None:
-    """Returns the phase margin that differs most, of those whose difference is certain.
+    """Returns the phase margin that differs most, of those whose difference is significant.
 
     Args:
         changes: differences of phase margins, rad.
@@ -226,13 +241,13 @@ def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange |
     Returns:
         The phase margin; None without one.
     """
-    certain = []
+    significant = []
     for change in changes:
-        if change.before is None or change.after is None or not change.is_certain_by_itself:
+        if change.before is None or change.after is None or not change.is_significant_alone:
             continue
         before, after = np.degrees([change.before, change.after]).tolist()
-        certain.append(_MarginChange(change.quantity.axis, before, after))
-    return max(certain, key=lambda change: abs(change.before - change.after), default=None)
+        significant.append(_MarginChange(change.quantity.axis, before, after))
+    return max(significant, key=lambda change: abs(change.before - change.after), default=None)
 
 
 def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
@@ -291,7 +306,8 @@ def _step_charts(sides: Reviews, legend: Mapping[str, str], axis: str) -> Iterat
                 lines.append(Line.with_band(name, SIDE_COLOURS[side], time, step, half_width))
         if lines:
             title = f"{axis.capitalize()} {loop}: step"
-            yield Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
+            chart = Chart(title, TIME_AFTER_STEP, STEP_RESPONSE, tuple(lines), (1.0,))
+            yield _with_single_side(chart)
 
 
 def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
@@ -318,19 +334,28 @@ def _spectrum_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
     return Chart(title, Axis("frequency (Hz)"), power_axis, tuple(lines))
 
 
-def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
+def _trim_chart(sides: Reviews, legend: Mapping[str, str], difference: VehicleDifference) -> Chart:
     """Returns a chart of how far each motor's trim is from that of the median motor in both flights, %.
 
     These are the quantities that are compared, so a step between two dots is the change that the text states. Each
-    motor is a dot with the whisker of its interval. A side whose trim is not known has no dots; where the numbers
-    of motors differ, the axis has the names that both have.
+    motor is a dot with a whisker. What differs from flight to flight and what other lean may do counts in the interval
+    of the change, not in that of a flight, and would be missing from whiskers of the flights alone. So both dots of a
+    motor have 1/√2 of the change's half width: for independent errors their root sum of squares is what the text
+    states. Where a trim is not compared, the whisker is that of its flight. A side whose trim is not known has no dots;
+    where the numbers of motors differ, the axis has the names that both have.
 
     Args:
         sides: review documents of both logs, by side.
         legend: name of each side in legends.
+        difference: comparison of both sides, for the intervals of the changes.
     """
     lines = []
     motor_count = MAX_MOTORS
+    shared_half_widths = {
+        change.quantity: change.half_width / sqrt(2)
+        for change in difference.changes
+        if change.quantity.kind == SHARE
+    }
     for side, review in sides.items():
         shares = value_at(review, "condition.hover.trim_share")
         if shares:
@@ -341,8 +366,11 @@ def _trim_chart(sides: Reviews, legend: Mapping[str, str]) -> Chart:
             motor_count = min(motor_count, len(shares))
             motors = np.array([quantity.motor - 1.0 for quantity in estimates])
             deviation = 100 * np.array([estimate.value for estimate in estimates.values()])
-            half_width = 100 * half_width_of(
-                np.array([estimate.sd for estimate in estimates.values()]) ** 2
+            half_width = 100 * np.array(
+                [
+                    shared_half_widths.get(quantity, estimate.sd * HALF_WIDTH_PER_SD)
+                    for quantity, estimate in estimates.items()
+                ]
             )
             colour = SIDE_COLOURS[side]
             lines.append(

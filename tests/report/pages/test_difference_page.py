@@ -1,17 +1,54 @@
 """The page of two flights compared: its charts show the figures that its text compares."""
 
+import numpy as np
+import pytest
+from fleet_rows import flight_row
 from numpy.testing import assert_allclose
 
-from mavdem.report.pages.difference_page import _trim_chart
+from mavdem.fleet.difference import vehicle_difference
+from mavdem.report.charts.chart import Axis, Chart, Line
+from mavdem.report.pages.difference_page import _trim_chart, _with_single_side
+
+SHARES = {"A": (1.0, 1.0, 1.0, 1.0), "B": (0.9756, 1.0732, 0.9756, 0.9756)}
+"""Motor 2 changes by 10 % beside motors of which none moves: beside their mean it would be 7.3 %."""
+
+LEGEND = {"A": "A: first", "B": "B: second"}
 
 
-def test_the_chart_of_trims_shows_the_changes_that_are_compared():
-    # Motor 2 changes by 10 % beside motors of which none moves: beside their mean it would be 7.3 %.
+@pytest.fixture(scope="module")
+def difference():
+    intervals = {"trim_share_interval": (0.01,) * 4}
+    states = [
+        [flight_row("quad", number, trim_share=shares, **intervals)]
+        for number, shares in enumerate(SHARES.values())
+    ]
+    return vehicle_difference(*states)
+
+
+def trim_chart(difference):
     documents = {}
-    for side, shares in {"A": [1.0, 1.0, 1.0, 1.0], "B": [0.9756, 1.0732, 0.9756, 0.9756]}.items():
+    for side, shares in SHARES.items():
         documents[side] = {
-            "condition": {"hover": {"trim_share": shares}, "share_interval": [0.01] * 4}
+            "condition": {"hover": {"trim_share": [*shares]}, "share_interval": [0.01] * 4}
         }
-    chart = _trim_chart(documents, {"A": "first", "B": "second"})
-    before, after = chart.lines
+    return _trim_chart(documents, LEGEND, difference)
+
+
+def test_the_chart_of_trims_shows_the_changes_that_are_compared(difference):
+    before, after = trim_chart(difference).lines
     assert_allclose(after.y - before.y, [0.0, 9.5, 0.0, 0.0], atol=0.1)
+
+
+def test_whiskers_of_trims_make_the_interval_of_the_change(difference):
+    before, after = trim_chart(difference).lines
+    stated = [100 * one.half_width for one in difference.changes if one.quantity.kind == "share"]
+    assert len(stated) == 4
+    assert_allclose(np.hypot(before.upper_edge - before.y, after.upper_edge - after.y), stated)
+
+
+def test_a_line_of_one_side_alone_is_named_by_the_title():
+    line = Line(LEGEND["A"], "blue", np.zeros(2), np.zeros(2))
+    chart = Chart("Roll (°)", Axis("time (s)"), Axis("roll (°)"), (line,))
+    assert _with_single_side(chart).title == "Roll (°), only A: first"
+    both = chart._replace(lines=(line, line))
+    assert _with_single_side(both) == both
