@@ -158,9 +158,9 @@ def _px4_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[st
 
 
 def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
-    """Returns the largest element of PX4's normalised mixer columns of roll and of pitch.
+    """Returns the largest elements of PX4's normalised mixer columns of roll and of pitch.
 
-    The element says how much normalised thrust a torque of 1 adds to the motor that it moves most. The pseudo-inverse
+    Such an element is the normalised thrust that a torque of 1 adds to the motor that it moves most. The pseudo-inverse
     gives an axis with the lever arms l the column l/|l|². PX4's ControlAllocationPseudoInverse.cpp then divides the
     columns of roll and pitch by one scale, the larger of |column| √(2/n), with n motors that the column moves.
 
@@ -171,17 +171,17 @@ def _tilt_mixer_factors(right: Vector4, forward: Vector4) -> list[float]:
     Returns:
         Two factors, of roll and of pitch, normalised thrust per normalised torque.
     """
-    lever_arms = (right, forward)
-    norms = [sqrt(fsum(arm * arm for arm in arms)) for arms in lever_arms]
+    largest_elements = []
     scales = []
-    for arms, norm in zip(lever_arms, norms, strict=True):
-        moved_motors = len([arm for arm in arms if arm != 0])
+    for lever_arms in (right, forward):
+        norm = sqrt(fsum(arm * arm for arm in lever_arms))
+        largest_arm = max(abs(arm) for arm in lever_arms)
+        largest_elements.append(largest_arm / norm**2)
         # The column l/|l|² has the norm 1/|l|.
+        moved_motors = len([arm for arm in lever_arms if arm != 0])
         scales.append(sqrt(2 / moved_motors) / norm)
-    scale = max(scales)
-    return [
-        max(map(abs, arms)) / norm**2 / scale for arms, norm in zip(lever_arms, norms, strict=True)
-    ]
+    common_scale = max(scales)
+    return [element / common_scale for element in largest_elements]
 
 
 def _ardupilot_parameters(vehicle: VehicleSpec, gains: Sequence[LoopGains]) -> dict[str, float]:

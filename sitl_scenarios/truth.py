@@ -223,7 +223,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
         rate_damping = model.A[-1, -1]
         arrays[f"{name}_disturbance"] = moment_acceleration - rate_damping * motion.rates[:, number]
         effect = arrays.get(f"{name}_effect", model.B[-1])
-        arrays |= loops(scenario, number, effect)
+        arrays |= true_loops(scenario, number, effect)
     return arrays
 
 
@@ -279,7 +279,7 @@ def _with_rotor_lag(model: LinearModel, time_constant: float) -> LinearModel:
     )
 
 
-def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
+def true_loops(scenario: Scenario, axis_number: int, effect: Array) -> Arrays:
     """Returns open-loop responses and margins of the rate and attitude loops about one axis.
 
     The rate loop is the product of the frequency responses around it: rate controller (from its own impulse response),
@@ -289,44 +289,50 @@ def loops(scenario: Scenario, number: int, effect: Array) -> Arrays:
 
     Args:
         scenario: Scenario of the flight.
-        number: 0 for roll, 1 for pitch, 2 for yaw.
+        axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         effect: (4,) angular acceleration by each motor's output, rad/s² per µs.
 
     Returns:
         Arrays by name, as docs/scenarios.md explains them: frequencies (Hz), responses, and margins as in
         :func:`margins`.
     """
-    name = AXES[number]
+    axis = AXES[axis_number]
     controller = controller_for(scenario)
     cycle = scenario.cycle
     frequency = np.geomspace(MIN_LOOP_FREQUENCY, MAX_LOOP_FREQUENCY / cycle, LOOP_FREQUENCIES)
     s = 2j * pi * frequency
-    rate_response = _rate_controller_response(scenario, number, s * cycle, is_setpoint=False)
-    setpoint_response = _rate_controller_response(scenario, number, s * cycle, is_setpoint=True)
-    gain = _acceleration_per_demand(scenario, controller, number, effect)
-    # Zero-order hold over one cycle.
-    hold = (1 - np.exp(-s * cycle)) / (s * cycle)
-    body_response = _rate_by_acceleration(scenario.vehicle, name, s)
-    rotor_lag = sum(airframe(scenario.vehicle).rotor_lags) / 2 * s + 1
-    rate_by_demand = gain * hold * body_response / rotor_lag
-    delay = np.exp(-s * scenario.sensors.delay)
-    gyro_response = gyro_for(controller).response(frequency)
+    # The controller works in cycles, so its frequencies are in radians per cycle.
+    phase = s * cycle
+    demand_by_rate = _rate_controller_response(scenario, axis_number, phase, is_setpoint=False)
+    demand_by_setpoint = _rate_controller_response(scenario, axis_number, phase, is_setpoint=True)
+
+    # From the demand to the body rate: zero-order hold over one cycle, lag of the rotors, and the body.
+    acceleration_gain = _acceleration_per_demand(scenario, controller, axis_number, effect)
+    zero_order_hold = (1 - np.exp(-phase)) / phase
+    rate_by_acceleration = _rate_by_acceleration(scenario.vehicle, axis, s)
+    mean_rotor_lag = sum(airframe(scenario.vehicle).rotor_lags) / 2
+    ideal_rate_by_demand = acceleration_gain * zero_order_hold * rate_by_acceleration
+    rate_by_demand = ideal_rate_by_demand / (mean_rotor_lag * s + 1)
+
     # The controller's response to the measured rate is negative: an open loop is that of negative feedback.
-    rate_loop = -rate_response * rate_by_demand * delay * gyro_response
-    attitude_gain = controller.attitude_gains[number]
-    closed_rate_loop = attitude_gain * setpoint_response * rate_by_demand / (1 + rate_loop)
-    attitude_loop = closed_rate_loop * delay / s
+    delay_response = np.exp(-s * scenario.sensors.delay)
+    gyro_response = gyro_for(controller).response(frequency)
+    rate_loop = -demand_by_rate * rate_by_demand * delay_response * gyro_response
+    # An error of the angle is a rate setpoint for the closed rate loop, and the rate is integrated to the angle.
+    attitude_gain = controller.attitude_gains[axis_number]
+    rate_by_angle_error = attitude_gain * demand_by_setpoint * rate_by_demand / (1 + rate_loop)
+    attitude_loop = rate_by_angle_error * delay_response / s
     return {
         "loop_frequency": frequency,
-        f"{name}_rate_loop": rate_loop,
-        f"{name}_attitude_loop": attitude_loop,
-        f"{name}_rate_margins": margins(frequency, rate_loop),
-        f"{name}_attitude_margins": margins(frequency, attitude_loop),
+        f"{axis}_rate_loop": rate_loop,
+        f"{axis}_attitude_loop": attitude_loop,
+        f"{axis}_rate_margins": margins(frequency, rate_loop),
+        f"{axis}_attitude_margins": margins(frequency, attitude_loop),
     }
 
 
 def _acceleration_per_demand(
-    scenario: Scenario, controller: FlightController, number: int, effect: Array
+    scenario: Scenario, controller: FlightController, axis_number: int, effect: Array
 ) -> float:
     """Returns the angular acceleration about an axis per demand to the mixer, in hover.
 
@@ -336,7 +342,7 @@ def _acceleration_per_demand(
     Args:
         scenario: Scenario of the flight.
         controller: Its controller.
-        number: 0 roll, 1 pitch, 2 yaw.
+        axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
 
     Returns:
@@ -346,10 +352,11 @@ def _acceleration_per_demand(
     # Demands of roll, pitch and yaw are zero in hover; the last one is the thrust.
     hover_demands = np.zeros(4)
     hover_demands[3] = body.command_for(body.hover_speed) / body.full_command
-    direction = np.eye(4)[number]
-    above = controller.motor_commands(_four(hover_demands + DEMAND_STEP * direction))
-    below = controller.motor_commands(_four(hover_demands - DEMAND_STEP * direction))
-    command_change = np.subtract(above, below)
+    demand_step = np.zeros(4)
+    demand_step[axis_number] = DEMAND_STEP
+    commands_above = controller.motor_commands(_four(hover_demands + demand_step))
+    commands_below = controller.motor_commands(_four(hover_demands - demand_step))
+    command_change = np.subtract(commands_above, commands_below)
     acceleration_change = float(effect @ command_change) * (MAX_PULSE - MIN_PULSE)
     return acceleration_change / (2 * DEMAND_STEP)
 
@@ -381,7 +388,7 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
 
 
 def _rate_controller_response(
-    scenario: Scenario, number: int, phase: NDArray[Any], is_setpoint: bool
+    scenario: Scenario, axis_number: int, phase: NDArray[Any], is_setpoint: bool
 ) -> NDArray[Any]:
     """Returns the frequency response of the rate controller, measured on the controller that flies.
 
@@ -390,7 +397,7 @@ def _rate_controller_response(
 
     Args:
         scenario: Scenario of the flight.
-        number: 0 for roll, 1 for pitch, 2 for yaw.
+        axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         phase: (N,) j times the frequencies, rad per cycle.
         is_setpoint: Whether the response is to the rate's setpoint, rather than to the measured rate.
 
@@ -403,7 +410,7 @@ def _rate_controller_response(
     for impulse in np.eye(1, IMPULSE_CYCLES)[0].tolist():
         setpoint = impulse if is_setpoint else 0.0
         rate = 0.0 if is_setpoint else impulse
-        demands.append(controller.rate_demand(number, setpoint, rate, True))
+        demands.append(controller.rate_demand(axis_number, setpoint, rate, True))
     # The integrator keeps the impulse for ever, so that the demands cannot be summed. Their increments fade away.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()

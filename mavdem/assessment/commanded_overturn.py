@@ -35,25 +35,27 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
         A fact with the largest lean of the setpoint in the ``OVERTURN_SECONDS`` before, as the figure ``angle``, the
         time at which it exceeded ``MAX_TILT``, and the flight mode of that time as its subject; empty if not known.
     """
-    flight = attitude_tracking(signals, boot)
-    if flight is None:
+    tracking = attitude_tracking(signals, boot)
+    if tracking is None:
         return None
-    commanded_lean = _lean(flight.setpoints)
-    is_before = (flight.time > loss_time - OVERTURN_SECONDS) & (flight.time <= loss_time)
-    rows = np.flatnonzero(is_before & (commanded_lean > MAX_TILT))
-    if not len(rows):
+    commanded_lean = _lean(tracking.setpoints)
+    seconds_to_loss = loss_time - tracking.time
+    is_shortly_before = (seconds_to_loss >= 0) & (seconds_to_loss < OVERTURN_SECONDS)
+    overturned_samples = np.flatnonzero(is_shortly_before & (commanded_lean > MAX_TILT))
+    if not len(overturned_samples):
         return None
-    first_row = rows[0]
-    vehicle_leads = _lean(flight.angles[:, :2])[first_row] > commanded_lean[first_row]
-    if vehicle_leads or _distance(flight, int(first_row)) > LOST_ANGLE:
+
+    first_sample = int(overturned_samples[0])
+    vehicle_lean = _lean(tracking.angles[:, :2])
+    vehicle_leads = vehicle_lean[first_sample] > commanded_lean[first_sample]
+    if vehicle_leads or _tracking_error(tracking, first_sample) > LOST_ANGLE:
         return None
-    time = flight.time[first_row]
-    largest_lean = commanded_lean[rows].max()
+    overturn_time = tracking.time[first_sample]
     return Fact(
         FailedFirst.OVERTURN_COMMANDED_FIRST,
-        time=time,
-        subject=signals.mode_at(boot, time),
-        angle=largest_lean,
+        time=overturn_time,
+        subject=signals.mode_at(boot, overturn_time),
+        angle=commanded_lean[overturned_samples].max(),
     )
 
 
@@ -66,22 +68,26 @@ def _lean(angles: Array) -> Array:
     return np.arccos(np.clip(np.cos(angles).prod(axis=1), -1.0, 1.0))
 
 
-def _distance(flight: AttitudeTracking, row: int) -> float:
+def _tracking_error(tracking: AttitudeTracking, sample: int) -> float:
     """Returns the angle between the vertical axes of the vehicle and of its setpoint at one sample.
 
     Angles of roll and pitch cannot be subtracted here: beyond 90° of pitch both change by half a turn.
 
     Args:
-        flight: the attitude and its setpoint.
-        row: index of the sample.
+        tracking: the attitude and its setpoint.
+        sample: index of the sample.
 
     Returns:
         The angle, rad.
     """
-    down_directions = []
-    for roll, pitch in (flight.angles[row, :2], flight.setpoints[row]):
-        # The direction of gravity in the body frame: the third row of the rotation from body to earth.
-        down = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
-        down_directions.append(np.array(down))
-    vehicle_down, commanded_down = down_directions
+    vehicle_roll, vehicle_pitch = tracking.angles[sample, :2]
+    commanded_roll, commanded_pitch = tracking.setpoints[sample]
+    vehicle_down = _down_in_body(vehicle_roll, vehicle_pitch)
+    commanded_down = _down_in_body(commanded_roll, commanded_pitch)
     return float(np.arccos(np.clip(vehicle_down @ commanded_down, -1.0, 1.0)))
+
+
+def _down_in_body(roll: float, pitch: float) -> Array:
+    """Returns the direction of gravity in the body frame, a unit vector (3,), for roll and pitch in rad."""
+    # It is the third row of the rotation from body to earth.
+    return np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])

@@ -123,14 +123,18 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     Returns:
         Jumps (M, 3): time after the jump, s, number of the boot, and distance, m.
     """
-    in_boot = positions.select(positions.boot == boot)
-    steps = np.diff(in_boot.time)
-    if not len(steps):
+    positions_in_boot = positions.select(positions.boot == boot)
+    intervals = np.diff(positions_in_boot.time)
+    if not len(intervals):
         return np.zeros((0, 3))
-    velocities = np.diff(in_boot.values, axis=0) / steps[:, None]
+    velocities = np.diff(positions_in_boot.values, axis=0) / intervals[:, None]
     usual_velocities = median_filter(velocities, size=(NEIGHBOURING_STEPS, 1), mode="nearest")
-    distances = np.linalg.norm(velocities - usual_velocities, axis=1) * steps
-    allowed_steps = np.maximum(steps, np.median(steps))
-    limits = MIN_JUMP + np.linalg.norm(usual_velocities, axis=1) * allowed_steps
-    rows = np.flatnonzero((distances > limits) & (steps <= MAX_FIX_STEP))
-    return np.column_stack([in_boot.time[rows + 1], np.full(len(rows), boot), distances[rows]])
+    unusual_speeds = np.linalg.norm(velocities - usual_velocities, axis=1)
+    distances = unusual_speeds * intervals
+    # The interval before a delayed fix may be shorter than the flight to it: that of a usual interval is allowed.
+    allowed_intervals = np.maximum(intervals, np.median(intervals))
+    usual_distances = np.linalg.norm(usual_velocities, axis=1) * allowed_intervals
+    is_jump = (distances > MIN_JUMP + usual_distances) & (intervals <= MAX_FIX_STEP)
+    times_after = positions_in_boot.time[1:][is_jump]
+    boots = np.full(len(times_after), boot)
+    return np.column_stack([times_after, boots, distances[is_jump]])

@@ -304,7 +304,7 @@ def _separation_in_time(
     if len(armed_flags) and not armed_flags[-1]:
         return Separation.DISARMED
     if gap is None:
-        return None if _is_flown_on(earlier, later) else Separation.TIME_UNKNOWN
+        return None if _is_same_flight(earlier, later) else Separation.TIME_UNKNOWN
     if gap < -MAX_CLOCK_ERROR:
         return Separation.SAME_TIME
     if gap > MAX_RESTART_SECONDS:
@@ -326,7 +326,7 @@ def _clock_runs_on(earlier: Recording, later: Recording) -> bool:
     return 0.0 <= later.start - earlier.end <= MAX_RESTART_SECONDS
 
 
-def _is_flown_on(earlier: Recording, later: Recording) -> bool:
+def _is_same_flight(earlier: Recording, later: Recording) -> bool:
     """Returns whether two logs without UTC show by themselves that they are of one flight.
 
     The vehicle must be armed at the end of the first log and soon after the beginning of the second. And the second
@@ -336,13 +336,17 @@ def _is_flown_on(earlier: Recording, later: Recording) -> bool:
     Args:
         earlier, later: The recordings in the order of time.
     """
-    heartbeats_before = _heartbeats(earlier.vehicle, earlier.last_boot)
-    heartbeats_after = _heartbeats(later.vehicle, later.first_boot)
-    ends_armed = bool((heartbeats_before["base_mode"][-1:] & ARMED).any())
-    is_beginning = heartbeats_after["time"] <= later.start + MAX_ARMING_DELAY
-    begins_armed = bool((heartbeats_after["base_mode"][is_beginning] & ARMED).any())
-    has_just_started = later.start <= MAX_BOOT_CLOCK
-    return ends_armed and begins_armed and (_clock_runs_on(earlier, later) or has_just_started)
+    last_heartbeats = _heartbeats(earlier.vehicle, earlier.last_boot)
+    is_armed_before = (last_heartbeats["base_mode"] & ARMED) != 0
+    if not len(is_armed_before) or not is_armed_before[-1]:
+        return False
+    first_heartbeats = _heartbeats(later.vehicle, later.first_boot)
+    is_armed_after = (first_heartbeats["base_mode"] & ARMED) != 0
+    is_at_beginning = first_heartbeats["time"] <= later.start + MAX_ARMING_DELAY
+    if not np.any(is_armed_after & is_at_beginning):
+        return False
+    has_just_booted = later.start <= MAX_BOOT_CLOCK
+    return has_just_booted or _clock_runs_on(earlier, later)
 
 
 def _heartbeats(vehicle: Telemetry, boot: int) -> Columns:

@@ -133,17 +133,23 @@ def _assumed_channels(
         The channels in the order of the motors, and which assumption gave them.
     """
     # Of a vehicle whose number of motors is not fixed by its type, every channel that changes is taken.
-    count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
-    moving = sorted(moving_channels)[:count]
-    # The bank that holds the lowest changing channel, and its first channels that can be motors.
-    lowest = min(moving_channels, default=1)
-    bank_start = (lowest - 1) // bank_size * bank_size + 1
-    bank_channels = range(bank_start, MAX_SERVO_CHANNELS + 1)
-    first_channels = [n for n in bank_channels if n not in non_motor_channels][:count]
-    some_are_constant = count / 2 <= len(moving) < count
-    if some_are_constant and set(moving) <= set(first_channels) and vehicle != "TRICOPTER":
+    motor_count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
+    moving_motors = sorted(moving_channels)[:motor_count]
+
+    # The first channels that can be motors, from the bank that holds the lowest changing channel.
+    lowest_channel = min(moving_channels, default=1)
+    banks_before = (lowest_channel - 1) // bank_size
+    first_channel = banks_before * bank_size + 1
+    first_channels: list[int] = []
+    for channel in range(first_channel, MAX_SERVO_CHANNELS + 1):
+        if channel not in non_motor_channels and len(first_channels) < motor_count:
+            first_channels.append(channel)
+
+    some_are_constant = motor_count / 2 <= len(moving_motors) < motor_count
+    are_among_first = set(moving_motors) <= set(first_channels)
+    if some_are_constant and are_among_first and vehicle != "TRICOPTER":
         return first_channels, ChannelSource.FIRST_CHANNELS
-    return moving, ChannelSource.MOVING_CHANNELS
+    return moving_motors, ChannelSource.MOVING_CHANNELS
 
 
 X_QUAD_MOTORS = (1, 2, 3, 4)

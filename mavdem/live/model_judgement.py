@@ -7,7 +7,7 @@ import numpy as np
 
 from mavdem.assessment.axis import AxisFigures
 from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
-from mavdem.assessment.axis.loops import loop_or_refusal
+from mavdem.assessment.axis.loops import loop_of_parameters_or_reason
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.judgement import Judgement, judge
 from mavdem.assessment.lights.motors import motors_light
@@ -86,7 +86,7 @@ def judge_model(
 
     figures = AxisFigures((), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {each: Fact(Unjudged.NOT_JUDGED, because=None) for each in AXES}
-    loops[axis] = loop_or_refusal(figures, record)
+    loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))
     # These lights need messages that nothing in flight looks at.

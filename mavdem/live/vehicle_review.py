@@ -168,27 +168,30 @@ class VehicleReview:
         """Does the first part of a review: which MAVLink messages give the vehicle's attitude and its motor outputs.
 
         A row of the learner's data has outputs, which are angle and body rate from an attitude message, and inputs,
-        which are the motors' outputs from messages such as SERVO_OUTPUT_RAW. The attitude message is chosen here. Of
-        the motor messages, the latest samples are collected as candidates; choosing the motors among them takes longer,
-        so it is put first in the queue as the next part (``_choose_inputs``).
-
-        Parameters arrive during the flight, and tell more with each review which channel drives which motor, and how
-        large the vehicle's drag is. So they are taken again each time. A vehicle that cannot be a multirotor, such as a
-        plane, gets no inputs, and so no rows.
+        which are the motors' outputs from messages such as SERVO_OUTPUT_RAW. The attitude message is chosen here, and
+        the latest messages with motor outputs are collected, for the next part (``_choose_inputs``) to choose from. A
+        vehicle that cannot be a multirotor, such as a plane, gets no inputs, and so no rows.
 
         Args:
             rows: builder of the vehicle's rows.
         """
         rows.choose_attitude_message(self._review_time)
-        vehicle = self._vehicle
         # Motors are learned from multirotors only.
-        if vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
+        if self._vehicle.vehicle_type not in POSSIBLE_MULTIROTORS:
             rows.clear_inputs()
             return
-        self._parameters = self._vehicles.followed_parameters
-        self._wind.parameter_drag = Drag.from_parameters(vehicle.autopilot, self._parameters)
+        self._update_parameters()
         self._candidate_messages = rows.candidate_messages()
+        # Choosing among them takes longer. So it is a part of its own, before those that are queued already.
         self._pending_parts.appendleft(self._choose_inputs)
+
+    def _update_parameters(self) -> None:
+        """Takes the parameters that have arrived so far, and the drag that they state.
+
+        They arrive during the flight: with each review more is known of which channel drives which motor.
+        """
+        self._parameters = self._vehicles.followed_parameters
+        self._wind.parameter_drag = Drag.from_parameters(self._vehicle.autopilot, self._parameters)
 
     def _choose_inputs(self, rows: RowBuilder) -> None:
         """Does the part of a review that chooses the motors' outputs among the candidate messages.

@@ -138,14 +138,17 @@ def _wind_share(plant: Physical, values: LoopParameters, spectra: CrossSpectra) 
     Returns:
         Variance of the wind torque over that of all torque, 0 to 1.
     """
-    _, highest = MOTION_BAND_HZ
-    frequency = spectra.frequency[spectra.frequency <= highest]
-    torque_per_demand = values.effect / (1 + 2j * np.pi * frequency * values.lag)
-    output_density = spectra.mean_density[: len(frequency), Quantity.OUTPUT, Quantity.OUTPUT].real
-    bandwidth = np.gradient(frequency)
-    wind_variance = bandwidth @ wind_torque_density(plant, frequency)
+    _, highest_frequency = MOTION_BAND_HZ
+    is_in_band = spectra.frequency <= highest_frequency
+    frequency = spectra.frequency[is_in_band]
+    band_widths = np.gradient(frequency)
+    wind_variance = band_widths @ wind_torque_density(plant, frequency)
+
+    torque_per_output = values.effect / (1 + 2j * np.pi * frequency * values.lag)
+    output_density = spectra.mean_density[is_in_band, Quantity.OUTPUT, Quantity.OUTPUT].real
+    motor_torque_density = np.abs(torque_per_output) ** 2 * output_density
     # The density of the output is two-sided, that of the wind is one-sided.
-    motor_variance = 2 * bandwidth @ (np.abs(torque_per_demand) ** 2 * output_density)
+    motor_variance = 2 * band_widths @ motor_torque_density
     return float(wind_variance / (wind_variance + motor_variance))
 
 

@@ -123,30 +123,33 @@ def _pieces_by_setpoint(
     rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
     if rate_setpoint is None:
         return []
+    rate = record.outputs[:, rate_column(record)]
     # A record has no demand, so it is estimated from the inputs that it moves, by least squares.
     demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
-    # Rows of each piece: rate setpoint, rate, demand and, where they are needed, angle setpoint and angle.
-    signals = [rate_setpoint, record.outputs[:, rate_column(record)], demand]
+    signals = [rate_setpoint, rate, demand]
     angle_setpoint = None
     if controller.is_ardupilot:
         angle_setpoint = setpoints.get(f"{controller.axis} setpoint")
     if angle_setpoint is not None:
         # The angle is the first output of a record.
         signals += [angle_setpoint, record.outputs[:, 0]]
-    as_logged = []
-    with_correction = []
+
+    pieces_as_logged = []
+    pieces_with_correction = []
     for piece in _finite_pieces(np.array(signals), record):
         # A record repeats a setpoint until the next message. The true setpoint has no such steps, so it is
         # interpolated.
-        setpoint = interpolated_setpoint(piece[0])
-        rate_and_demand = piece[1:3]
-        as_logged.append(np.vstack([setpoint, rate_and_demand]))
+        repeated_rate_setpoint, rate_in_piece, demand_in_piece = piece[:3]
+        logged_setpoint = interpolated_setpoint(repeated_rate_setpoint)
+        pieces_as_logged.append(np.array([logged_setpoint, rate_in_piece, demand_in_piece]))
         if angle_setpoint is not None:
-            angle_setpoint_of_piece, angle = piece[3:5]
-            angle_error = interpolated_setpoint(angle_setpoint_of_piece) - angle
-            corrected = setpoint + controller.angle_gain * angle_error
-            with_correction.append(np.vstack([corrected, rate_and_demand]))
-    return [as_logged, with_correction]
+            repeated_angle_setpoint, angle = piece[3:]
+            angle_error = interpolated_setpoint(repeated_angle_setpoint) - angle
+            corrected_setpoint = logged_setpoint + controller.angle_gain * angle_error
+            pieces_with_correction.append(
+                np.array([corrected_setpoint, rate_in_piece, demand_in_piece])
+            )
+    return [pieces_as_logged, pieces_with_correction]
 
 
 def _setpoints_by_name(record: Record) -> dict[str, Array]:

@@ -317,12 +317,16 @@ def _notes(
         is_arm_measured: whether the parameters have the arm; otherwise it is assumed.
         drag: drag of the vehicle, or of typical ones.
     """
-    effects = {axis: _effect_note(loop) for axis, loop in loops.items()}
+    effectiveness_notes = {axis: _effectiveness_note(loop) for axis, loop in loops.items()}
     notes = {
         "mass": Fact(Twins.MASS_NOTE, is_given=is_mass_given),
         "arm": Fact(Twins.ARM_NOTE, is_given=is_arm_measured),
-        "inertia": Fact(Twins.INERTIA_NOTE, roll=effects["roll"], pitch=effects.get("pitch")),
-        "moment": effects.get("yaw", Fact(Twins.MOMENT_NOTE)),
+        "inertia": Fact(
+            Twins.INERTIA_NOTE,
+            roll=effectiveness_notes["roll"],
+            pitch=effectiveness_notes.get("pitch"),
+        ),
+        "moment": effectiveness_notes.get("yaw", Fact(Twins.MOMENT_NOTE)),
         "damping": Fact(Twins.DAMPING_NOTE, damping=_half_width(loops["roll"], "damping")),
         "lag": Fact(Twins.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
     }
@@ -338,7 +342,7 @@ def _notes(
     return notes
 
 
-def _effect_note(loop: Loop) -> Fact:
+def _effectiveness_note(loop: Loop) -> Fact:
     """Returns the note on how certain a loop's control effectiveness is.
 
     Its figure ``share`` is the half width of the 90 % interval over the estimate, and ``is_biased`` whether the
@@ -348,12 +352,10 @@ def _effect_note(loop: Loop) -> Fact:
         loop: identified loop of one axis, with draws of its effectiveness.
     """
     # Row 0 of the effectiveness is the estimate, the others are draws from its posterior.
+    estimate = loop.effectiveness[0]
     half_width = coverage_factor() * np.std(loop.effectiveness)
-    return Fact(
-        Twins.EFFECT_NOTE,
-        share=half_width / loop.effectiveness[0],
-        is_biased=bool(loop.plant.bias),
-    )
+    is_biased = bool(loop.plant.bias != 0)
+    return Fact(Twins.EFFECT_NOTE, share=half_width / estimate, is_biased=is_biased)
 
 
 def _half_width(loop: Loop, parameter: str) -> float | None:

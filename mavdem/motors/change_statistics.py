@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Flags
 
 Windows = NDArray[np.int_]
-"""(w,) numbers of last blocks."""
+"""(w,) lengths of windows, each that many of the last blocks."""
 
 BLOCK_SECONDS = 0.5
 """Duration of a block, s: a tenth of what the detection of a change may take."""
@@ -43,11 +43,13 @@ class WindowChanges(NamedTuple):
     """(w, a) variance of ``change``."""
     freedom: Array
     """(w,) degrees of freedom of that variance."""
-    noise: Array
+    block_variance: Array
     """(w, a) long-run variance of a block before the window."""
 
 
-def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float) -> WindowChanges:
+def window_changes(
+    blocks: Array, windows: Windows, prior_variance: Array, prior_freedom: float
+) -> WindowChanges:
     """Compares the mean of the last blocks with the mean before them, for several windows.
 
     Each window is one assumption on when a change began: so many blocks ago. In the mean before it, older blocks count
@@ -57,41 +59,48 @@ def window_changes(blocks: Array, windows: Windows, prior: Array, freedom: float
 
     Args:
         blocks: (N, a) means of successive blocks of flight on a axes, the latest last.
-        windows: (w,) numbers of last blocks.
-        prior: (a,) prior long-run variance of a block: n times the variance of the mean of n blocks, which allows for
-            their correlation.
-        freedom: Degrees of freedom of that prior.
+        windows: (w,) length of each window, blocks.
+        prior_variance: (a,) prior long-run variance of a block: n times the variance of the mean of n blocks, which
+            allows for their correlation.
+        prior_freedom: Degrees of freedom of that prior.
 
     Returns:
-        For each window (w, a): the change, its variance, and the noise; and the degrees of freedom of the variance.
+        For each window the change, its variance with its degrees of freedom, and the long-run variance of a block.
     """
-    numbers = np.arange(len(blocks))
     # Shapes (w, 1) and (N,) make (w, N): each window by each block.
-    lengths = windows[:, None]
-    is_in_window = numbers >= len(blocks) - lengths
-    recency = np.exp(numbers * (BLOCK_SECONDS / MEMORY_SECONDS))
+    window_lengths = windows[:, None]
+    block_numbers = np.arange(len(blocks))
+    is_in_window = block_numbers >= len(blocks) - window_lengths
+
+    # The older a block is, the less it counts; blocks in the window do not count before it.
+    recency = np.exp(block_numbers * (BLOCK_SECONDS / MEMORY_SECONDS))
     weights = np.where(is_in_window, 0.0, recency)
     weights /= weights.sum(axis=1, keepdims=True)
     effective_blocks = 1 / (weights**2).sum(axis=1)
     mean_before = weights @ blocks
-    mean_in_window = is_in_window @ blocks / lengths
-    noise_before = long_run_variance(blocks, ~is_in_window, mean_before, prior, freedom)
-    noise_in_window = long_run_variance(
-        blocks, is_in_window, mean_in_window, noise_before, PRIOR_FREEDOM
+    mean_in_window = is_in_window @ blocks / window_lengths
+
+    # Variances of one block, and by them variances of the two means.
+    block_variance_before = long_run_variance(
+        blocks, ~is_in_window, mean_before, prior_variance, prior_freedom
     )
-    # The noise may have grown with the change: the larger of both counts in the window.
-    variance_before = noise_before / effective_blocks[:, None]
-    variance_in_window = np.maximum(noise_before, noise_in_window) / lengths
+    block_variance_in_window = long_run_variance(
+        blocks, is_in_window, mean_in_window, block_variance_before, PRIOR_FREEDOM
+    )
+    mean_before_variance = block_variance_before / effective_blocks[:, None]
+    # The scatter may have grown with the change: the larger of both counts in the window.
+    larger_block_variance = np.maximum(block_variance_before, block_variance_in_window)
+    mean_in_window_variance = larger_block_variance / window_lengths
     return WindowChanges(
         change=mean_in_window - mean_before,
-        variance=variance_before + variance_in_window + WANDER_SD**2,
-        freedom=freedom + effective_blocks / BLOCKS_PER_FREEDOM,
-        noise=noise_before,
+        variance=mean_before_variance + mean_in_window_variance + WANDER_SD**2,
+        freedom=prior_freedom + effective_blocks / BLOCKS_PER_FREEDOM,
+        block_variance=block_variance_before,
     )
 
 
 def long_run_variance(
-    blocks: Array, selection: Flags, mean: Array, prior: Array, freedom: float
+    blocks: Array, selection: Flags, mean: Array, prior_variance: Array, prior_freedom: float
 ) -> Array:
     """Estimates the long-run variance of blocks: n times the variance of the mean of n blocks.
 
@@ -104,8 +113,8 @@ def long_run_variance(
         blocks: (N, a) blocks.
         selection: (w, N) which blocks count, a run without gaps for each of w windows.
         mean: (w, a) mean of those blocks.
-        prior: (a,) or (w, a) prior of the variance.
-        freedom: Degrees of freedom of the prior.
+        prior_variance: (a,) or (w, a) prior of the variance.
+        prior_freedom: Degrees of freedom of the prior.
 
     Returns:
         (w, a) variances.
@@ -113,7 +122,7 @@ def long_run_variance(
     # Sums of any run of blocks are differences of cumulative sums.
     cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
     selected_blocks = selection.sum(axis=1, keepdims=True)
-    variance = prior
+    variance = prior_variance
     for length in BATCH_LENGTHS:
         if length > len(blocks):
             break
@@ -127,9 +136,10 @@ def long_run_variance(
         squares = squares_about_zero - cross_terms + batches * mean**2
         # Batches overlap: as many are independent as fit one after the other.
         independent = np.where(batches > length, selected_blocks / length, 0.0)
-        prior_weight = 2 * freedom / length
+        prior_weight = 2 * prior_freedom / length
         sample_total = independent * length * squares / np.maximum(batches, 1)
-        pooled = (prior_weight * prior + sample_total) / (prior_weight + independent)
+        prior_total = prior_weight * prior_variance
+        pooled = (prior_total + sample_total) / (prior_weight + independent)
         variance = np.maximum(variance, pooled)
     return variance
 

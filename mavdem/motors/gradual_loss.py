@@ -208,8 +208,8 @@ def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
         residuals,
         selection=np.ones((1, count), dtype=bool),
         mean=np.zeros((1, axes)),
-        prior=np.full(axes, PRIOR_BLOCK_SD**2),
-        freedom=PRIOR_FREEDOM,
+        prior_variance=np.full(axes, PRIOR_BLOCK_SD**2),
+        prior_freedom=PRIOR_FREEDOM,
     )[0]
     centred_course = ramp.course - ramp.course.mean()
     return np.asarray(noise / (centred_course @ centred_course) + WANDER_SD**2)

@@ -442,7 +442,7 @@ class MotorLossDetector:
         # From now on, flight is compared with that since the change, once the vehicle has settled. The noise before the
         # change is the prior of the noise after it.
         self._blocks.keep_last(block_count - SETTLING_BLOCKS)
-        self._noise = change.changes.noise[change.window]
+        self._noise = change.changes.block_variance[change.window]
         self._freedom = min(change.changes.freedom[change.window], MAX_PRIOR_FREEDOM)
 
     def _record(

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path, PureWindowsPath
@@ -446,21 +446,31 @@ class Api:
     def _progress_of(self, entry: Entry, places: Mapping[str, QueuePlace]) -> Progress:
         """Returns the progress of a flight, with what the process that reads its log has reported.
 
+        While a log is read, its process reports in a file, and the index follows only at the end. So what the file has
+        of the columns of the index, such as the stage, replaces the entry's.
+
         Args:
             entry: index entry of the flight.
             places: place in the queue of each log that waits or is read, by its id.
         """
         # A log that a worker claimed after the places were listed is in none of them.
-        values: JsonValues = places.get(entry.id, QueuePlace())._asdict()
+        queue_place = places.get(entry.id, QueuePlace())
+        reading_progress: JsonValues = {}
         if entry.stage != Stage.WAITING and not entry.is_done:
-            progress = self._library.progress(entry)
-            columns = {name: progress[name] for name in COLUMNS if name in progress}
-            entry = replace(entry, **columns)
-            values |= {name: progress[name] for name in PROGRESS_KEYS if name in progress}
-            if "started" in progress:
-                values["seconds"] = round(time.time() - progress["started"])
-        words = interface_words()["stages"][entry.stage]
-        return Progress.from_results(entry, words=words, **values)
+            reported = self._library.progress(entry)
+            entry = replace(entry, **_values_of_keys(reported, COLUMNS))
+            reading_progress = _values_of_keys(reported, PROGRESS_KEYS)
+            if "started" in reported:
+                reading_progress["seconds"] = round(time.time() - reported["started"])
+        stage_in_words = interface_words()["stages"][entry.stage]
+        return Progress.from_results(
+            entry, words=stage_in_words, **queue_place._asdict(), **reading_progress
+        )
+
+
+def _values_of_keys(values: JsonValues, keys: Iterable[str]) -> JsonValues:
+    """Returns the values of these keys, without the keys that are missing."""
+    return {key: values[key] for key in keys if key in values}
 
 
 def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:

@@ -61,22 +61,24 @@ def loops_of_axes(
         By axis the identified loop, or the fact that says why it was not identified; and the facts about AutoTune.
     """
     loops = dict[str, Loop | Fact]()
-    autotune = []
+    autotune_facts = []
     for axis in AXES:
         axis_signals = signals.for_axis(axis, signals.inputs)
         if axis in known_loops:
             loop = known_loops[axis]
         else:
-            loop = loop_or_reason(axis_signals, log, start, figures.get(axis))
+            loop = identified_loop_or_reason(axis_signals, log, start, figures.get(axis))
         loops[axis] = loop
         if isinstance(loop, Loop):
-            # A loop has what AutoTune changed among its cautions.
-            autotune += [caution for caution in loop.cautions if caution.code is Loops.AUTOTUNED]
+            # The identification of a loop has added the fact about AutoTune to its cautions.
+            for caution in loop.cautions:
+                if caution.code is Loops.AUTOTUNED:
+                    autotune_facts.append(caution)
         else:
-            fact = autotune_fact(axis_signals, loop)
-            if fact is not None:
-                autotune.append(fact)
-    return LogLoops(loops, autotune)
+            autotune_without_loop = autotune_fact(axis_signals, loop)
+            if autotune_without_loop is not None:
+                autotune_facts.append(autotune_without_loop)
+    return LogLoops(loops, autotune_facts)
 
 
 class AxisResults(NamedTuple):
@@ -102,13 +104,13 @@ def results_of_axis(
     """
     axis_signals = signals.for_axis(axis, signals.inputs)
     figures = figures_of_axis(axis_signals, log.components, alarms)
-    return AxisResults(figures, loop_or_reason(axis_signals, log, start, figures))
+    return AxisResults(figures, identified_loop_or_reason(axis_signals, log, start, figures))
 
 
-def loop_or_reason(
+def identified_loop_or_reason(
     signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
 ) -> Loop | Fact:
-    """Identifies the control loops of the axis of ``signals``.
+    """Identifies the control loops of the axis of ``signals``, as :func:`loop_of_axis` does, but without raising.
 
     Args:
         signals, log, start, figures: as for :func:`loop_of_axis`.
@@ -201,20 +203,23 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
     raise NotLearnable(plant.refusal)
 
 
-def loop_or_refusal(figures: AxisFigures, record: Record | None) -> Loop | Fact:
-    """Returns the control loops of an axis by its physical parameters, or why they are not known.
+def loop_of_parameters_or_reason(figures: AxisFigures, record: Record | None) -> Loop | Fact:
+    """Returns the control loops of an axis that follow from its physical parameters, or why they are not known.
+
+    Nothing is identified in the closed loop: in flight there is no whole log for that.
 
     Args:
         figures: figures of the axis, with its physical parameters or the reason why there are none.
-        record: training data of these parameters; None if there are none.
+        record: the data from which these parameters were learned; None if there are no parameters.
 
     Returns:
         The loops of rate and attitude; or the fact that says why they are not known.
     """
-    if figures.physical is None or record is None:
+    plant = figures.physical
+    if plant is None or record is None:
         assert figures.reason is not None
         return figures.reason
     try:
-        return loop_from_plant(figures.physical, record)
+        return loop_from_plant(plant, record)
     except NotLearnable as error:
         return error.fact

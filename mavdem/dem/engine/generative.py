@@ -600,15 +600,19 @@ class GeneralizedMoments:
     def from_state_map(
         cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
     ) -> GeneralizedMoments:
-        """Returns the moments for linear estimates of the states.
+        """Returns the moments for states that are estimated linearly from the data of the same sample.
+
+        Since the estimates X are a linear map of the data, their moments follow from those of the data, and no sample
+        has to be visited again.
 
         Args:
             model: the generative model.
-            samples: statistics of the generalized data.
-            state_map: (dim X, dim [ỹ; η̃]) L of the estimates X = L [ỹ; η̃].
+            samples: second moments of the data [ỹ; η̃]: generalized outputs ỹ and generalized inputs η̃.
+            state_map: (dim X, dim [ỹ; η̃]) the map L from the data to the estimated generalized states X = L [ỹ; η̃].
         """
-        data_map = np.eye(len(samples.gram))
-        return cls(model, samples, joint_map=np.vstack([data_map, state_map]))
+        data_dimension = state_map.shape[1]
+        identity_map = np.eye(data_dimension)
+        return cls(model, samples, joint_map=np.vstack([identity_map, state_map]))
 
     @cached_property
     def joint_moments(self) -> Array:

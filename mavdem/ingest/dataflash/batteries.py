@@ -47,10 +47,12 @@ def sys_status(tables: Tables) -> NamedMessage:
         logged = messages_with_fields(tables, name, ("Volt",))
         if not logged:
             continue
-        for field in INSTANCE_FIELDS:
-            logged = rows_of_instance(logged, field, 0) or logged
-        voltage, fields = _measurements(logged)
-        return NamedMessage(name, with_stamps(logged, {"voltage_battery": voltage, **fields}))
+        first_battery = logged
+        for instance_field in INSTANCE_FIELDS:
+            first_battery = rows_of_instance(first_battery, instance_field, 0) or first_battery
+        voltage, other_measurements = _measurements(first_battery)
+        fields = {"voltage_battery": voltage, **other_measurements}
+        return NamedMessage(name, with_stamps(first_battery, fields))
     return NamedMessage(BATTERY_MESSAGES[0], {})
 
 

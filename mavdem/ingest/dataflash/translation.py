@@ -5,7 +5,7 @@ docs/formats.md#dataflash has the table of both vocabularies. Messages of which 
 ``translation.toml``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
@@ -508,13 +508,7 @@ def _vibration(tables: Tables) -> Columns:
     logged = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
     if not logged:
         return {}
-    imus = []
-    for number in range(MAX_IMUS if "IMU" in logged else 1):
-        imu = rows_of_instance(logged, "IMU", number)
-        if imu:
-            imus.append(imu)
-    count = min(map(message_count, imus))
-    imus = [selected_rows(imu, np.arange(count)) for imu in imus]
+    imus = _vibration_by_imu(logged)
     levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
     fields = {
         "vibration_x": levels[:, 0],
@@ -522,16 +516,41 @@ def _vibration(tables: Tables) -> Columns:
         "vibration_z": levels[:, 2],
     }
     for number in range(MAX_IMUS):
-        clips = np.zeros(count)
-        if "Clip" in logged:
-            # Each IMU's messages have its own counter.
-            if number < len(imus):
-                clips = imus[number]["Clip"]
-        elif "Clip0" in logged:
-            # In older versions of ArduPilot one message has the counters of all IMUs.
-            clips = imus[0].get(f"Clip{number}", clips)
-        fields[f"clipping_{number}"] = clips
+        fields[f"clipping_{number}"] = _clip_counter(imus, number)
     return with_stamps(imus[0], {**fields, "levels": levels})
+
+
+def _vibration_by_imu(vibe: Columns) -> list[Columns]:
+    """Returns the rows of VIBE of each IMU that has some, equally many of each.
+
+    Args:
+        vibe: all rows of VIBE; where older versions have no field ``IMU``, all are those of the first IMU.
+    """
+    possible_imus = MAX_IMUS if "IMU" in vibe else 1
+    imus = []
+    for number in range(possible_imus):
+        imu = rows_of_instance(vibe, "IMU", number)
+        if imu:
+            imus.append(imu)
+    count = min(map(message_count, imus))
+    return [selected_rows(imu, np.arange(count)) for imu in imus]
+
+
+def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
+    """Returns the counter (N,) of the clips of one IMU; zeros if there is none.
+
+    Args:
+        imus: the rows of VIBE by IMU, N of each.
+        number: number of the IMU, from 0.
+    """
+    if "Clip" in imus[0]:
+        # Each IMU's messages have its own counter.
+        if number < len(imus):
+            return imus[number]["Clip"]
+    elif f"Clip{number}" in imus[0]:
+        # In older versions of ArduPilot one message has the counters of all IMUs.
+        return imus[0][f"Clip{number}"]
+    return np.zeros(message_count(imus[0]))
 
 
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()

@@ -437,23 +437,26 @@ def _clock_readings(data: Bytes, frames: Frames, is_readable: Flags) -> _RowsOfR
     longitude = np.full(len(frames), np.nan)
     for message_id, layout in READING_LAYOUTS.items():
         rows = np.flatnonzero((frames.message_id == message_id) & is_readable)
-        starts = frames.start[rows]
+        frame_starts = frames.start[rows]
         definition = definitions_by_id()[message_id]
-        boot_ms = decoded_field(data, starts, definition, "time_boot_ms")
+        boot_ms = decoded_field(data, frame_starts, definition, "time_boot_ms")
         clock[rows] = boot_ms / CLOCK_UNITS_PER_SECOND
         if layout is ATTITUDE_LAYOUT:
-            pitch = decoded_field(data, starts, definition, "pitch").astype(np.float64)
-            is_defined = abs(pitch) <= MAX_HEADING_PITCH
-            yaw = decoded_field(data, starts, definition, "yaw").astype(np.float64)
-            heading[rows[is_defined]] = yaw[is_defined]
+            pitch = decoded_field(data, frame_starts, definition, "pitch").astype(np.float64)
+            yaw = decoded_field(data, frame_starts, definition, "yaw").astype(np.float64)
+            # Near the vertical, yaw is no heading.
+            is_heading = abs(pitch) <= MAX_HEADING_PITCH
+            heading[rows[is_heading]] = yaw[is_heading]
         elif layout is POSITION_LAYOUT:
-            north = decoded_field(data, starts, definition, "lat")
-            east = decoded_field(data, starts, definition, "lon")
-            is_known = (north != 0) | (east != 0)
-            latitude[rows[is_known]] = north[is_known] * DEGREES_PER_UNIT
-            longitude[rows[is_known]] = east[is_known] * DEGREES_PER_UNIT
-    reading_rows = np.flatnonzero(clock)
-    columns = ReadingColumns(clock, heading, latitude, longitude)
-    return _RowsOfReadings(
-        reading_rows, ReadingColumns(*(column[reading_rows] for column in columns))
+            latitude_units = decoded_field(data, frame_starts, definition, "lat")
+            longitude_units = decoded_field(data, frame_starts, definition, "lon")
+            # Both are 0 while the position is not known.
+            is_known = (latitude_units != 0) | (longitude_units != 0)
+            latitude[rows[is_known]] = latitude_units[is_known] * DEGREES_PER_UNIT
+            longitude[rows[is_known]] = longitude_units[is_known] * DEGREES_PER_UNIT
+    # A clock of 0 is that of a frame without one.
+    clock_rows = np.flatnonzero(clock)
+    readings = ReadingColumns(
+        clock[clock_rows], heading[clock_rows], latitude[clock_rows], longitude[clock_rows]
     )
+    return _RowsOfReadings(clock_rows, readings)

@@ -20,6 +20,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.free_energy import Term
@@ -69,23 +70,19 @@ def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: in
     Args:
         loop: the sampled loop.
         trim_covariance: (3, 3) prior covariance of the trims.
-        samples: number of samples that the filter is needed for.
+        samples: number of samples of the longest segment to filter.
     """
-    n = STATES + CHANNELS
-    transition = np.eye(n)
-    transition[:STATES, :STATES] = loop.transition
-    process_covariance = np.zeros((n, n))
-    process_covariance[:STATES, :STATES] = loop.process_covariance
-    initial_covariance = np.zeros((n, n))
-    initial_covariance[:STATES, :STATES] = loop.stationary_covariance
-    initial_covariance[STATES:, STATES:] = trim_covariance
+    # The states of the loop come first, then the trims. A trim stays as it is, no noise drives it, and it is added to
+    # its channel.
+    constant_trims = np.eye(CHANNELS)
+    no_trim_noise = np.zeros((CHANNELS, CHANNELS))
     return KalmanFilter.design(
-        A=transition,
+        A=block_diag(loop.transition, constant_trims),
         C=np.hstack([loop.output, np.eye(CHANNELS)]),
-        Q=process_covariance,
+        Q=block_diag(loop.process_covariance, no_trim_noise),
         R=loop.noise_covariance,
-        S=np.zeros((n, CHANNELS)),
-        initial_covariance=initial_covariance,
+        S=np.zeros((STATES + CHANNELS, CHANNELS)),
+        initial_covariance=block_diag(loop.stationary_covariance, trim_covariance),
         samples=samples,
     )
 

@@ -1,10 +1,11 @@
 """The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
@@ -354,28 +355,43 @@ def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
     Returns:
         The columns; None if flights have dates of less than two days.
     """
-    health_column = [*COLUMNS].index("health")
-    flown = []
-    for line in lines:
-        word = line.cells[health_column]
-        if line.seconds is not None and word != NOT_USED:
-            day = datetime.fromtimestamp(line.seconds, UTC).date()
-            flown.append((day, BADGE_LEVELS[word]))
-    if not flown:
+    level_counts_by_day = _level_counts_by_day(lines)
+    if not level_counts_by_day:
         return None
-    first_day = min(day for day, _ in flown)
-    span = (max(day for day, _ in flown) - first_day).days + 1
-    if span < MIN_CALENDAR_DAYS:
+    first_day = min(level_counts_by_day)
+    last_day = max(level_counts_by_day)
+    span_days = (last_day - first_day).days + 1
+    if span_days < MIN_CALENDAR_DAYS:
         return None
-    days = next(days for days in CALENDAR_STEPS if span <= days * MAX_COLUMNS)
-    counts: list[Counter[Level]] = [Counter() for _ in range(-(-span // days))]
-    for day, level in flown:
-        counts[(day - first_day).days // days][level] += 1
+
+    column_days = next(days for days in CALENDAR_STEPS if span_days <= days * MAX_COLUMNS)
+    column_count = ceil(span_days / column_days)
+    counts_by_column: list[Counter[Level]] = [Counter() for _ in range(column_count)]
+    for day, level_counts in level_counts_by_day.items():
+        counts_by_column[(day - first_day).days // column_days] += level_counts
     columns = []
-    for number, levels in enumerate(counts):
-        by_level = {level: levels[level] for level in LEVEL_MARKS if levels[level]}
-        columns.append(CalendarColumn(first_day + timedelta(days * number), by_level))
-    return Calendar(columns, days, max(levels.total() for levels in counts))
+    for number, counts in enumerate(counts_by_column):
+        counts_in_order = {level: counts[level] for level in LEVEL_MARKS if counts[level]}
+        column_start = first_day + timedelta(column_days * number)
+        columns.append(CalendarColumn(column_start, counts_in_order))
+    most_flights = max(counts.total() for counts in counts_by_column)
+    return Calendar(columns, column_days, most_flights)
+
+
+def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:
+    """Counts the flights of each day (UTC) by the level of their health; flights without a date or health are left out.
+
+    Args:
+        lines: the lines of all flights.
+    """
+    health_column = [*COLUMNS].index("health")
+    counts = defaultdict[date, Counter[Level]](Counter)
+    for line in lines:
+        health = line.cells[health_column]
+        if line.seconds is not None and health != NOT_USED:
+            day = datetime.fromtimestamp(line.seconds, UTC).date()
+            counts[day][BADGE_LEVELS[health]] += 1
+    return counts
 
 
 def _bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
