@@ -34,6 +34,7 @@ class Controllers(Code):
     NO_GAINS = "no_gains"
     PARAMETERS_MISSING = "parameters_missing"
     PARAMETER_IMPOSSIBLE = "parameter_impossible"
+    MIXER_IN_FILE = "mixer_in_file"
     MIXER_UNKNOWN = "mixer_unknown"
     SLEW_LIMITED = "slew_limited"
     SUM_LIMITED = "sum_limited"

@@ -128,7 +128,7 @@ def ardupilot_controller(
     if has_mixer:
         spin_min, spin_max = _spin_range(parameters, rate.before_34)
         if len(motor_weights) != MOTOR_COUNT or not any(motor_weights) or not spin_min < spin_max:
-            raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
+            raise _unknown_mixer(parameters)
         # AP_MotorsMatrix normalises the largest factor of an axis to a half.
         largest = max(map(abs, motor_weights))
         fields["mixer"] = tuple(weight / largest / 2 for weight in motor_weights)
@@ -182,12 +182,33 @@ def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
         # This firmware had no FRAME_CLASS: it was built for quadrotors alone. THR_MIN is in thousandths.
         throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
         return throttle_min / 1000, spin_max
-    spin_min, spin_max, frame_class = required_parameters(
-        parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX", "FRAME_CLASS"
-    )
+    spin_min, spin_max = required_parameters(parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX")
+    if _is_frame_compiled_in(parameters):
+        # That the vehicle has four motors says which it is.
+        return spin_min, spin_max
+    (frame_class,) = required_parameters(parameters, "FRAME_CLASS")
     if frame_class != QUAD_FRAME_CLASS:
-        raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot")
+        raise _unknown_mixer(parameters)
     return spin_min, spin_max
+
+
+def _is_frame_compiled_in(parameters: Parameters) -> bool:
+    """Returns whether the firmware is one before ArduCopter 3.5, which was built for one class of frames.
+
+    Args:
+        parameters: parameters of the log, by name.
+    """
+    return "FRAME_CLASS" not in parameters and "FRAME" in parameters
+
+
+def _unknown_mixer(parameters: Parameters) -> NotLearnable:
+    """Returns the error that the mixer is not known, with the parameters of this firmware that say which frame it is.
+
+    Args:
+        parameters: parameters of the log, by name.
+    """
+    names = ["FRAME"] if _is_frame_compiled_in(parameters) else ["FRAME_CLASS", "FRAME_TYPE"]
+    return NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot", names=names)
 
 
 def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:

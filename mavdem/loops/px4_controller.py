@@ -92,8 +92,15 @@ def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> Contro
 
 
 def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
-    """Returns the parameters that describe the airframe, with their values, in the order of their names."""
-    return tuple(sorted(item for item in parameters.items() if item[0].startswith("CA_")))
+    """Returns the parameters that describe the airframe, with their values, in the order of their names.
+
+    Raises:
+        NotLearnable: there are none, as in firmware before PX4 v1.14, which has the mixer in a file.
+    """
+    airframe = tuple(sorted(item for item in parameters.items() if item[0].startswith("CA_")))
+    if not airframe:
+        raise NotLearnable(Controllers.MIXER_IN_FILE)
+    return airframe
 
 
 @lru_cache

@@ -124,6 +124,16 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
     assert_array_equal(ours.demand_from_outputs(shares, 2 * TYPICAL_ROTOR_LAG), linear)
 
 
+def test_the_frame_of_older_firmware_is_its_class():
+    """Copter 3.4 has no FRAME_CLASS."""
+    old = {name: value for name, value in ARDUPILOT.items() if name != "FRAME_CLASS"}
+    older = controller_from_parameters(old | {"FRAME": 1.0}, "roll", X_ROLL)
+    newer = controller_from_parameters(ARDUPILOT, "roll", X_ROLL)
+    assert replace(older, parameters={}) == replace(newer, parameters={})
+    unknown = refused(controller_from_parameters, old | {"FRAME": 1.0}, "roll", ())
+    assert "FRAME_CLASS" not in unknown.sentence and "FRAME" in unknown.sentence
+
+
 @mark.parametrize(
     "parameters, weights, code, figures",
     [
@@ -138,11 +148,23 @@ def test_a_slam_turns_by_rotors_whose_speeds_lag():
             ARDUPILOT | {"FRAME_CLASS": 2.0},
             (1.0,) * 6,
             Controllers.MIXER_UNKNOWN,
-            {"autopilot": "ardupilot"},
+            {"autopilot": "ardupilot", "names": ("FRAME_CLASS", "FRAME_TYPE")},
         ),
-        (ARDUPILOT, (), Controllers.MIXER_UNKNOWN, {"autopilot": "ardupilot"}),
+        (
+            ARDUPILOT,
+            (),
+            Controllers.MIXER_UNKNOWN,
+            {"autopilot": "ardupilot", "names": ("FRAME_CLASS", "FRAME_TYPE")},
+        ),
         (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
         (PX4 | {"CA_ROTOR1_PY": 1e3}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        # Older firmware has no such parameters, so they are not asked for.
+        (
+            {name: value for name, value in PX4.items() if not name.startswith("CA_")},
+            (),
+            Controllers.MIXER_IN_FILE,
+            {},
+        ),
         (
             PX4 | {"MC_ROLL_P": 0.0},
             (),
