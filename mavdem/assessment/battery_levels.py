@@ -34,8 +34,11 @@ LOW_VOLTAGE_PARAMETERS = ("{}LOW_VOLT", "FS_BATT_VOLTAGE")
 CRITICAL_VOLTAGE_PARAMETER = "{}CRT_VOLT"
 """ArduPilot's parameter of the voltage, V, at which it acts on a critical battery; 0 for none."""
 
-CELL_COUNT_PARAMETERS = ("BAT{}_N_CELLS", "BAT_N_CELLS")
-"""PX4's parameters of the number of cells; the last is of the first battery, before PX4 1.11."""
+CELL_COUNT_PARAMETER = "BAT{}_N_CELLS"
+"""PX4's parameter of a battery's number of cells, by the number of the battery."""
+
+OLD_CELL_COUNT_PARAMETER = "BAT_N_CELLS"
+"""PX4's parameter of the number of cells of the first battery, before PX4 1.11."""
 
 
 def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
@@ -77,9 +80,9 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     Returns:
         The number; None if it cannot be determined.
     """
-    names = [name.format(battery.number) for name in CELL_COUNT_PARAMETERS]
-    if battery.number != FIRST_BATTERY:
-        names = names[:1]
+    names = [CELL_COUNT_PARAMETER.format(battery.number)]
+    if battery.number == FIRST_BATTERY:
+        names.append(OLD_CELL_COUNT_PARAMETER)
     for name in names:
         count = int(parameters.get(name, 0))
         if count:

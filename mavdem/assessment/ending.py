@@ -185,8 +185,9 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     """
     boot = report.figures["boot"]
     interval = _interval_of_crash(report)
+    earliest, latest = interval
     for loss in losses:
-        if loss.figures["boot"] == boot and interval[0] <= (loss.time or 0.0) <= interval[1]:
+        if loss.figures["boot"] == boot and earliest <= (loss.time or 0.0) <= latest:
             # The report itself may be among them, and is counted already.
             witnesses = loss.figures.get("witnesses", ())
             return tuple(fact for fact in witnesses if fact.code is not Witness.AUTOPILOT_REPORTED)
@@ -196,7 +197,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
         if statement is not None:
             statements.append(statement)
     statements += [fact for fact in scene.sinking(interval) if fact.code is Witness.SANK]
-    rest = scene.rest_after(interval[0], interval[1])
+    rest = scene.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:
         statements += rest.statements
     return tuple(statements)

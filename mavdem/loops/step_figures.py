@@ -92,9 +92,10 @@ def _unbiased_overshoots(steps: Array) -> Array:
     raw_overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
     raw_estimate = raw_overshoots[0]
     excess = raw_overshoots - raw_estimate
-    bias = excess[1:].mean()
-    excess[0] = bias
-    return np.maximum(raw_estimate - excess, 0.0)
+    # The estimate is corrected by the bias, each draw by its own excess.
+    corrections = excess.copy()
+    corrections[0] = excess[1:].mean()
+    return np.maximum(raw_estimate - corrections, 0.0)
 
 
 def _first_times(time: Array, steps: Array, level: float) -> Array:

@@ -526,20 +526,24 @@ def parameter_chart(assessment: Assessment) -> Chart:
     if not history:
         return over_time("Physical parameters", "", ())
     times = []
-    values = []
+    estimates_over_time = []
     for part in history:
+        # Each row is of one parameter: its value and the half width of its interval.
+        estimates = parameter_estimates(part.physical)
+        part_time = part.samples.time
         # The NaN after each part breaks the lines there.
-        times += [part.samples.time, part.samples.time[-1:]]
-        estimates = parameter_estimates(part.physical).ravel()
-        count = len(part.samples.time)
-        values += [np.tile(estimates, (count, 1)), np.full((1, len(estimates)), np.nan)]
+        times += [part_time, part_time[-1:]]
+        estimates_over_time += [
+            np.tile(estimates, (len(part_time), 1, 1)),
+            np.full((1, *estimates.shape), np.nan),
+        ]
     time = np.concatenate(times)
-    table = np.vstack(values)
+    # Samples by parameters by value and half width.
+    table = np.concatenate(estimates_over_time)
     lines = []
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])
     for number, trace in enumerate(traces):
-        # Each parameter has two columns, its value and the half width of its interval.
-        value, half_width = trace.scale * table[:, 2 * number : 2 * number + 2].T
+        value, half_width = trace.scale * table[:, number].T
         lines.append(Line.with_band(trace.name, trace.colour, time, value, half_width))
     return over_time("Physical parameters", "", lines)
 

@@ -116,7 +116,7 @@ class SensorFaults:
             case LoosePropeller(start=start, vibration=vibration) if time >= start:
                 self.readings.vibration = vibration
             case HeightRunaway():
-                self._run_away(self.mishap, time)
+                self._advance_height_error(self.mishap, time)
             case VibrationRectification(start=start) if time >= start:
                 self.readings.vibration = self.mishap.vibration
                 self.readings.force_bias = self.mishap.bias
@@ -144,7 +144,7 @@ class SensorFaults:
             velocity=(north_speed, east_speed + self.drift_speed, down_speed - self.climb_error),
         )
 
-    def _run_away(self, mishap: HeightRunaway, time: float) -> None:
+    def _advance_height_error(self, mishap: HeightRunaway, time: float) -> None:
         """Lets the estimated height fall while the mishap lasts, and returns it to the true height afterwards.
 
         The accelerometer measures too little upward force. The filter integrates that to a climb rate and a height that
@@ -154,14 +154,14 @@ class SensorFaults:
             mishap: Mishap with its start and duration, s, bias of the accelerometer and vibration, m/s².
             time: Seconds after arming.
         """
-        since = time - mishap.start
-        if 0.0 <= since < mishap.seconds:
+        seconds_since_start = time - mishap.start
+        if 0.0 <= seconds_since_start < mishap.seconds:
             self.readings.vibration = mishap.vibration
             self.readings.force_bias = mishap.bias
             self.climb_error -= mishap.bias * self.cycle
             self.height_error += self.climb_error * self.cycle
             self.readings.height_ratio = abs(self.height_error) / HEIGHT_GATE
-        elif since >= mishap.seconds:
+        elif seconds_since_start >= mishap.seconds:
             decay = 1.0 - self.cycle / RESET_SECONDS
             self.climb_error *= decay
             self.height_error *= decay

@@ -50,21 +50,32 @@ def _targets_fact(evidence: Evidence) -> Fact | None:
     Returns:
         The fact; None without a setpoint in flight.
     """
-    squares = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
-    velocities = [
-        recorded_series(evidence.signals.telemetry, POSITION_TARGET_MESSAGE, f"v{axis}")
-        for axis in "xyz"
-    ]
-    has_velocity = any(next(evidence.in_flight(series), None) for series in velocities)
-    horizontal = None
-    if len(squares["x"]) and len(squares["y"]):
-        horizontal = float(np.sqrt(squares["x"].mean() + squares["y"].mean()))
-    vertical = float(np.sqrt(squares["z"].mean())) if len(squares["z"]) else None
-    if horizontal is None and vertical is None and not has_velocity:
+    squared_errors = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
+    horizontal_rms = None
+    if len(squared_errors["x"]) and len(squared_errors["y"]):
+        mean_square = squared_errors["x"].mean() + squared_errors["y"].mean()
+        horizontal_rms = float(np.sqrt(mean_square))
+    vertical_rms = None
+    if len(squared_errors["z"]):
+        vertical_rms = float(np.sqrt(squared_errors["z"].mean()))
+    has_position_setpoint = horizontal_rms is not None or vertical_rms is not None
+    if not has_position_setpoint and not _has_velocity_setpoint(evidence):
         return None
     return Fact(
-        CommandFact.TARGETS_FOLLOWED, Level.UNKNOWN, horizontal=horizontal, vertical=vertical
+        CommandFact.TARGETS_FOLLOWED,
+        Level.UNKNOWN,
+        horizontal=horizontal_rms,
+        vertical=vertical_rms,
     )
+
+
+def _has_velocity_setpoint(evidence: Evidence) -> bool:
+    """Returns whether a setpoint of the velocity was recorded in flight, on any axis."""
+    for axis in "xyz":
+        setpoints = recorded_series(evidence.signals.telemetry, POSITION_TARGET_MESSAGE, f"v{axis}")
+        if next(evidence.in_flight(setpoints), None):
+            return True
+    return False
 
 
 def _squared_errors(evidence: Evidence, axis: str) -> Array:

@@ -134,15 +134,15 @@ def estimator_light(evidence: Evidence) -> Fact:
         *_glitches(evidence),
         *_spare_instances(evidence),
         *_poor_fixes(evidence),
-        *([] if missing_fix is None else [missing_fix]),
-        *_compass_disturbances(evidence),
-        *_wrong_accelerometers(evidence),
-        *evidence.warnings_in_flight(ESTIMATOR_EVENTS),
     ]
-    if facts:
-        return worst_fact(facts)
-    airborne = evidence.was_in_air
-    return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=airborne)
+    if missing_fix is not None:
+        facts.append(missing_fix)
+    facts += _compass_disturbances(evidence)
+    facts += _wrong_accelerometers(evidence)
+    facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
+    if not facts:
+        return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+    return worst_fact(facts)
 
 
 @dataclass(frozen=True)

@@ -129,27 +129,54 @@ class CurvatureCorrection:
     def update(self, current: QuadraticExpansion, following: QuadraticExpansion) -> None:
         """Learns from a step: the gradient changed by the true mean curvature along it.
 
+        With the step s, the change y of the gradient and the curvature C of the expansion, a correction A must make
+        (C + A) s = y, the secant equation. Of all that do, the update takes the
+        one that is nearest to the earlier correction, in a norm weighted by the curvature.
+
         Args:
             current: expansion about the point before the step.
             following: expansion about the point after it.
         """
         step = following.point - current.point
-        change = current.gradient - following.gradient
-        missing = change - following.curvature @ step
+        gradient_change = current.gradient - following.gradient
+        missing_change = gradient_change - following.curvature @ step
         # An earlier correction that is larger than what is missing now has become too large.
-        learned = float(step @ self._matrix @ step)
-        if learned:
-            self._matrix *= min(1.0, abs(float(step @ missing)) / abs(learned))
-        along = float(step @ change)
-        if along > MIN_SECANT_COSINE * np.linalg.norm(step) * np.linalg.norm(change):
-            difference = missing - self._matrix @ step
-            self._matrix += (np.outer(difference, change) + np.outer(change, difference)) / along
-            self._matrix -= float(step @ difference) / along**2 * np.outer(change, change)
+        corrected_along_step = float(step @ self._matrix @ step)
+        if corrected_along_step:
+            missing_along_step = float(step @ missing_change)
+            self._matrix *= min(1.0, abs(missing_along_step) / abs(corrected_along_step))
+        self._satisfy_secant_equation(step, gradient_change, missing_change)
+
         # It is used where it would have predicted the gain of this step better.
         gain = following.value - current.value
-        predicted = predicted_gain(current, current.curvature, step)
-        corrected = predicted - 0.5 * float(step @ self._matrix @ step)
-        self._is_used = abs(corrected - gain) < abs(predicted - gain)
+        plain_prediction = predicted_gain(current, current.curvature, step)
+        corrected_prediction = plain_prediction - 0.5 * float(step @ self._matrix @ step)
+        self._is_used = abs(corrected_prediction - gain) < abs(plain_prediction - gain)
+
+    def _satisfy_secant_equation(
+        self, step: Array, gradient_change: Array, missing_change: Array
+    ) -> None:
+        """Changes the correction so that it maps the step to the missing change of the gradient.
+
+        The correction stays as it is where the gradient hardly changed along the step: the update would divide by that.
+
+        Args:
+            step: s (f,).
+            gradient_change: y (f,), by which the gradient decreased along the step.
+            missing_change: y − C s (f,), the part that the curvature of the expansion does not explain.
+        """
+        change_along_step = float(step @ gradient_change)
+        lengths = np.linalg.norm(step) * np.linalg.norm(gradient_change)
+        is_determined = change_along_step > MIN_SECANT_COSINE * lengths
+        if not is_determined:
+            return
+        residual = missing_change - self._matrix @ step
+        outer = np.outer(residual, gradient_change)
+        residual_along_step = float(step @ residual)
+        self._matrix += (outer + outer.T) / change_along_step
+        self._matrix -= (
+            residual_along_step / change_along_step**2 * np.outer(gradient_change, gradient_change)
+        )
 
 
 def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array) -> float:
