@@ -11,12 +11,12 @@ from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import AxisRows, worst_health
 from mavdem.fleet.names import content_hash
-from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level, truncated
+from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level
 from mavdem.report.numbers import listed, rounded
 from mavdem.wind_velocity.compass import compass_text
 
 MAX_NOTE_LENGTH = 320
-"""Letters of the notes on a flight in the table; the page of the flight has all of them."""
+"""Letters after which the table has no further notes on a flight; the page of the flight has all of them."""
 
 DATE_LENGTH = 16
 """Letters of a date and time up to the minute, as in "2026-02-09 12:30"."""
@@ -122,7 +122,8 @@ def _suspect_motors(flight: AxisRows) -> str:
 def _notes(flight: AxisRows) -> str:
     """Returns the notes on a flight, one sentence a line, the most important first, each once.
 
-    The headline of the log comes first, then the reason for the health of the motors, then warnings.
+    The headline of the log comes first, then the reason for the health of the motors, then warnings. Each note is
+    whole; those for which there is no room are left out.
 
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
@@ -130,7 +131,7 @@ def _notes(flight: AxisRows) -> str:
     # A log without a flight has one note: why it was not used.
     first_row = flight[0]
     if not first_row.has_flight:
-        return truncated(first_row.status, MAX_NOTE_LENGTH)
+        return first_row.status
     notes = []
     # The headline knows this log alone. If only the comparison with other flights shows trouble, it says that
     # nothing is wrong, and is left out.
@@ -141,7 +142,13 @@ def _notes(flight: AxisRows) -> str:
     for row in flight:
         notes += row.warnings
     sentences = dict.fromkeys(note for note in notes if note)
-    return truncated("\n".join(sentences), MAX_NOTE_LENGTH)
+    notes_text = ""
+    for sentence in sentences:
+        # A note is shown whole or left out; the first, which matters most, is always shown.
+        if notes_text and len(notes_text) + len(sentence) >= MAX_NOTE_LENGTH:
+            break
+        notes_text = f"{notes_text}\n{sentence}" if notes_text else sentence
+    return notes_text
 
 
 def _settled_seconds(flight: AxisRows) -> str:

@@ -47,6 +47,9 @@ SUMMARY_BLOCKS = 2
 MIN_BARS = 12
 """Bars for which the list of vehicles has room at least, so that a few flights are not drawn as wide blocks."""
 
+WHOLE_FLIGHTS = 200
+"""Flights up to which the table shows all texts whole; of more, lines have one height and are drawn as needed."""
+
 MAX_COLUMNS = 60
 """Columns of the picture of flights over time: so many can be told apart on a phone."""
 
@@ -110,6 +113,7 @@ def fleet_page(
         lights=[*Light],
         light_counts=_light_counts(summaries),
         marks=LEVEL_MARKS,
+        whole=WHOLE_FLIGHTS,
         calendar=_calendar(lines),
         has_given_names=bool(names.vehicles),
         rose=_rose(summaries),

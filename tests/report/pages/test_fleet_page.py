@@ -11,6 +11,7 @@ from fleet_rows import fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
 
+from mavdem.facts.lights import Light
 from mavdem.fleet.flights import flights_of
 from mavdem.fleet.row import FlightRow
 from mavdem.report.blocks import Sentence
@@ -259,3 +260,33 @@ def test_each_line_leads_to_the_page_of_its_flight():
         [flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)]
     )
     assert text.count('"pages/') == text.count('"pages/a%20b%231.html"') == 1
+
+
+WHOLE = """(() => {
+const bar = document.querySelector('.counts .bar').getBoundingClientRect();
+const box = document.querySelector('.counts .bars').getBoundingClientRect();
+const cut = [...document.querySelectorAll('#flights td, #flights td *')].filter(one =>
+  one.clientWidth && (one.scrollWidth > one.clientWidth + 1 || one.scrollHeight > one.clientHeight + 1));
+return {
+  isBarInBox: bar.height > 0 && bar.top >= box.top - 1 && bar.bottom <= box.bottom + 1,
+  lights: document.querySelector('.vehicle .lights').innerText.match(/[a-z]+/g),
+  cut: cut.map(one => one.textContent),
+};
+})()"""
+"""What a phone shows of the bars, of the names of the lights, and the texts that it cuts."""
+
+
+def test_a_phone_shows_bars_the_names_of_lights_and_whole_texts_of_few_flights(tmp_path):
+    told = {"file": f"/logs/{'a_log_with_a_long_name_' * 3}.ulg", "headline": "What is wrong. " * 9}
+    text = fleet_page([flight_row("quad", number, **told) for number in range(2)])
+    _, found = shown(text, WHOLE, tmp_path, width=390)
+    assert found["isBarInBox"]
+    assert found["lights"] == [str(light) for light in Light]
+    assert found["cut"] == []
+
+
+def test_a_note_on_a_flight_is_whole_or_left_out():
+    notes = tuple(f"Note {number}: {'word ' * 20}end." for number in range(5))
+    text = fleet_page([flight_row("quad", 0, warnings=notes)])
+    assert f"{notes[0]}\\n{notes[1]}" in text
+    assert notes[4] not in text and "Note 4" not in text and "…" not in table_of(text)["rows"][0]
