@@ -81,6 +81,18 @@ FlatDynamics = Callable[[Any, Any, Any, Any, Any], tuple[Any, ...]]
 """The same function with its twelve values in a flat tuple, in the order of ``Accelerations``: the simulation calls it
 a thousand times per second, and packing them would take a tenth of the time."""
 
+LINEAR = slice(0, 3)
+"""Place of the acceleration among the values of ``FlatDynamics``."""
+
+ANGULAR = slice(3, 6)
+"""Place of the angular acceleration among these values."""
+
+FORCE = slice(6, 9)
+"""Place of the disturbing force among these values."""
+
+MOMENT = slice(9, 12)
+"""Place of the disturbing moment among these values."""
+
 
 class RotorEffect(NamedTuple):
     """Position of one rotor, and the sign and remaining fraction of its thrust and torque."""
@@ -138,7 +150,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
         attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
     ) -> Accelerations:
         values = flat_dynamics(attitude, velocity, rates, rotors, air)
-        return Accelerations(values[0:3], values[3:6], values[6:9], values[9:12])
+        return Accelerations(values[LINEAR], values[ANGULAR], values[FORCE], values[MOMENT])
 
     return accelerations
 
@@ -178,7 +190,7 @@ def disturbance_of_states(
     flat_dynamics = _flat_dynamics(vehicle, condition, np.sqrt)
     # Columns of N values take the place of the numbers of one state.
     values = flat_dynamics(attitude.T, velocity.T, rates.T, rotors.T, air.T)
-    return Disturbance(np.column_stack(values[6:9]), np.column_stack(values[9:12]))
+    return Disturbance(np.column_stack(values[FORCE]), np.column_stack(values[MOMENT]))
 
 
 def _flat_dynamics(

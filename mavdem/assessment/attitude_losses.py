@@ -94,18 +94,19 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
         Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after the report of its
         landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
+    flight_start, flight_end = flight
     lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
         sink_rate = scene.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
-        if end >= flight[1] and sink_rate > FALL_SPEED:
+        if end >= flight_end and sink_rate > FALL_SPEED:
             fallen.append((start, end))
     # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
-    latest_start = _landing_report(scene, flight[1]) + MAX_SETPOINT_DELAY
+    latest_start = _landing_report(scene, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
         for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
-        if flight[0] < start <= latest_start
+        if flight_start < start <= latest_start
     ]
 
 

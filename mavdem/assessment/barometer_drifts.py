@@ -50,7 +50,8 @@ def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
     if heights is None:
         return
     change = heights.barometer_change
-    duration = min(flight[1], scene.record_end) - flight[0]
+    flight_start, flight_end = flight
+    duration = min(flight_end, scene.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
     # The satellites' altitude may have wandered the other way: that contradicts a rise as well.
     changed_with_it = heights.satellite_change / change if change else 0.0
@@ -59,8 +60,8 @@ def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
         return
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
-        time=flight[0],
-        until=flight[1] if isfinite(flight[1]) else None,
+        time=flight_start,
+        until=flight_end if isfinite(flight_end) else None,
         change=change,
         boot=scene.boot,
         witnesses=(

@@ -90,10 +90,11 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
     if closed is None:
         return
     has_stick = scene.stick is not None
+    flight_start, flight_end = flight
     for start, end in true_intervals(closed.time, closed.values > 0):
         # Intervals at the ends of the record are infinite.
-        start = max(start, flight[0], closed.time[0])
-        end = min(end, flight[1], closed.time[-1])
+        start = max(start, flight_start, closed.time[0])
+        end = min(end, flight_end, closed.time[-1])
         if end - start < MIN_DIVE_SECONDS:
             continue
         window = (start, end + 1)
@@ -156,7 +157,8 @@ def _flies_on(scene: Scene, flight: Interval, time: float) -> bool:
         time: s since boot.
     """
     later = time + RECOVERY_SECONDS
-    if min(flight[1], scene.record_end) < later:
+    _, flight_end = flight
+    if min(flight_end, scene.record_end) < later:
         return False
     height = scene.height_at(later)
     return height is None or height > MAX_GROUND_HEIGHT

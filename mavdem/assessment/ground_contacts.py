@@ -139,6 +139,12 @@ class _Contact:
     reports: Sequence[Fact]
     """Events that the autopilot reports."""
 
+    @property
+    def _flight_start(self) -> float:
+        """Start of the flight, s since boot."""
+        start, _ = self.flight
+        return start
+
     def event(self) -> Fact | None:
         """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on.
 
@@ -153,7 +159,7 @@ class _Contact:
         search_end = self._search_end(rest, record_end)
         if search_end is None:
             return None
-        search_start = max(self.flight[0], search_end - SEARCH_SECONDS)
+        search_start = max(self._flight_start, search_end - SEARCH_SECONDS)
         time = self._contact_time(search_start, search_end)
         if time is None:
             return None
@@ -227,14 +233,15 @@ class _Contact:
         It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
         """
         if self.loss is not None:
-            since = self.loss.time or self.flight[0]
+            since = self.loss.time or self._flight_start
         else:
             since = self._flight_end() - SEARCH_SECONDS
         return self.scene.rest_after(since, since + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; that of the record if it goes on until then."""
-        return float(min(self.flight[1], self.error.time[-1]))
+        _, flight_end = self.flight
+        return float(min(flight_end, self.error.time[-1]))
 
     def _ends_soon(self, record_end: float) -> bool:
         """Returns whether the record ends within ``RECOVERY_SECONDS`` of the loss, or of the end of the flight."""
@@ -301,7 +308,7 @@ class _Contact:
         """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration."""
         accelerometer = self.scene.accelerometer
         assert accelerometer is not None
-        before = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, start))
+        before = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, start))
         return before is None or bool(knock.figures["acceleration"] > before[1])
 
     def _time_of_sudden_stop(self, interval: Interval) -> float | None:
@@ -523,7 +530,7 @@ class _Contact:
         # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
         search_start = start - KNOCK_SECONDS
         min_knock = accelerometer.knock_size
-        vibration = accelerometer.peak((self.flight[0] + MAX_SETPOINT_DELAY, search_start))
+        vibration = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, search_start))
         if vibration is not None:
             _, largest_vibration = vibration
             min_knock = max(min_knock, largest_vibration)

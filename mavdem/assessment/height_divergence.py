@@ -120,8 +120,8 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         statements.append(full_throttle)
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
-        time=interval[0],
-        until=interval[1],
+        time=start,
+        until=end,
         # A diverged estimate may have a speed that no vehicle reaches. It is not printed.
         climb_rate=climb.estimate if abs(climb.estimate) <= MAX_FALL_SPEED else None,
         speed=climb.barometer,
@@ -231,7 +231,8 @@ def _force_error(
         angle = series_of_boot(tilt.angle_series, scene.boot)
         if angle is not None:
             angles.append(np.interp(accelerometer.time, angle.time, angle.values))
-    start, end = interval[0] - CONTEXT_SECONDS, interval[1]
+    divergence_start, end = interval
+    start = divergence_start - CONTEXT_SECONDS
     rows = in_intervals(accelerometer.time, [(start, end)])
     if len(angles) < 2 or not rows.any() or climb is None:
         return None
@@ -267,9 +268,8 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
         return None
     count = int(vibration.clips[rows].sum())
     if count:
-        return supporting_statement(
-            Witness.CLIPPED, time=interval[0], until=interval[1], count=count
-        )
+        start, end = interval
+        return supporting_statement(Witness.CLIPPED, time=start, until=end, count=count)
     largest_levels = levels.values[rows].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(scene.signals.telemetry).bad:

@@ -156,13 +156,14 @@ def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -
         The intervals, s since boot.
     """
     intervals = []
+    _, flight_end = flight
     for event in flight_events:
         start = event.time or 0.0
         if event.code is MotionEvent.HEIGHT_DIVERGED:
-            intervals.append((start, flight[1]))
+            intervals.append((start, flight_end))
         elif event.is_bad:
             # A motor may reach its limit as the loss begins and be its cause: such a limit is still reported.
-            intervals.append((start + LASTING_SECONDS, flight[1]))
+            intervals.append((start + LASTING_SECONDS, flight_end))
     return intervals
 
 
@@ -227,7 +228,7 @@ def _standing_motors(
         contact: event of the contact with the ground; None for an ordinary landing.
         reports: events that the autopilot reports.
     """
-    latest = flight[1]
+    _, latest = flight
     if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
         latest = min(latest, loss_onset(contact) or latest)
     if loss is not None and loss.time is not None:
@@ -239,8 +240,11 @@ def _standing_motors(
 
 def _until(flight: Interval, *events: Fact | None) -> Interval:
     """Returns the part of a flight before the first of some events, s since boot; events that are None do not count."""
-    times = [event.time for event in events if event is not None and event.time is not None]
-    return flight[0], min([flight[1], *times])
+    start, end = flight
+    for event in events:
+        if event is not None and event.time is not None:
+            end = min(end, event.time)
+    return start, end
 
 
 def _falls_of_flight(
@@ -265,7 +269,8 @@ def _falls_of_flight(
     Yields:
         The fall, at most one.
     """
-    flight_end = min(flight[1], scene.record_end)
+    flight_start, landing_time = flight
+    flight_end = min(landing_time, scene.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
     if loss is not None:
         start = loss.time or start
@@ -276,10 +281,10 @@ def _falls_of_flight(
         # A vehicle that hit something high above the ground falls after that.
         if (contact.figures["height"] or 0.0) >= MAX_GROUND_HEIGHT:
             end = flight_end + RECOVERY_SECONDS
-    elif np.isfinite(flight[1]):
+    elif np.isfinite(landing_time):
         # The flight ended in an ordinary landing, after which the estimate may run away.
         return
-    yield from falls(scene, (max(flight[0], start), end))
+    yield from falls(scene, (max(flight_start, start), end))
 
 
 def _end_in_air(
@@ -302,7 +307,8 @@ def _end_in_air(
     """
     # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
-    has_landed = flight[1] != inf
+    flight_start, landing_time = flight
+    has_landed = landing_time != inf
     if has_landed or not is_last_boot or signals.telemetry.is_ended_on_purpose:
         return
     is_after_loss = False
@@ -313,7 +319,7 @@ def _end_in_air(
             if end_time - (event.time or end_time) >= RECOVERY_SECONDS:
                 return
             is_after_loss = True
-    scene = Scene(signals, boot, flight[0])
+    scene = Scene(signals, boot, flight_start)
     last_height = scene.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
         sources = scene.sources_above(MAX_GROUND_HEIGHT, end_time)

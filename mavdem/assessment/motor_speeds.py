@@ -171,7 +171,8 @@ def _standstill(
     motors = scene.signals.motors
     assert motors is not None
     name = motors.geometry.names[motor]
-    start, end = interval[0], min(interval[1], scene.record_end)
+    start, interval_end = interval
+    end = min(interval_end, scene.record_end)
     recorded = (start, end)
     commands = motors.range_fractions(scene.boot)
     command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
@@ -195,7 +196,7 @@ def _standstill(
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
         time=start,
-        until=None if np.isinf(interval[1]) else interval[1],
+        until=None if np.isinf(interval_end) else interval_end,
         subject=name,
         name=controller.name,
         share=share,
@@ -217,15 +218,22 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
     before, after = samples_around(command.time, command.values, interval)
     if not len(after) or not len(before):
         return ()
-    usual = float(np.median(before))
-    highest = float(np.quantile(after, HIGHEST_COMMAND_QUANTILE))
-    window = {"time": interval[0], "until": interval[1]}
-    if highest - usual > MIN_COMMAND_RISE:
-        rose = supporting_statement(
-            Witness.COMMAND_ROSE, share=highest, share_before=usual, **window
+    usual_command = float(np.median(before))
+    highest_command = float(np.quantile(after, HIGHEST_COMMAND_QUANTILE))
+    start, end = interval
+    if highest_command - usual_command > MIN_COMMAND_RISE:
+        statement = supporting_statement(
+            Witness.COMMAND_ROSE,
+            share=highest_command,
+            share_before=usual_command,
+            time=start,
+            until=end,
         )
-        return (rose,)
-    return (contradicting_statement(Witness.COMMAND_UNCHANGED, share=usual, **window),)
+    else:
+        statement = contradicting_statement(
+            Witness.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
+        )
+    return (statement,)
 
 
 def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
@@ -299,11 +307,15 @@ def reports_on_motor(
     Returns:
         The reports as witnesses.
     """
-    start, end = interval[0] - RECOVERY_SECONDS, interval[1] + RECOVERY_SECONDS
+    start, end = interval
+    earliest = start - RECOVERY_SECONDS
+    latest = end + RECOVERY_SECONDS
+    name_without_place, _, _ = name.partition(" (")
     statements = []
     for report in reports:
-        is_of_motor = report.subject == name.partition(" (")[0]
-        is_near = report.figures["boot"] == boot and start <= (report.time or 0.0) <= end
+        is_of_motor = report.subject == name_without_place
+        is_in_time = earliest <= (report.time or 0.0) <= latest
+        is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
             statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
     return statements

@@ -97,16 +97,18 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     before, after = samples_around(commands.time, command, interval)
     if not len(before) or not len(after):
         return ()
-    usual, later = float(np.median(before)), float(np.median(after))
+    usual_command = float(np.median(before))
+    later_command = float(np.median(after))
     # A slow loss has most of its rise later. A rise as small as the trims of sound motors is no witness.
-    if later - usual < MIN_COMMAND_RISE / 2:
+    if later_command - usual_command < MIN_COMMAND_RISE / 2:
         return ()
+    start, end = interval
     rose = supporting_statement(
         Witness.COMMAND_ROSE,
-        time=interval[0],
-        until=interval[1],
-        share=later,
-        share_before=usual,
+        time=start,
+        until=end,
+        share=later_command,
+        share_before=usual_command,
     )
     return (rose,)
 

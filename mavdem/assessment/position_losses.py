@@ -107,8 +107,9 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
     Returns:
         One statement for each failsafe and each change of the mode.
     """
+    loss_time, end = interval
     # The estimator may report the loss later than the autopilot reacts to it.
-    start, end = interval[0] - REACTION_SECONDS, interval[1]
+    start = loss_time - REACTION_SECONDS
     statements = []
     for report in reports:
         is_of_boot = report.figures["boot"] == scene.boot
@@ -148,5 +149,6 @@ def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
         return ()
     rows = in_intervals(fix.time, [interval])
     if rows.any() and not fix.values[rows].any():
-        return (supporting_statement(Witness.NO_FIX, time=interval[0], until=interval[1]),)
+        start, end = interval
+        return (supporting_statement(Witness.NO_FIX, time=start, until=end),)
     return ()

@@ -82,7 +82,7 @@ NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
 MAX_NAME_BYTES = 255
 """Largest length of the name of a message: a choice; PX4's have up to some 40 characters."""
 
-KEY = re.compile(rb"(\w++)(\[\d*\])? [\x21-\x7e]+")
+KEY = re.compile(rb"(?P<type>\w++)(?P<array>\[\d*\])? [\x21-\x7e]+")
 """Key of an information or a parameter: a type, perhaps of an array, and a name."""
 
 START_OF_DEFINITION = (
@@ -487,9 +487,11 @@ def _is_key_and_value(content: bytes) -> bool:
     key = KEY.fullmatch(content, 1, key_end)
     if key is None or key_end > len(content):
         return False
-    # The values of arrays have any length.
-    value_bytes = NUMBER_BYTES.get(key[1].decode())
-    return key[2] is not None or value_bytes in (None, len(content) - key_end)
+    # The values of arrays have any length, and so has that of a type that is no number.
+    is_array = key["array"] is not None
+    number_bytes = NUMBER_BYTES.get(key["type"].decode())
+    value_bytes = len(content) - key_end
+    return is_array or number_bytes is None or value_bytes == number_bytes
 
 
 def _is_text(body: bytes, stamp_offset: int) -> bool:

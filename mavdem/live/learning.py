@@ -110,16 +110,12 @@ class FlightLearning:
         # The format of the rows of the segment before; None before the first one.
         former = self._row_format
         self._row_format = row_format
-        if former is not None and former.boot != row_format.boot:
-            # Times of another boot cannot be compared with those of this one.
-            earlier = [_KeptModel(-inf, model.learned) for model in self._models]
-            self._models = deque(earlier, MAX_MODELS)
-        names = row_format.geometry.names
-        is_same = (
-            former is not None and former.dt == row_format.dt and former.geometry.names == names
-        )
-        if is_same:
-            return
+        motor_names = row_format.geometry.names
+        if former is not None:
+            if former.boot != row_format.boot:
+                self._date_models_of_other_boot()
+            if former.dt == row_format.dt and former.geometry.names == motor_names:
+                return
         prior = self._prior
         if prior is not None and prior.record.input_units != row_format.input_units:
             prior = None
@@ -128,7 +124,7 @@ class FlightLearning:
         self.learner = OnlineLearner(
             self._settings,
             row_format.dt,
-            len(names),
+            len(motor_names),
             len(output_names_and_units(self._axis)),
             executor=self._executor,
             horizons=horizon_steps(row_format.dt),
@@ -140,6 +136,11 @@ class FlightLearning:
         self._gusts = GustDetector(row_format.dt)
         self._torque = ResolvedTorque(row_format.dt)
         self.estimate = None
+
+    def _date_models_of_other_boot(self) -> None:
+        """Dates all models minus infinity: their times cannot be compared with those of the boot that begins now."""
+        undated_models = [_KeptModel(-inf, model.learned) for model in self._models]
+        self._models = deque(undated_models, MAX_MODELS)
 
     def set_load(self, fits_physical: bool, refits: bool) -> None:
         """Sets which of its two slow fits the learner may start, so that a busy computer can do without them.

@@ -293,8 +293,10 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
     Returns:
         The SSE; infinite if an estimate is not finite.
     """
-    measured_rates = window.states[:, 1]
-    errors = rates[TRIM - delay : len(rates) - TRIM - delay] - measured_rates[TRIM:-TRIM]
+    measured_rates = window.states[TRIM:-TRIM, 1]
+    first = TRIM - delay
+    delayed_rates = rates[first : first + len(measured_rates)]
+    errors = delayed_rates - measured_rates
     sse = float(errors @ errors)
     return sse if np.isfinite(sse) else np.inf
 
