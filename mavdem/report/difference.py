@@ -174,6 +174,7 @@ def _change_sentences(
         significant_alone=significant_alone,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
         unknown=unknown,
+        others=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
         tested=len(difference.changes),
         level=SIGNIFICANCE,
@@ -348,8 +349,22 @@ def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
     before, after = difference.vehicles
     if UNKNOWN in (*before, *after):
         return [*render_section("difference_unnamed")]
-    are_others = before and after and set(before) != set(after)
     doubts = render_section(
-        "difference_vehicles", before=before, after=after, others=are_others, found=difference
+        "difference_vehicles",
+        before=before,
+        after=after,
+        others=_are_two_vehicles(difference),
+        found=difference,
     )
     return [caution(doubt.text) for doubt in doubts]
+
+
+def _are_two_vehicles(difference: VehicleDifference) -> bool:
+    """Returns whether the states are known to be of different vehicles, so that what differs did not change.
+
+    Args:
+        difference: comparison of two states, with the names of the vehicles of each.
+    """
+    before, after = difference.vehicles
+    has_names = bool(before and after) and UNKNOWN not in (*before, *after)
+    return has_names and set(before) != set(after)

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 
 from mavdem.containers import JsonValues, group_by
+from mavdem.facts import Level
 from mavdem.facts.motors import MotorHealth
 from mavdem.fleet.flights import HEALTHS
 from mavdem.fleet.names import NO_NAMES, GivenNames
@@ -67,9 +68,32 @@ def fleet_blocks(
         twice=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
         nameless=nameless_flights,
+        nameless_bad=_bad_flights_beside(summaries, vehicles),
     )
     unused = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused)]
+
+
+def _bad_flights_beside(
+    summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
+) -> int:
+    """Counts the bad flights whose vehicle is not known, without those that the headline counts as a vehicle.
+
+    Under a shared name each flight may be of another vehicle, so that a later good one does not make up for a bad one.
+
+    Args:
+        summaries: summary of the flights under each name.
+        vehicles: what is known of each vehicle of which the page has a part, by its name.
+    """
+    count = 0
+    for summary in summaries:
+        if not summary.has_shared_name:
+            continue
+        count += summary.bad_flights
+        vehicle = vehicles.get(summary.name)
+        if vehicle is not None and vehicle.last.badge_level is Level.BAD:
+            count -= 1
+    return count
 
 
 def vehicles_with_parts(summaries: Sequence[VehicleSummary]) -> dict[str, VehicleFlights]:

@@ -43,7 +43,7 @@ from mavdem.report.fleet import (
 )
 from mavdem.report.flight_lines import FlightLine, flight_line
 
-SUMMARY_VERSION = "3"
+SUMMARY_VERSION = "4"
 """Version of :class:`VehicleSummary` and of what makes it: kept summaries of another version are made again."""
 
 WARNING_LEVELS = Level.BAD, Level.WATCH
@@ -173,6 +173,9 @@ class VehicleSummary:
     vehicle: VehicleFlights | None
     """What is known of the vehicle; None where no log holds a flight."""
 
+    bad_flights: int
+    """Number of flights that went badly, the latest of them too."""
+
     light_counts: dict[Light, dict[Level, int]]
     """Number of flights with each level, by light."""
 
@@ -215,6 +218,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
         has_shared_name=name == UNKNOWN or has_shared_name(flights),
         flown=_flown_flights(name, flights),
         vehicle=_vehicle_flights(name, flights) if flights else None,
+        bad_flights=sum(badge_level([flight]) is Level.BAD for flight in flights),
         light_counts=_light_counts(all_flights),
         winds=winds,
         lines=[flight_line(flight) for flight in all_flights],

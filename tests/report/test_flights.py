@@ -42,6 +42,17 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     text = plain_text(fleet_blocks(rows))
     worst = "beta (motor 2: fault), newer (drift), alpha (drift) and board"
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
+    # Several vehicles may have flown under no name, or under one system id.
+    nameless = [
+        flight_row("unknown", 0, **cycle, health="unknown"),
+        flight_row("1", 0, **cycle, health="unknown", vehicle_basis="system id"),
+        flight_row("1", 1, health="unknown", vehicle_basis="system id"),
+    ]
+    text = plain_text(fleet_blocks([*rows, *nameless]))
+    beside = "and so do 2 bad flights whose vehicle is not known."
+    assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates), {beside}")
+    text = plain_text(fleet_blocks(nameless[:1]))
+    assert text.startswith("1 bad flight whose vehicle is not known needs a look.")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
     assert unjudged.startswith("Whether motors drift could not be judged of any vehicle yet.")
 
@@ -129,6 +140,16 @@ def test_wind_battery_and_lean_are_conditions():
     )
     for words in ("battery 16.0 → 14.0 V", "+11° of roll", "wind torque on roll 46 → 229 °/s²"):
         assert words in text
+
+
+def test_two_vehicles_differ_and_none_changed():
+    margins = {"phase_margin_interval": 0.05}
+    before = flown(0, "quad", phase_margin=1.0, **margins)
+    for vehicle, word in (("quad", "Changed: "), ("other", "Different: ")):
+        after = flown(1, vehicle, phase_margin=0.3, **margins)
+        text = plain_text(difference_blocks(vehicle_difference(before, after)))
+        assert word in text
+        assert ("Changed" in text) == (vehicle == "quad")
 
 
 def test_motors_are_not_checked_for_what_new_gains_explain():

@@ -399,7 +399,10 @@ def _wind_rows(sides: Reviews) -> list[list[str]]:
         wind = review.get("wind") or {}
         status = wind.get("status", {})
         is_speed_known = status.get("speed") != NOT_IDENTIFIABLE
-        is_direction_known = bool(wind) and status.get("direction") != NOT_IDENTIFIABLE
+        # Still air, which the interval of the speed may contain, comes from nowhere.
+        is_direction_known = (
+            bool(wind) and not wind["calm"] and status.get("direction") != NOT_IDENTIFIABLE
+        )
         speeds.append(_cell(wind, "speed") if is_speed_known else UNKNOWN_FIGURE)
         if is_direction_known:
             directions.append(f"{wind['direction']:.0f} ± {wind['direction_interval']:.0f}")

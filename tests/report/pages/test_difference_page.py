@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.report.charts.chart import Axis, Chart, Line
-from mavdem.report.pages.difference_page import _trim_chart, _with_single_side
+from mavdem.report.pages.difference_page import _trim_chart, _wind_rows, _with_single_side
 
 SHARES = {"A": (1.0, 1.0, 1.0, 1.0), "B": (0.9756, 1.0732, 0.9756, 0.9756)}
 """Motor 2 changes by 10 % beside motors of which none moves: beside their mean it would be 7.3 %."""
@@ -52,3 +52,11 @@ def test_a_line_of_one_side_alone_is_named_by_the_title():
     assert _with_single_side(chart).title == "Roll (°), only A: first"
     both = chart._replace(lines=(line, line))
     assert _with_single_side(both) == both
+
+
+def test_still_air_comes_from_nowhere():
+    wind = {"speed": 1.3, "speed_interval": [0.0, 3.1], "direction": 110.0}
+    wind |= {"direction_interval": 12.0, "status": {"speed": "reported", "direction": "reported"}}
+    calm, windy = {"wind": wind | {"calm": True}}, {"wind": wind | {"calm": False}}
+    _, directions = _wind_rows({"A": calm, "B": windy})
+    assert directions[1:] == ["-", "110 ± 12"]
