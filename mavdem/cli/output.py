@@ -21,6 +21,12 @@ from mavdem.cli.tables import terminal_tables
 from mavdem.facts import Fact
 from mavdem.report.blocks import SCREEN_LINES, Block, Blocks, Sentence
 
+TERMINAL_LINES = 24
+"""Lines of a terminal that nobody has enlarged, up to which texts in tables may take more than one line."""
+
+ROW_LINES = (None, 3, 2)
+"""Lines to which texts in tables of a screen are shortened, by preference; None for whole texts."""
+
 
 def json_text(document: Any, name: str | None = None) -> str:
     """Returns a document of the command line as JSON text, with the header that every document begins with.
@@ -85,8 +91,9 @@ def print_screen(
 ) -> None:
     """Prints the result of a command with the conclusion last, where the user looks when the text has scrolled.
 
-    Without ``verbose`` it takes at most ``SCREEN_LINES`` lines: the title, blocks of the summary that fit, and the
-    conclusion, without empty lines between them. Texts in tables are then shortened to one line.
+    Without ``verbose`` it shows the title, blocks of the summary that fit, and the conclusion, without empty lines
+    between them. With texts in tables shortened to one line these are at most ``SCREEN_LINES``. The texts then take
+    more lines, as far as all of that and the reserved lines are within ``TERMINAL_LINES``.
 
     Args:
         title: First line, if there is one.
@@ -102,26 +109,40 @@ def print_screen(
         return
     lines = []
     for block in title_blocks:
-        lines += _block_lines(block, one_line_rows=True)
+        lines += _block_lines(block, row_lines=1)
     conclusion_lines = []
     for block in conclusion:
         conclusion_lines += _block_lines(block)
     available_lines = SCREEN_LINES - reserved_lines - len(conclusion_lines)
+    line_count = len(lines)
+    fitting_blocks: list[tuple[Block, list[str]]] = []
     for block in summary:
-        block_lines = _block_lines(block, one_line_rows=True)
-        if len(lines) + len(block_lines) < available_lines:
-            lines += block_lines
+        short_lines = _block_lines(block, row_lines=1)
+        if line_count + len(short_lines) < available_lines:
+            fitting_blocks.append((block, short_lines))
+            line_count += len(short_lines)
+    available_lines += TERMINAL_LINES - SCREEN_LINES
+    for block, short_lines in fitting_blocks:
+        shown_lines = short_lines
+        for row_lines in ROW_LINES:
+            longer_lines = _block_lines(block, row_lines)
+            further_count = len(longer_lines) - len(short_lines)
+            if line_count + further_count < available_lines:
+                shown_lines = longer_lines
+                line_count += further_count
+                break
+        lines += shown_lines
     print_to_stdout("\n".join([*lines, *conclusion_lines]))
 
 
-def _block_lines(block: Block, one_line_rows: bool = False) -> list[str]:
+def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
     """Returns the lines of a sentence or a table, laid out for standard output.
 
     They wrap at the width of standard output; in files and pipes, which have none, a sentence is one line.
 
     Args:
         block: The sentence or table.
-        one_line_rows: Whether the texts of a table of text are shortened, so that each row takes one line.
+        row_lines: Lines to which the texts of a table of text are shortened, about; None for whole texts.
     """
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
@@ -129,7 +150,8 @@ def _block_lines(block: Block, one_line_rows: bool = False) -> list[str]:
             sentence = f"{block.lead} {block.text}".strip()
             console.print(escape_unprintable(sentence), soft_wrap=not has_known_width())
         else:
-            for table in terminal_tables(block, console.width, one_line_rows and block.words):
+            limit = row_lines if block.words else None
+            for table in terminal_tables(block, console.width, limit):
                 console.print(table)
     return [line.rstrip() for line in captured.get().splitlines()]
 

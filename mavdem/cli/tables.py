@@ -33,7 +33,7 @@ class Column:
         return max(len(text) for text in (*self.heading.split(), *self.cells))
 
 
-def terminal_tables(table: Table, width: int, one_line_rows: bool) -> Iterator[Grid]:
+def terminal_tables(table: Table, width: int, row_lines: int | None) -> Iterator[Grid]:
     """Lays a table out for a terminal.
 
     The headings of a table of numbers wrap where it is too wide. If it is still too wide, it becomes several tables,
@@ -43,14 +43,14 @@ def terminal_tables(table: Table, width: int, one_line_rows: bool) -> Iterator[G
     Args:
         table: The table. Its first column names the rows; the others are numbers, or text if ``table.words``.
         width: Width of the terminal, in characters.
-        one_line_rows: Whether texts in the last column are shortened, so that each row takes one line.
+        row_lines: Lines to which texts in the last column are shortened, about; None for whole texts.
 
     Yields:
         Tables that Rich can print, without borders.
     """
     columns = _columns(table)
-    if one_line_rows:
-        columns[-1] = _shortened_last_column(columns, width)
+    if row_lines is not None:
+        columns[-1] = _shortened_last_column(columns, width, row_lines)
     row_names, *other_columns = columns
     total_width = sum(column.full_width for column in columns) + COLUMN_GAP * (len(columns) - 1)
     if table.words or total_width <= width:
@@ -73,18 +73,19 @@ def _columns(table: Table) -> list[Column]:
     return columns
 
 
-def _shortened_last_column(columns: list[Column], width: int) -> Column:
+def _shortened_last_column(columns: list[Column], width: int, row_lines: int) -> Column:
     """Returns the last column with texts short enough to fit beside the other columns.
 
     Args:
         columns: All columns of the table.
         width: Width of the terminal, in characters.
+        row_lines: Lines that a text may take, but for the room that is left at the ends of lines.
     """
     available_width = width - sum(column.full_width + COLUMN_GAP for column in columns[:-1])
     last = columns[-1]
     return Column(
         shortened(last.heading, available_width),
-        [shortened(cell, available_width) for cell in last.cells],
+        [shortened(cell, row_lines * available_width) for cell in last.cells],
     )
 
 

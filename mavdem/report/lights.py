@@ -5,21 +5,22 @@ from mavdem.facts.lights import Unjudged
 
 
 def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
-    """Returns the lights of a flight with the reason "only multirotors are judged" on the first light that has it.
+    """Returns the lights of a flight, with a reason why several are not judged on the first light that has it.
 
-    A light is the judgement of one part of the vehicle, such as its motors. Of a plane, several lights have this same
-    reason, which names the vehicle's type. Repeated, it would fill the screen, so the others are only "not judged".
+    A light is the judgement of one part of the vehicle, such as its motors. Of a plane, or of a vehicle that did not
+    fly, several lights have the same reason. Repeated, it would fill the screen, so the others are only "not judged".
     Documents keep the reason of each light.
 
     Args:
         lights: the fact of each light by its name, in the order in which they are shown.
     """
     shown_lights = {}
-    is_stated = False
+    stated_reasons = set()
     for name, fact in lights.items():
-        is_for_multirotors = fact.code is Unjudged.MULTIROTORS_ONLY
-        if is_for_multirotors and is_stated:
-            fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=None)
-        is_stated = is_stated or is_for_multirotors
+        if fact.code in (Unjudged.MULTIROTORS_ONLY, Unjudged.NOT_JUDGED):
+            reason = fact.sentence
+            if reason in stated_reasons:
+                fact = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=None)
+            stated_reasons.add(reason)
         shown_lights[name] = fact
     return shown_lights

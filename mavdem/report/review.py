@@ -35,9 +35,9 @@ HARD_SPACE = "\N{NO-BREAK SPACE}"
 def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
     """Returns the review as text of at most ``SCREEN_LINES``; facts that are not good may need more lines.
 
-    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light is cut at the
-    end of the line; that of any other light is continued on further lines. As many alarms are shown as fit. The most
-    important lines come last, where the user looks after everything has scrolled by.
+    A light is the judgement of one part of the vehicle, such as its motors. The sentence of a good light loses
+    its details where that makes it one line; that of any other light is continued on further lines. As many alarms are
+    shown as fit. The most important lines come last, where the user looks after everything has scrolled by.
 
     Args:
         assessment: assessment of the log.
@@ -201,10 +201,12 @@ def _light_rows(name: str, fact: Fact, columns: int) -> list[str]:
         columns: characters of a line.
 
     Returns:
-        One line if it is good or not judged, otherwise its whole text.
+        One line if it is good or not judged and one line holds its main clauses, otherwise its whole text.
     """
     if fact.level == Level.GOOD or fact.code == Unjudged.NOT_JUDGED:
-        return [_row(name, fact, columns)]
+        row = _row(name, fact, columns)
+        if not row.endswith("…"):
+            return [row]
     return _whole_row(name, fact, columns)
 
 

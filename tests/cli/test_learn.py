@@ -16,7 +16,7 @@ from mavdem import learn as learn_model
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
 from mavdem.cli.learn import default_result_folder
-from mavdem.cli.output import print_blocks
+from mavdem.cli.output import TERMINAL_LINES, print_blocks, print_screen
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
@@ -26,7 +26,7 @@ from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.motors.motor_changes import MotorAlarm
-from mavdem.report.blocks import SCREEN_LINES, Sentence, Table
+from mavdem.report.blocks import Sentence, Table
 from mavdem.report.pages.flight_page import flight_page, live_page
 from mavdem.report.templates import headline as words_of
 
@@ -62,7 +62,7 @@ def test_people_see_one_screen_and_files_only_where_they_are_wanted(here, capsys
     words = ["learn", short_flight(here), "--order", "2", "--train", "400", "--test", "100"]
     assert run(*words, "--no-files") == 0
     screen = capsys.readouterr().out.splitlines()
-    assert len(screen) < SCREEN_LINES and screen[-1].startswith("Next:")
+    assert len(screen) < TERMINAL_LINES and screen[-1].startswith("Next:")
     assert names(here) == {"ardupilot_wind5_steps.tlog"}
     assert run(*words) == 0
     assert capsys.readouterr().out.splitlines()[-1].startswith("Page:")
@@ -224,3 +224,14 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
         and remedy in live
         and ">GOOD<" not in live
     )
+
+
+def test_reasons_in_a_table_wrap_as_far_as_a_terminal_has_lines(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    reason = "The estimate changes by 15 % with the wind spectrum that is assumed."
+    table = Table(["purpose", "because"], [["a purpose", reason]] * 5, words=True)
+    print_screen(None, [table], [], [Sentence("Go.", "Next:")], verbose=False)
+    assert " ".join(capsys.readouterr().out.split()).count(reason.split("wind ")[1]) == 5
+    long_table = Table(["purpose", "because"], [["a purpose", reason * 9]] * 9, words=True)
+    print_screen(None, [long_table], [], [Sentence("Go.", "Next:")], verbose=False)
+    assert len(capsys.readouterr().out.splitlines()) < TERMINAL_LINES

@@ -131,3 +131,11 @@ def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_truste
     screen = capsys.readouterr().out
     assert "gyro against attitude" in screen
     assert "output 1 (motor 1)" in screen
+
+
+def test_a_light_that_has_no_short_sentence_is_shown_whole():
+    assessment = assess(read_log(SLOW))
+    reason = Fact(Unjudged.MULTIROTORS_ONLY, kind="a long type of vehicle " * 5)
+    judgement = replace(assessment.judgement, lights={"wind": reason.replace(level=Level.GOOD)})
+    screen = review_screen(replace(assessment, judgement=judgement), columns=80)
+    assert "…" not in screen and reason.sentence in " ".join(screen.split())

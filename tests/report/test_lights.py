@@ -26,3 +26,11 @@ def test_that_only_multirotors_are_judged_is_stated_once():
 def test_lights_of_a_multirotor_are_shown_as_they_are():
     lights = {"motors": SOUND, "tracking": SOUND}
     assert lights_with_reason_once(lights) == lights
+
+
+def test_a_reason_that_several_lights_share_is_stated_once():
+    grounded = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=ONLY_MULTIROTORS)
+    other = Fact(Unjudged.NOT_JUDGED, Level.UNKNOWN, because=SOUND)
+    shown = lights_with_reason_once({"motors": grounded, "power": other, "wind": grounded})
+    assert (shown["motors"], shown["power"]) == (grounded, other)
+    assert shown["wind"].sentence == "Not judged."
