@@ -25,7 +25,7 @@ from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import is_of_loops, tune_blocks
 from mavdem.report.pages.page import tune_page
-from mavdem.report.screen import other_warning_lights
+from mavdem.report.screen import conclusion
 from mavdem.report.templates import headline
 
 PAGE_FILE = "tune.html"
@@ -140,7 +140,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
         verbose: Whether to print all margins and the other lights.
     """
     judgement = tuning.judgement
-    lights = other_warning_lights(judgement) if verbose else []
+    lights = conclusion(judgement)[1:-1] if verbose else []
     blocks = tune_blocks(tuning, verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))

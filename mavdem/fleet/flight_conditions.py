@@ -1,7 +1,7 @@
 """Conditions under which flights were flown, such as battery voltage and lean, and what they alone may change."""
 
 from collections.abc import Iterable
-from math import hypot, log
+from math import hypot, isclose, log
 from statistics import fmean
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from mavdem.fleet.quantities import (
     RISE,
     SHARE,
 )
+from mavdem.fleet.row import FlightRow
 from mavdem.immutable import ReadOnlyDict
 
 SD_UNKNOWN_LEAN = 0.07
@@ -47,7 +48,7 @@ class Conditions(NamedTuple):
     """How the flights of one state were flown: means over them; ``None`` where not known."""
 
     voltage: float | None
-    """Voltage of the battery, V."""
+    """Voltage of the battery, V; ``None`` too where nothing measured it."""
 
     collective: float | None
     """Mean of the motors, as a share of their range: it depends on payload and voltage."""
@@ -90,7 +91,7 @@ def mean_conditions(flights: Flights) -> Conditions:
         if mean_torque is not None:
             wind_torques[axis] = mean_torque
     return Conditions(
-        voltage=_mean_of_known(row.voltage_mean for row in first_rows),
+        voltage=_mean_of_known(_measured_voltage(row) for row in first_rows),
         collective=_mean_of_known(row.collective for row in first_rows),
         lean_roll=_mean_of_known(row.lean_roll for row in first_rows),
         lean_pitch=_mean_of_known(row.lean_pitch for row in first_rows),
@@ -98,6 +99,22 @@ def mean_conditions(flights: Flights) -> Conditions:
         wind_torque=ReadOnlyDict(wind_torques),
         step_sources=ReadOnlyDict(step_sources),
     )
+
+
+def _measured_voltage(row: FlightRow) -> float | None:
+    """Returns the mean voltage of a flight's battery, V; ``None`` for one that reads the same throughout.
+
+    Nothing measures such a battery, as the light of power says, so that flights cannot be compared by it.
+    """
+    mean = row.voltage_mean
+    # The mean of equal samples is that value but for its rounding.
+    if (
+        mean is not None
+        and row.voltage_start == row.voltage_end
+        and isclose(mean, row.voltage_end or 0.0)
+    ):
+        return None
+    return mean
 
 
 def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:

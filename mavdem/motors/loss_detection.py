@@ -306,16 +306,21 @@ class MotorLossDetector:
         evidence = cause_evidence(
             changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
-        best_cause = int(np.argmax(evidence.motors))
-        log_odds = _log_odds_of_cause(evidence, best_cause)
-        is_enough = evidence.motors[best_cause] >= self._threshold
+        # The odds of the best cause are its Bayes factor over the sum of those of all the others.
+        best = int(np.argmax(evidence.motors))
+        other_motors = np.delete(evidence.motors, best)
+        rivals = [*other_motors, log_sum(evidence.load)]
+        # The last rival is that nothing changed, with a Bayes factor of 1.
+        rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
+        log_odds = evidence.motors[best] - log_sum(rivals)
+        is_enough = evidence.motors[best] >= self._threshold
         if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
             # The window in which the cause explains the change best tells when the change began.
-            window = int(np.argmax(evidence.motor_windows[best_cause]))
+            window = int(np.argmax(evidence.motor_windows[best]))
             change = _DatedChange(changes, window, int(windows[window]))
             if self._is_independent_of_heading(change):
                 # The last size is the largest. Only the ratios between the motors matter.
-                largest_rises = evidence.rises[best_cause, -1]
+                largest_rises = evidence.rises[best, -1]
                 self._record_motor_change(largest_rises, change, log_odds)
             return
         self._test_for_torque_change(windows, changes, evidence)
@@ -474,18 +479,3 @@ class MotorLossDetector:
         )
         self.alarms.append(alarm)
         return alarm
-
-
-def _log_odds_of_cause(evidence: CauseEvidence, cause: int) -> float:
-    """Returns the log odds of one motor's cause against all others: its Bayes factor over the sum of theirs.
-
-    Args:
-        evidence: log Bayes factors of all causes against no change.
-        cause: index of the motor's cause.
-    """
-    other_motors = np.delete(evidence.motors, cause)
-    other_causes = evidence.others + log(OTHERS_PER_MOTOR)
-    # A Bayes factor is relative to no change, whose own is 1.
-    no_change = 0.0
-    rivals = [*other_motors, log_sum(evidence.load), other_causes, no_change]
-    return float(evidence.motors[cause] - log_sum(rivals))

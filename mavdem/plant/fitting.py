@@ -258,24 +258,10 @@ def fit_gray_box(
     last = trace[-1]
     if last.point[model.delay_index] == 0:
         last = objective.full_expansion(last.point)
-    levels = _window_levels(objective, last.point)
-    return GrayBoxFit(model, last.point, last.value, last.curvature, levels)
-
-
-def _window_levels(objective: LogPosterior, theta: Array) -> Array:
-    """Returns the level of each window (W,): the RMS of its errors over the one that the model expects.
-
-    Args:
-        objective: log posterior, with the windows.
-        theta: (k,) parameters.
-    """
-    # Innovations are those of several parameter vectors; here there is one.
-    thetas = theta[None]
     levels = []
-    for errors_of_thetas, expected_variance in objective.innovations(thetas):
-        errors = errors_of_thetas[0]
-        levels.append(np.sqrt(np.mean(errors**2, axis=1) / expected_variance))
-    return np.concatenate(levels)
+    for errors, variance in objective.innovations(last.point[None]):
+        levels.append(np.sqrt(np.mean(errors[0] ** 2, axis=1) / variance))
+    return GrayBoxFit(model, last.point, last.value, last.curvature, np.concatenate(levels))
 
 
 def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Array:

@@ -298,19 +298,18 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Folded densities (b, F), in (rad/s)², normalised so that white noise has the variance of its samples.
         """
-        # Parameters have the shape (b, 1, 1), for arrays (b, aliases, F).
-        alias_omega = _aliases(windows)
-        sizes = self.wind_sizes(thetas)[:, :, None, None]
-        times = self.wind_times(thetas)[:, :, None, None]
-        damping = self.damping(thetas)[:, None, None]
-        torque_densities = []
-        for number, colour in enumerate(self.wind):
-            torque_densities.append(colour.density(alias_omega, sizes[:, number], times[:, number]))
+        omega = _aliases(windows)
+        components = zip(
+            self.wind, self.wind_sizes(thetas).T, self.wind_times(thetas).T, strict=True
+        )
+        torque_densities = [
+            colour.density(omega, size[:, None, None], time[:, None, None])
+            for colour, size, time in components
+        ]
         torque_density = np.sum(torque_densities, axis=0)
-        rate_density = torque_density / (alias_omega**2 + damping**2)
-        wind_density = rate_density.sum(axis=1) / windows.dt
-        measurement_density = self.noise(thetas)[:, None] ** 2
-        return wind_density + measurement_density
+        damping = self.damping(thetas)[:, None, None]
+        rate_density = torque_density / (omega**2 + damping**2)
+        return rate_density.sum(axis=1) / windows.dt + self.noise(thetas)[:, None] ** 2
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
         """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.

@@ -191,22 +191,13 @@ def conclusion(judgement: Judgement) -> Blocks:
     Args:
         judgement: headline, lights and next step.
     """
+    lights = [
+        Sentence(str(fact), f"{name.capitalize()}:")
+        for name, fact in judgement.lights.items()
+        if fact.warns and fact != judgement.headline
+    ]
     heading = Sentence("", headline(judgement.headline))
-    next_step = Sentence(str(judgement.next_step), "Next:")
-    return [heading, *other_warning_lights(judgement), next_step]
-
-
-def other_warning_lights(judgement: Judgement) -> list[Sentence]:
-    """Returns each light that is bad or to be watched, apart from the one that the headline states.
-
-    Args:
-        judgement: headline and lights.
-    """
-    sentences = []
-    for name, fact in judgement.lights.items():
-        if fact.warns and fact != judgement.headline:
-            sentences.append(Sentence(str(fact), f"{name.capitalize()}:"))
-    return sentences
+    return [heading, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 
 def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:

@@ -1,17 +1,23 @@
 """Loops of a log whose gains change: the part with one set of gains, the longest, with these."""
 
+from unittest.mock import Mock
+
 import numpy as np
-from hover import Hover, changed, columns, with_texts
+from hover import Hover, changed, columns, log_of, with_texts
 from pytest import approx, mark
 from recorded_flights import recorded
 from refusals import refused
 
+from mavdem.assessment.axis import loops
 from mavdem.assessment.axis.gains import autotune_fact, parts_with_one_gain_set
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
+from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.loops import Loops
+from mavdem.facts.model import NoPhysical
+from mavdem.plant import NotIdentifiable
 
 AUTOTUNE = 15
 STABILIZE = 0
@@ -100,3 +106,13 @@ def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
     assert tuned.time == 1.0
     assert "36 is more than the 12 that ArduPilot recommends" in tuned.sentence
     assert "At the end of the log the parameters are those from before" in tuned.sentence
+
+
+def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_show(monkeypatch):
+    telemetry = Hover().telemetry()
+    not_logged = NotLearnable(Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)
+    unmoved = NotIdentifiable(Fact(NoPhysical.NO_LIKELIHOOD))
+    monkeypatch.setattr(loops, "identify_plant_in_loop", Mock(side_effect=not_logged))
+    monkeypatch.setattr(loops, "physical", lambda flights: unmoved)
+    reason = loops.identified_loop_or_reason(Signals(telemetry), log_of(telemetry))
+    assert reason.figures["reasons"] == (not_logged.fact, unmoved.reason)

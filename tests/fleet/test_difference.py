@@ -14,6 +14,7 @@ from mavdem.documents import complete_document
 from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.flight_conditions import mean_conditions
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.quantities import (
     DAMPING,
@@ -311,3 +312,10 @@ def test_the_document_states_where_the_steps_of_each_axis_come_from():
         ("measured",),
         ("identified_loop",),
     ]
+
+
+@mark.parametrize(("ends", "voltage"), [((12.6, 12.6), None), ((12.7, 12.5), 12.6)])
+def test_flights_are_not_compared_by_a_voltage_that_nothing_measures(ends, voltage):
+    start, end = ends
+    row = flight_row("roll", 1, voltage_start=start, voltage_end=end, voltage_mean=12.6)
+    assert mean_conditions([[row]]).voltage == voltage

@@ -200,6 +200,10 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
     if isinstance(plant, Physical) and plant.identifiable:
         return plant
     assert plant.refusal is not None
+    unidentified = plant.caution if isinstance(plant, Physical) else plant.reason
+    if plant.refusal.code is Loops.NO_RATE_SETPOINT and unidentified is not None:
+        # Without that setpoint inputs and outputs alone may show the plant, as they do on other axes of the same log.
+        raise NotLearnable(Loops.NO_LOOP, reasons=(plant.refusal, unidentified))
     raise NotLearnable(plant.refusal)
 
 

@@ -340,15 +340,13 @@ class VectorAutoregression(NamedTuple):
             regression: posterior of the coefficients, (L k + 1, k), those of the latest lag first, the constant last.
             scaling: scaling of the channels.
         """
-        coefficient_count, channels = regression.mean.shape
+        q, k = regression.mean.shape
         # A row has the coefficients of one channel: A₁ … A_L side by side, and the offset last.
         coefficients = regression.mean.T
-        lags = (coefficient_count - 1) // channels
-        lag_matrices = coefficients[:, :-1].reshape(channels, lags, channels).swapaxes(0, 1)
-        offset = coefficients[:, -1]
+        lags = (q - 1) // k
         return cls(
-            np.ascontiguousarray(lag_matrices),
-            np.ascontiguousarray(offset),
+            np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
+            np.ascontiguousarray(coefficients[:, -1]),
             regression.innovation_covariance,
             scaling,
         )

@@ -197,7 +197,7 @@ def _json_rows(columns: Mapping[str, Array]) -> Iterator[str]:
             values = json_value(values)
         list_text = json.dumps(values)
         column_texts.append(list_text.removeprefix("[").removesuffix("]").split(", "))
-    return (row_pattern % row_texts for row_texts in zip(*column_texts, strict=True))
+    return map(row_pattern.__mod__, zip(*column_texts, strict=True))
 
 
 def _chunks(

@@ -436,17 +436,13 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
     loop = _fastest_loop(assessment)
-    # Revolutions per second of the motors in flight, Hz: a notch may be meant for these.
-    rotation_frequencies = []
+    frequencies = []
     for speed_controller in speed_controllers(signals):
         speeds = evidence.values_in_flight(speed_controller.speed)
-        if not len(speeds):
-            continue
-        median_rpm = float(np.median(speeds))
-        if median_rpm > 0:
-            rotation_frequencies.append(median_rpm / 60)
+        if len(speeds) and np.median(speeds) > 0:
+            frequencies.append(float(np.median(speeds)) / 60)
     return notch_trial(
-        name, signals.telemetry, assessment.noise, controller, loop, tuple(rotation_frequencies)
+        name, signals.telemetry, assessment.noise, controller, loop, tuple(frequencies)
     )
 
 
