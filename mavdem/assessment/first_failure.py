@@ -482,7 +482,11 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
     thrust_commands = commands_now if fall_direction is None else commands_before
     thrust_share = thrust_commands.mean() / motors.scale.stop
     if thrust_share > SPENT_THRUST_SHARE:
-        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=time[0], share=thrust_share)
+        spent_since = _spent_since(commands, time[0], motors.scale.stop)
+        end = start if fall_direction is not None else interval[1]
+        is_since = in_intervals(commands.time, [(spent_since, max(end, spent_since))])
+        share = commands.values[is_since].mean() / motors.scale.stop
+        return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_since, share=share)
 
     if fall_direction is None:
         sinking = _sinking_at_full_throttle(signals, boot, motors, interval[1])
@@ -518,6 +522,20 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
     return Fact(
         FailedFirst.THRUST_MISSING_FIRST, time=failure_time, subject=name, share=highest_command
     )
+
+
+def _spent_since(commands: TimeSeries, time: float, stop: float) -> float:
+    """Returns since when, s, all motors together used up their thrust without a break until a given time.
+
+    Args:
+        commands: (N, k) of k motors, as shares of their range.
+        time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
+        stop: the highest command.
+    """
+    is_left = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * stop
+    rows_with_rest = np.flatnonzero(is_left & (commands.time <= time))
+    first_row = rows_with_rest[-1] + 1 if len(rows_with_rest) else 0
+    return float(min(commands.time[min(first_row, len(commands.time) - 1)], time))
 
 
 def _is_first_at_limit(at_limit: Flags, motor: int) -> bool:

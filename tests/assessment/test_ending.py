@@ -190,6 +190,7 @@ def test_all_motors_together_name_none(output, since, code):
     cause = ending.figures["cause"]
     assert cause.code is code and MotionEvent.LOG_ENDED_IN_AIR not in events
     assert ending.subject == "" and cause.figures.get("share", 1.0) > 0.9
+    assert cause.time == approx(since, abs=0.15)
 
 
 def test_an_attitude_is_lost_beyond_30_degrees_for_three_tenths_of_a_second():
