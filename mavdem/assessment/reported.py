@@ -580,12 +580,11 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
     Args:
         signals: signals of the vehicle.
     """
-    batteries = [
-        battery
-        for battery in battery_columns(signals.telemetry)
+    batteries = []
+    for battery in battery_columns(signals.telemetry):
         # The state 0 is "undefined": a battery that never has another one reports nothing.
-        if battery.columns.get("charge_state", np.zeros(0)).any()
-    ]
+        if battery.columns.get("charge_state", np.zeros(0)).any():
+            batteries.append(battery)
     if any(battery.message == "BATTERY_STATUS" for battery in batteries):
         batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
     has_several = len(batteries) > 1 or len(signals.batteries) > 1
@@ -595,11 +594,12 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
         is_low = charge == LOW_CHARGE
         is_emergency = charge == EMERGENCY_CHARGE
         is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
-        for is_faulty, code in (
-            (is_low, Reported.BATTERY_WARNED),
-            (is_critical, Reported.BATTERY_ALARMED),
-            (is_emergency, Reported.BATTERY_SPENT),
-        ):
+        flags_by_code = {
+            Reported.BATTERY_WARNED: is_low,
+            Reported.BATTERY_ALARMED: is_critical,
+            Reported.BATTERY_SPENT: is_emergency,
+        }
+        for code, is_faulty in flags_by_code.items():
             yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns)
 
 

@@ -139,12 +139,11 @@ def tuning_rates(
     tuning = clean_series(columns, rates, is_of_axis)
     if not len(tuning.time):
         return None
-    if (
-        sent_attitude is not None
-        and tuning.values[:, 0].std() > MIN_DEGREES_RATIO * sent_attitude.rate.std()
-    ):
-        return replace(tuning, values=np.radians(tuning.values))
-    return tuning
+    if sent_attitude is None:
+        return tuning
+    achieved_rate = tuning.values[:, 0]
+    is_in_degrees = achieved_rate.std() > MIN_DEGREES_RATIO * sent_attitude.rate.std()
+    return replace(tuning, values=np.radians(tuning.values)) if is_in_degrees else tuning
 
 
 # Rows that are not finite are left out at the end, so their warnings say nothing.

@@ -10,7 +10,7 @@ from math import inf, isinf
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import (
@@ -562,17 +562,39 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
     is_still = square_rates < HELD_RATE_RATIO**2 * flight_square_rate
 
-    # A motor deviates if its output, relative to the mean of all motors, is far from what it usually is while the
-    # vehicle rotates freely.
-    is_deviating = np.zeros(len(mean), dtype=bool)
-    if signals.motors is not None:
-        for fractions in signals.motors.range_fractions(boot).values.T:
-            motor = TimeSeries(collective.time, collective.boot, fractions)
-            deviation = moving_average(motor) - mean
-            change = deviation - np.median(deviation[is_rotating])
-            is_deviating |= abs(change) > HELD_MOTOR_DEVIATION * hover_collective
+    max_deviation = HELD_MOTOR_DEVIATION * hover_collective
+    is_deviating = _motor_deviations(signals, boot, collective, is_rotating) > max_deviation
     is_carried = mean < MIN_CARRYING_RATIO * hover_collective
     return true_intervals(collective.time, is_carried | (is_still & is_deviating))
+
+
+def _motor_deviations(
+    signals: Signals, boot: int, collective: TimeSeries, is_rotating: Flags
+) -> Array:
+    """Returns how far the furthest motor deviates from its usual output while the vehicle rotates freely.
+
+    The output of a motor is taken relative to the mean of all motors.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        collective: (N,) mean of the outputs of all motors in a boot, as a share of their range.
+        is_rotating: (N,) whether the vehicle flies and rotates.
+
+    Returns:
+        (N,) largest deviation of any motor, as a share of the range; 0 without motors.
+    """
+    largest_deviation = np.zeros(len(collective.time))
+    if signals.motors is None:
+        return largest_deviation
+    mean = moving_average(collective)
+    for fractions in signals.motors.range_fractions(boot).values.T:
+        motor = TimeSeries(collective.time, collective.boot, fractions)
+        relative_output = moving_average(motor) - mean
+        usual_output = np.median(relative_output[is_rotating])
+        deviation = abs(relative_output - usual_output)
+        largest_deviation = np.fmax(largest_deviation, deviation)
+    return largest_deviation
 
 
 def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:

@@ -145,14 +145,22 @@ class LiveSession:
             self._clock_speed.speed,
         )
         if now - self._status_time >= STATUS_PERIOD:
-            self._learning.adopt_model_of_landing()
-            fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed
-            self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
-            self.report_gain_advice()
             self._status_time = now
-            status = self._update_status(now)
-            self._milestones.margins_follow = self.gain_adviser is not None
-            self._milestones.update(self._learning, status, self.stream.now)
+            self._judge_and_report(now)
+
+    def _judge_and_report(self, now: float) -> None:
+        """Judges the model, and reports advice, status and milestones; it is called once per ``STATUS_PERIOD``.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        self._learning.adopt_model_of_landing()
+        fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed
+        self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
+        self.report_gain_advice()
+        status = self._update_status(now)
+        self._milestones.margins_follow = self.gain_adviser is not None
+        self._milestones.update(self._learning, status, self.stream.now)
 
     def _postpone_tasks(self) -> None:
         """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.

@@ -78,6 +78,7 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
     hubs = rotor_hubs(rotors)
     arm = float(np.hypot(*rotors.T).max())
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
+    # Proportions are chosen to look like a multirotor, as fractions of the arm: neighbouring rotors do not touch.
     parts = {
         "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY_COLOUR),
         "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY_COLOUR),

@@ -1,5 +1,6 @@
 """Directions of the wind: meteorological convention, points of the compass, and bands of speed and direction."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -61,13 +62,12 @@ def compass_text(direction: float) -> str:
     """Returns a direction that wind comes from as text, with an arrow along its flow, such as "WSW (248°) ↗".
 
     The direction is rounded to the nearest of 16 points of the compass, 22.5° apart, and of 8 arrows, 45° apart.
-    Rounding up beyond the last one gives the first again, which is north.
 
     Args:
         direction: degrees clockwise from north.
     """
-    point = COMPASS_POINTS[round(direction / 22.5) % len(COMPASS_POINTS)]
-    arrow = FLOW_ARROWS[round(direction / 45) % len(FLOW_ARROWS)]
+    point = _nearest_point(direction, COMPASS_POINTS)
+    arrow = _nearest_point(direction, FLOW_ARROWS)
     return f"{point} ({direction % 360:.0f}°) {arrow}"
 
 
@@ -79,7 +79,7 @@ def compass_words(direction: float) -> str:
     Args:
         direction: degrees clockwise from north.
     """
-    point = COMPASS_POINTS[round(direction / 22.5) % len(COMPASS_POINTS)]
+    point = _nearest_point(direction, COMPASS_POINTS)
     words = "-".join(COMPASS_WORDS[letter] for letter in point)
     return f"the {words} ({direction % 360:.0f}°)"
 
@@ -114,3 +114,15 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     # The remainder brings the difference to −180 … 180°.
     direction = near_direction + (origin - near_direction + 180) % 360 - 180
     return PolarWind(speed, direction, along, direction_half_width)
+
+
+def _nearest_point(direction: float, points: Sequence[str]) -> str:
+    """Returns the point that is nearest to a direction.
+
+    Args:
+        direction: degrees clockwise from north.
+        points: points at equal distances over the whole circle, clockwise from north.
+    """
+    distance = 360 / len(points)
+    # Rounding up beyond the last point gives the first again, which is north.
+    return points[round(direction / distance) % len(points)]

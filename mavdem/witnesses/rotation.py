@@ -225,12 +225,15 @@ def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
         later_angle = angle[delay:][rows]
         earlier_setpoint = setpoint[: len(setpoint) - delay][rows]
         is_finite = np.isfinite(earlier_setpoint)
-        covariance = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
-        if not np.isfinite(covariance).all() or covariance[0, 0] <= 0 or covariance[1, 1] <= 0:
+        covariances = np.cov(earlier_setpoint[is_finite], later_angle[is_finite])
+        setpoint_variance, angle_variance = covariances.diagonal()
+        if not np.isfinite(covariances).all() or setpoint_variance <= 0 or angle_variance <= 0:
             continue
-        correlation = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1])
+        covariance = covariances[0, 1]
+        correlation = covariance / np.sqrt(setpoint_variance * angle_variance)
         if correlation > best.correlation:
-            best = _Fit(float(correlation), float(covariance[0, 1] / covariance[0, 0]))
+            slope = covariance / setpoint_variance
+            best = _Fit(float(correlation), float(slope))
     return best
 
 

@@ -196,12 +196,14 @@ def canonical_state_map(windows: Array, order: int, k: int) -> Array:
     Raises:
         NotLearnable: the past has fewer independent combinations than the order.
     """
-    count = len(windows)
-    past, future = np.split(windows, 2, axis=1)
-    future_inputs = future[:, :, :k].reshape(count, -1)
-    regressors = np.hstack([np.ones((count, 1)), future_inputs])
-    past = past.reshape(count, -1)
-    future_outputs = future[:, :, k:].reshape(count, -1)
+    window_count = len(windows)
+    past_half, future_half = np.split(windows, 2, axis=1)
+    # One row for each window: the samples of its half side by side.
+    past = past_half.reshape(window_count, -1)
+    future_inputs = future_half[:, :, :k].reshape(window_count, -1)
+    future_outputs = future_half[:, :, k:].reshape(window_count, -1)
+    # What the future inputs explain is removed from both.
+    regressors = np.hstack([np.ones((window_count, 1)), future_inputs])
     past_residual = past - regressors @ least_squares(regressors, past)
     future_residual = future_outputs - regressors @ least_squares(regressors, future_outputs)
     # Orthonormal bases make covariances into correlations.
@@ -212,7 +214,7 @@ def canonical_state_map(windows: Array, order: int, k: int) -> Array:
     if directions.shape[1] < order:
         raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=directions.shape[1])
     # A column of an orthonormal basis of N rows has the variance 1/N.
-    return past_map @ directions[:, :order] * np.sqrt(count)
+    return past_map @ directions[:, :order] * np.sqrt(window_count)
 
 
 def orthonormal_basis(table: Array) -> ArrayPair:

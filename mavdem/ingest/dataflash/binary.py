@@ -546,9 +546,11 @@ def _decoded(data: Bytes, definition: FormatDefinition, starts: Integers) -> Mes
     # Each message's bytes become a row of a table; the row is then read as one element of the structured type.
     messages = rows_of(data, starts + HEADER_BYTES, wire.itemsize).view(wire)[:, 0]
     columns = {}
-    for i, (name, character) in enumerate(
-        zip(definition.fields, definition.characters, strict=True)
-    ):
-        column = np.ascontiguousarray(messages[f"{i}"])
-        columns[name] = column / DIVISORS[character] if character in DIVISORS else column
+    names_and_types = zip(definition.fields, definition.characters, strict=True)
+    for number, (name, type_character) in enumerate(names_and_types):
+        # The fields of the structured type are named by their numbers.
+        column = np.ascontiguousarray(messages[f"{number}"])
+        if type_character in DIVISORS:
+            column = column / DIVISORS[type_character]
+        columns[name] = column
     return MessageTable(starts, columns)

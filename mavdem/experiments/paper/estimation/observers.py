@@ -189,9 +189,12 @@ def fixed_lag_states(
     Returns:
         (T, kept_states) states; NaN at the last ``lag`` samples.
     """
-    extended = kalman_states(with_past_states(model, kept_states, lag), outputs, inputs)
+    model_with_past = with_past_states(model, kept_states, lag)
+    states_with_past = kalman_states(model_with_past, outputs, inputs)
+    # The last of these states are those of ``lag`` samples before; the last samples have no estimate.
+    delayed_states = states_with_past[:, -kept_states:]
     states = np.full((len(outputs), kept_states), np.nan)
-    states[:-lag] = extended[lag:, -kept_states:]
+    states[:-lag] = delayed_states[lag:]
     return states
 
 
