@@ -44,8 +44,12 @@ LOOP_FIGURES = {
 }
 """Figures in the table of a loop, by the attribute of ``OpenLoop``."""
 
-TUNED_FIGURES = ("phase_margin", "gain_margin", "ms", "bandwidth")
-"""Figures of ``LOOP_FIGURES`` beside the gains to set: what the goal of tuning is made of, and the loop's speed."""
+TUNED_FIGURES = ("phase_margin", "gain_margin", "ms", "crossover")
+"""Figures of ``LOOP_FIGURES`` beside the gains to set: what the goal of tuning is made of, and the loop's speed.
+
+The speed is the gain crossover, which follows the gains. The bandwidth jumps where the closed loop has long been flat
+beside −3 dB: with two thirds of the gains it may fall to a fifth, though the step response rises as before.
+"""
 
 ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""

@@ -10,7 +10,8 @@ from numpy.testing import assert_array_equal
 from pytest import approx, mark
 
 from mavdem.assessment.axis.margins import AxisMargins
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import Gains, Loops
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
@@ -19,6 +20,7 @@ from mavdem.loops.gain_design import (
     MAX_ANGLE_GAIN,
     MAX_GAIN_STEP,
     MIN_SCORE,
+    SURE_SHARE,
     GainSearch,
     Stage,
 )
@@ -237,3 +239,12 @@ def test_refusals_say_why():
     for refusal, found in cases.items():
         assert found.refusals == (refusal,) and not found.gains
         assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
+
+
+def test_the_next_step_is_as_careful_as_the_advice_is_sure():
+    known = {"is_written": True, "needed": SURE_SHARE}
+    sure = Fact(NextStep.LOAD_GAINS, Level.GOOD, share=0.95, is_biased=False, **known).sentence
+    assert "fly gently" in sure and "on trial" not in sure
+    doubtful = Fact(NextStep.LOAD_GAINS, Level.WATCH, share=0.58, is_biased=True, **known).sentence
+    for words in ("on trial", "only 58 % of the vehicle models", "biased", "Hover low"):
+        assert words in doubtful

@@ -21,7 +21,7 @@ from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.gain_design import Stage
+from mavdem.loops.gain_design import SURE_SHARE, Stage
 
 STAGE_REMARKS = {
     Stage.RATE: "Stage 1 of 2, rate P, I and D: load, hover one minute, fly ten doublets, mavdem tune",
@@ -155,7 +155,19 @@ def tuned(
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
     if parameters and _gains_come_next(headline):
-        next_step = Fact(NextStep.LOAD_GAINS, headline.level, is_written=is_written)
+        new_gains = [advice for advice in advice_on_loops if advice.gains]
+        next_step = Fact(
+            NextStep.LOAD_GAINS,
+            headline.level,
+            is_written=is_written,
+            share=min(advice.sure for advice in new_gains),
+            needed=SURE_SHARE,
+            is_biased=any(
+                caution.code is Loops.EFFECT_BIASED
+                for advice in new_gains
+                for caution in advice.before.cautions
+            ),
+        )
         judgement = replace(judgement, next_step=next_step)
     set_notch = notch_parameters if parameters else {}
     tuning = Tuning(
