@@ -75,8 +75,9 @@ FLIGHT_STATE_MESSAGES = (
     mavlink_message_id("EXTENDED_SYS_STATE"),
     mavlink_message_id("LOCAL_POSITION_NED"),
     mavlink_message_id("VFR_HUD"),
+    mavlink_message_id("VIBRATION"),
 )
-"""Ids of the messages that distinguish flight from landing."""
+"""Ids of the messages that distinguish flight from landing, and of the one by which the vibration is judged."""
 
 FLIGHT_STATE_RATE = 4.0
 """Rate of those messages that is requested, Hz: a choice. What comes faster already stays as it is."""

@@ -178,7 +178,8 @@ def test_landing_messages_are_requested_only_where_they_do_not_come():
     vehicle.run(30.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 74: 10.0}, "what is faster stays as it is"
     asked = {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL}
-    assert asked == {30, 36, 83, 245, 32}
+    vibration = 241
+    assert asked == {30, 36, 83, 245, 32, vibration}
     assert vehicle.request.events == [], "and what the vehicle does not know needs no word"
     vehicle.give_back()
     assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
@@ -208,7 +209,8 @@ def test_rates_are_by_the_clock_of_a_simulator_that_falls_behind():
     for vehicle.clock_speed in (0.1, 1.0, 0.3):
         vehicle.run(60.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 83: 50.0, 245: 4.0, 32: 4.0, 74: 4.0}
-    assert vehicle.settings() == 6 and vehicle.request.events == []
+    # Two of motion, the setpoint, three of the state of flight, and the vibration, which this vehicle does not know.
+    assert vehicle.settings() == 7 and vehicle.request.events == []
 
 
 def test_rates_that_are_not_measured_yet_are_not_requested_again():
@@ -217,7 +219,8 @@ def test_rates_that_are_not_measured_yet_are_not_requested_again():
         vehicle.run(20.0)
         # This computer was busy, so that the measurement begins anew.
         vehicle.arrivals = ArrivalRates()
-    assert vehicle.settings() == 6 and vehicle.request.events == []
+    # Two of motion, the setpoint, three of the state of flight, and the vibration, which this vehicle does not know.
+    assert vehicle.settings() == 7 and vehicle.request.events == []
 
 
 def test_a_rate_that_was_never_reached_is_not_reported_as_lost():
