@@ -13,14 +13,15 @@ from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
 RECORDER = FrameSender(255, mavlink_constant("MAV_COMP_ID_LOG"))
 """Sender of the mark: the logger of a ground station."""
 
-END_TEXT = b"The recording was ended on purpose"
-"""Text of the mark."""
+END_TEXT = b"mavdem: recording ended by its user"
+"""Text of the mark; it names the program, since others show it among the texts of the vehicle."""
 
 MAX_SILENCE_BEFORE_END = 3.0
-"""Longest time without a frame of the vehicle before the mark, s, with which the mark ended its record.
+"""Longest time between the last frame of the vehicle and the mark, s, with which the mark ended its record.
 
 A choice: as long as a live session waits until it reports silence. A vehicle that was silent for longer was lost before
-somebody ended the recording.
+somebody ended the recording. It bounds the other direction too: a mark stamped longer before the last frame belongs
+to another recording, or to a clock that was set in between.
 """
 
 
@@ -47,4 +48,4 @@ def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
     is_of_vehicle = (frames.system == sender.system) & (frames.component == sender.component)
     rows = np.array([np.flatnonzero(is_of_vehicle)[-1], last_row])
     last_received, ended = (stream.receive_stamps(rows) / MICROSECONDS).tolist()
-    return bool(ended - last_received <= MAX_SILENCE_BEFORE_END)
+    return bool(abs(ended - last_received) <= MAX_SILENCE_BEFORE_END)
