@@ -30,6 +30,7 @@ DIGITS = 5
 PRECISION = 0.01
 FILES = {".html", ".csv", ".rrd", ".param", ".params", ".toml", ".sdf", ".tlog", ".npz"}
 # Not of pictures and colours.
+STYLE = re.compile(r"<style>.*?</style>", re.DOTALL)
 NUMBER = re.compile(r"(?:base64,|#)[\w+/=]*|(-?\d+(?:\.\d+)?(?:e-\d+)?)")
 FLIGHTS = {
     # A crash, a lost motor of four and of six, and a propeller whose tip is cut.
@@ -192,7 +193,9 @@ def written(path):
                 if values.dtype.kind in ("f" if is_truth else "iuf"):
                     found[f"{name} {column}"] += values[np.isfinite(values)].ravel().tolist()
     else:
-        for number, part in enumerate(path.read_text().split("<section")):
+        # How a page looks is not a figure.
+        page = STYLE.sub("", path.read_text())
+        for number, part in enumerate(page.split("<section")):
             found[f"{path.name} {number}"] += map(float, filter(None, NUMBER.findall(part)))
     return found
 
