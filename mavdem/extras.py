@@ -7,16 +7,19 @@ from pathlib import Path
 from mavdem.facts import Fact
 from mavdem.facts.sources import Package
 
+MCAP_MODULES = ("lz4", "mcap", "zstandard")
+"""Modules that read and write MCAP recordings, which other extras contain too."""
+
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
-    "mcap": ("lz4", "mcap", "zstandard"),
+    "mcap": MCAP_MODULES,
     "mcp": ("mcp",),
     "pandas": ("pandas",),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
-    "ros2": ("rosbags",),
-    "serve": ("h11", "python_multipart", "starlette", "uvicorn"),
+    "ros2": (*MCAP_MODULES, "rosbags"),
+    "serve": (*MCAP_MODULES, "h11", "python_multipart", "starlette", "uvicorn"),
     "urls": ("aiohttp", "fsspec"),
     "view": ("rerun",),
     "xarray": ("xarray",),

@@ -30,6 +30,13 @@ def test_every_extra_of_the_package_is_named_and_all_has_them_all():
     assert set(re.findall(r"\w+", everything)) == {"mavdem", *EXTRAS}
 
 
+@mark.parametrize("extra", EXTRAS)
+def test_an_extra_has_the_modules_of_the_extras_that_it_contains(extra):
+    requirements = " ".join(PROJECT["project"]["optional-dependencies"][extra])
+    for other in re.findall(r"mavdem\[(\w+)\]", requirements):
+        assert {*EXTRAS[other]} < {*EXTRAS[extra]}
+
+
 def test_every_file_that_is_no_python_is_installed():
     for package, patterns in PROJECT["tool"]["setuptools"]["package-data"].items():
         there = {

@@ -33,6 +33,7 @@ from mavdem.dem.parallel import (
     process_pool,
 )
 from mavdem.errors import Unreadable
+from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.fleet.row import FlightRow
@@ -72,8 +73,9 @@ KEY_HASH_DIGITS = 32
 """Hexadecimal digits of the content's SHA-256 in a key: 128 bits, by which no two logs agree by chance."""
 
 JobEnding = Literal["read", "known", "source", "error", "time", "memory", "died"]
-"""How the reading of a log ended: it was read, or its content had been read before; it could not be reached; mavdem
-failed; it took too long or too much memory; or the process that read it died."""
+"""How the reading of a log ended: it was read, or its content had been read before; it could not be reached, or its format
+needs a package that is not installed; mavdem failed; it took too long or too much memory; or the process that read it
+died."""
 
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """The rows of a log, and the HTML of pages of its flights by the name of the file."""
@@ -451,7 +453,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
 
     A log that cannot be read must not end the run over thousands of others. How it ended decides whether it is read
     again: "read", its content is known, even if it is no log; "known", it is a copy of a log that was read; "source",
-    it could not be reached; "error", mavdem itself failed.
+    it could not be reached, or a package that its format needs is not installed; "error", mavdem itself failed.
 
     Args:
         job: path or URL of the log, and the keys of logs of the same size that were read already.
@@ -482,6 +484,9 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         # The fact does not name the file: copies of a log have equal rows, but for the column with their names.
         reason = error.fact.replace(path="The log")
         return failed(job, "read" if key else "source", reason, key)
+    except MissingExtra as error:
+        # Once the package is installed, the log can be read.
+        return failed(job, "source", error.fact.replace(subject="The log"), key)
     except OSError as error:
         unreachable = Fact(Reading.LOG_UNREACHABLE, because=error.strerror or error)
         return failed(job, "source", unreachable, key)

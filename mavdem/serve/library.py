@@ -503,7 +503,8 @@ class Library:
     def finish_reading(self, entry: Entry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
-        A log that cannot be read is removed, unless its entry says that it is to be kept. If the entry was deleted
+        A log that cannot be read is removed, unless its entry says that it is to be kept, or it is sound as far as is
+        known: a package that its format needs is missing, or its file could not be opened. If the entry was deleted
         while the log was read, the results are removed.
 
         Args:
@@ -513,7 +514,8 @@ class Library:
         """
         # The index, the rows and the log on the disk change together, or not at all.
         columns = self._columns_of_outcome(entry, outcome)
-        removes_log = columns["stage"] == Stage.FAILED and not entry.keep
+        keeps_log = entry.keep or outcome.ended == "source"
+        removes_log = columns["stage"] == Stage.FAILED and not keeps_log
         if removes_log:
             # The log has no path any more. The id takes its place, since paths in the index are unique.
             columns |= {"size": 0, "path": entry.id}

@@ -19,6 +19,7 @@ from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.facts import Fact
+from mavdem.facts.sources import Package
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
 from mavdem.fleet import store, table_files
@@ -390,12 +391,19 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     logs = tmp_path / "logs"
     make_logs(logs, 1, "bug")
     make_logs(logs, 1, "damaged")
+    (log_of_extra,) = make_logs(logs, 1, "extra")
     out = tmp_path / "fleet"
-    assert track(out, logs).read == 2 and track(out, logs).read == 0
+    assert track(out, logs).read == 3
     assert {Path(row.file).name: row.status_code for row in read_rows(out)} == {
         "bug_0.bin": Reading.READING_FAILED,
         "damaged_0.bin": "failed",
+        "extra_0.bin": Package.EXTRA_MISSING,
     }
+    reason = "The log needs mcap: pip install 'mavdem[mcap]'."
+    assert reason in [row.status for row in read_rows(out)]
+    assert track(out, logs).read == 1
+    log_of_extra.unlink()
+    assert track(out, logs).read == 0
     monkeypatch.setattr(store.metadata, "version", lambda name: "99.0")
     assert track(out, logs).read == 1
 

@@ -362,6 +362,16 @@ def test_a_log_is_read_with_its_page_rows_and_index(library, tmp_path, monkeypat
     assert library.progress_columns(entry) == {}
 
 
+def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(library):
+    entry = received(library, name="extra.ulg")
+    path = library.log_path(entry)
+    library.finish_reading(library.claim(), outcome_of(Job(str(path)), rows_of_log), LIMITS)
+    failed = library.entry(entry.id)
+    assert failed.stage == Stage.FAILED and path.is_file() and failed.size == path.stat().st_size
+    assert failed.problem == "The log needs mcap: pip install 'mavdem[mcap]'."
+    assert received(library, name="extra.ulg").stage == Stage.WAITING
+
+
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     received(library)
