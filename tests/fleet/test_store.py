@@ -19,9 +19,9 @@ from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.facts import Fact
-from mavdem.facts.sources import Package
 from mavdem.facts.fleet import Folder, Reading
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
+from mavdem.facts.sources import Package
 from mavdem.fleet import store, table_files
 from mavdem.fleet.judgement import (
     judgement_lock,
