@@ -41,8 +41,8 @@ IS_FINAL_SQL = """
 not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
      ended in ('time', 'memory', 'died') and (time_limit < :seconds or memory_limit < :megabytes))
 """
-"""SQL: whether another reading of a log would end as the last one did. It may not after an unreachable source, a missing
-package, an error of another version of mavdem, or lower limits of time and memory."""
+"""SQL: whether another reading of a log would end as the last one did. It may not after an unreachable source, a
+missing package, an error of another version of mavdem, or lower limits of time and memory."""
 
 IS_LOST_SQL = "log not in (select log from logs)"
 """SQL: whether the log of a row no longer exists under any name."""

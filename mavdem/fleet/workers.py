@@ -73,9 +73,9 @@ KEY_HASH_DIGITS = 32
 """Hexadecimal digits of the content's SHA-256 in a key: 128 bits, by which no two logs agree by chance."""
 
 JobEnding = Literal["read", "known", "source", "error", "time", "memory", "died"]
-"""How the reading of a log ended: it was read, or its content had been read before; it could not be reached, or its format
-needs a package that is not installed; mavdem failed; it took too long or too much memory; or the process that read it
-died."""
+"""How the reading of a log ended: it was read, or its content had been read before; it could not be reached, or its
+format needs a package that is not installed; mavdem failed; it took too long or too much memory; or the process that
+read it died."""
 
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """The rows of a log, and the HTML of pages of its flights by the name of the file."""
