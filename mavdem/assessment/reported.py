@@ -161,6 +161,17 @@ class FaultSignal(NamedTuple):
     """What is at fault; empty if the code names it."""
     columns: Columns | None = None
     """The N samples, where they are not all of the message: of one of several batteries."""
+    instance: str = ""
+    """Name of the battery, even where it is the only one; empty where the subject says what is at fault."""
+
+    def is_about(self, subject: str) -> bool:
+        """Returns whether a text with this subject may be about the same battery, motor or axis.
+
+        Args:
+            subject: subject of the text; empty if it names none, so that it may be about any.
+        """
+        reported = self.instance or self.subject
+        return not subject or not reported or subject == reported
 
     def columns_of(self, signals: Signals) -> Columns:
         """Returns the N samples, with their times and boots.
@@ -288,7 +299,8 @@ def _without_contradicted_claim(
 
     PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The autopilot acts
     by its state, so the state counts. It contradicts a text if it was recorded after the text, and no sample
-    within ``CONFIRMATION_SECONDS`` of it shows the fault.
+    within ``CONFIRMATION_SECONDS`` of it shows the fault. Only states of what the text names count: a sound battery
+    says nothing of another. A text that names none is contradicted only by the states of all in the boot.
 
     Args:
         problem: fact that was made from the text.
@@ -303,16 +315,19 @@ def _without_contradicted_claim(
     confirming_codes = CONFIRMING_STATES.get(problem.code, ())
     time = problem.time or 0.0
     nearby = [(time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)]
-    is_recorded = False
+    are_recorded_after = []
     for fault in faults:
         if fault.code not in confirming_codes or not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
-        rows = (columns["boot"] == problem.figures["boot"]) & in_intervals(columns["time"], nearby)
+        is_in_boot = columns["boot"] == problem.figures["boot"]
+        if not fault.is_about(problem.subject) or not is_in_boot.any():
+            continue
+        rows = is_in_boot & in_intervals(columns["time"], nearby)
         if fault.is_faulty[rows].any():
             return problem
-        is_recorded = is_recorded or bool((columns["time"][rows] >= time).any())
-    if not is_recorded:
+        are_recorded_after.append(bool((columns["time"][rows] >= time).any()))
+    if not are_recorded_after or not all(are_recorded_after):
         return problem
     return problem.with_code(Reported.AUTOPILOT_SAID).replace(is_contradicted=True)
 
@@ -589,7 +604,8 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
         batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
     has_several = len(batteries) > 1 or len(signals.batteries) > 1
     for battery in batteries:
-        subject = battery_name(battery.number) if has_several else ""
+        name = battery_name(battery.number)
+        subject = name if has_several else ""
         charge = battery.columns["charge_state"]
         is_low = charge == LOW_CHARGE
         is_emergency = charge == EMERGENCY_CHARGE
@@ -600,7 +616,7 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
             Reported.BATTERY_SPENT: is_emergency,
         }
         for code, is_faulty in flags_by_code.items():
-            yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns)
+            yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns, name)
 
 
 def _sensor_faults(

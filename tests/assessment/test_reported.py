@@ -273,6 +273,35 @@ def test_a_recorded_state_contradicts_or_confirms_a_text(text, message, field, s
     assert fact.code is claim.code
 
 
+@mark.parametrize(
+    "text, last_of_second, is_contradicted",
+    [
+        ("Battery 1 is critical 10.1V", 40.0, True),
+        ("Battery 2 is critical 10.1V", 40.0, True),
+        ("Battery 2 is critical 10.1V", -1.0, False),
+        ("Battery 3 is critical 10.1V", 40.0, False),
+        ("Battery critical", 40.0, True),
+        ("Battery critical", 20.0, False),
+        ("Battery critical", -1.0, True),
+    ],
+)
+def test_a_battery_contradicts_no_text_about_another(text, last_of_second, is_contradicted):
+    telemetry = with_texts(FLOWN, text.encode(), severity=(4,))
+    telemetry = changed(telemetry, "STATUSTEXT", time=np.array([30.5]))
+    first, second = TIMES, TIMES[last_of_second >= TIMES]
+    batteries = columns(
+        np.r_[first, second],
+        id=np.r_[0 * first, 0 * second + 1].astype(int),
+        charge_state=np.ones(len(first) + len(second), int),
+    )
+    (fact,) = events(
+        changed(telemetry, "BATTERY_STATUS", **batteries),
+        Reported.BATTERY_ALARMED,
+        Reported.AUTOPILOT_SAID,
+    )
+    assert (fact.code is Reported.AUTOPILOT_SAID) is is_contradicted
+
+
 def test_a_sensor_that_is_used_and_not_healthy_failed():
     used = 1 << 3 | 1 << 16
     sensors = {"present": used, "enabled": used, "health": np.where(LOST, 1 << 16, used)}
