@@ -140,7 +140,7 @@ def diff_command(
         page_path.write_text(page, "utf-8", "replace")
     blocks = [
         *difference_blocks(difference, parameters, names_without_gains),
-        *headline_blocks(headlines),
+        *([] if difference.is_of_same_flight else headline_blocks(headlines)),
         *next_blocks(difference, parameters),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]

@@ -57,6 +57,13 @@ class VehicleDifference(NamedTuple):
     level: float = CONFIDENCE_LEVEL
     """Probability of the intervals."""
 
+    @property
+    def is_of_same_flight(self) -> bool:
+        """Whether both states are the same flight: conditions and all quantities are equal to the last digit."""
+        before, after = self.conditions
+        has_differences = any(change.difference != 0 for change in self.changes)
+        return before.collective is not None and before == after and not has_differences
+
     def changes_with(self, outcome: QuantityOutcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
         return [change for change in self.changes if change.outcome == outcome]

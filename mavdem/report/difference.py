@@ -82,6 +82,7 @@ def difference_blocks(
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
     Doubts about the vehicles come first, then what changed and what could not be compared, parameters, and conditions.
+    Where A and B are the same flight, only that is said.
 
     Args:
         difference: comparison of the two states.
@@ -91,6 +92,8 @@ def difference_blocks(
     Returns:
         The sentences.
     """
+    if difference.is_of_same_flight:
+        return [*render_section("difference_same_flight")]
     missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
     not_compared = []
     for reason, missing_quantities in missing_by_reason.items():

@@ -96,7 +96,8 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     }
     monkeypatch.setattr("mavdem.fleet.state.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert run("diff", "a.bin", "a.bin", "--vehicle", "4:1") == 0
-    assert "A and B are the same flight: name another" in capsys.readouterr().out
+    sentence, _page, rest = capsys.readouterr().out.split("\n\n")
+    assert sentence == "A and B are the same flight: name another to compare it with." and not rest
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
     assert "No change is significant." in capsys.readouterr().out
     for _ in range(2):

@@ -196,9 +196,9 @@ def _main_difference(
 ) -> Blocks:
     """Returns the headlines of a page that compares two logs: what differs most between them.
 
-    If the logs are of two vehicles, only that is said. Otherwise three changes are named, as far as there are any: that
-    of the quantity with the lowest p-value, the largest relative change of a controller gain, and the largest change of
-    a phase margin.
+    If the logs are the same flight, or of two vehicles, only that is said. Otherwise three changes are named, as far as
+    there are any: that of the quantity with the lowest p-value, the largest relative change of a
+    controller gain, and the largest change of a phase margin.
 
     Args:
         names: names of the flights, A and B.
@@ -207,8 +207,12 @@ def _main_difference(
         parameters: autopilot parameters that differ between the two.
 
     Returns:
-        The sentences of the template "difference_first", each as a headline.
+        The sentences, each as a headline.
     """
+    if difference.is_of_same_flight:
+        return [
+            Sentence("", sentence.text) for sentence in render_section("difference_same_flight")
+        ]
     vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
     # A gain that was 0 has no relative change.
     gains = [
