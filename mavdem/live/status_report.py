@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact, Session, Spent
+from mavdem.facts.session import LinkFact, Missing, Session, Spent
 from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
@@ -52,10 +52,13 @@ class StatusReport:
         replaced by 0, and each watchdog is reported as not watching.
 
         ``obstacle`` is the first reason why there is no new model: the link is silent, no rows can be made of the
-        messages, or the flight does not allow learning.
+        messages, or the flight does not allow learning. Where no vehicle is followed any more, as since two send under
+        one id, that is why its motion is missing.
         """
         status = self.stream.status()
         silence = self._silence_fact()
+        if silence is not None and silence.subject == Missing.MOTION and status.vehicle is None:
+            silence = status.obstacle
         rates = status.rates
         watch_facts = status.watch_facts
         if silence is not None:

@@ -34,6 +34,7 @@ from mavdem.live.intake import FrameBatch
 from mavdem.live.link import LinkLost
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
+from mavdem.live.session_status import SessionStatus
 from mavdem.report.numbers import plus_minus
 from mavdem.report.pages.flight_page import live_page
 from sitl_scenarios.files import load, scenario_of
@@ -315,6 +316,22 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     )
     one.judge_final_model(replace(learned, record=shaken))
     assert one.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
+
+
+@mark.parametrize("vehicle", [None, "1:1"])
+def test_motion_is_not_missed_of_a_vehicle_that_is_no_longer_followed(now, vehicle):
+    two_vehicles = Fact(VehicleFact.TWO_VEHICLES_LIVE, subject="1:1")
+    one, *_ = session_of([])
+    silence = one._report.silence
+    silence.note_messages(now[0], now[0])
+    silence.note_samples(1)
+    now[0] += 10.0
+    silence.note_messages(now[0], now[0])
+    status = SessionStatus(vehicle=vehicle, obstacle=two_vehicles)
+    report = replace(one._report, stream=Mock(now=1.0, status=lambda: status))
+    no_motion = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MOTION, duration=3.0)
+    assert report.status.obstacle == (no_motion if vehicle else two_vehicles)
+    assert report.status.overall_judgement.headline == report.status.obstacle
 
 
 @mark.slow
