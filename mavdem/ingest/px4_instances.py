@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Integers
+from mavdem.arrays import Array, Flags, Integers
 from mavdem.ingest.px4_messages import TRANSLATION_RULES, in_time_order
 from mavdem.ingest.px4_topics import Topics, array_field, first_instance, flag_or_true
 from mavdem.ingest.telemetry import (
@@ -207,8 +207,8 @@ def _estimators(topics: Topics) -> dict[int, Fields]:
 def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: Array) -> Array:
     """Returns the largest test ratio that the samples of the aiding sources have, by the times of estimator_status.
 
-    The topics have the squares of the ratios (``estimator_aid_source.hpp``). A source counts from the first sample that
-    the estimator fused: PX4 computes the ratio of sources too that it does not use.
+    The topics have the squares of the ratios (``estimator_aid_source.hpp``). A source counts while the estimator uses
+    it (:func:`_is_used`): PX4 computes the ratio of sources too that it does not use.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -224,8 +224,11 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
     for source in AID_SOURCES[ratio]:
         for number, topic in topics.get(f"estimator_aid_src_{source}", {}).items():
             numbers = topic.get("estimator_instance", np.full(len(topic["time"]), number))
-            is_fused = (numbers == instance) & (topic.get("fused", np.zeros(len(numbers))) > 0)
-            rows = np.flatnonzero((numbers == instance) & (np.cumsum(is_fused) > 0))
+            rows = np.flatnonzero(numbers == instance)
+            is_fused = topic.get("fused", np.zeros(len(numbers)))[rows] > 0
+            # A log without the field does not tell the rejected samples from those of a source that is not used.
+            is_rejected = topic.get("innovation_rejected", np.ones(len(numbers)))[rows] > 0
+            rows = rows[_is_used(is_fused, is_rejected)]
             squares = [
                 topic[field][rows] for field in topic if field.partition("[")[0] == "test_ratio"
             ]
@@ -243,6 +246,24 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
                 parts = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
                 largest[is_recent] = np.fmax(largest[is_recent], parts[::2])
     return largest
+
+
+def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
+    """Returns for each sample of an aiding source whether the estimator uses the source.
+
+    It does from a sample that it fused until one that it neither fused nor rejected: then it was deselected, or its
+    data stopped being valid. Samples that are rejected right after fused ones are still of a source in use.
+
+    Args:
+        is_fused: (N,) whether the estimator fused the sample.
+        is_rejected: (N,) whether it rejected the sample's innovation.
+
+    Returns:
+        (N,) flags, false before the first fused sample.
+    """
+    tells_use = is_fused | ~is_rejected
+    last_telling = np.maximum.accumulate(np.where(tells_use, np.arange(len(is_fused)), -1))
+    return np.append(is_fused, False)[last_telling]
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:

@@ -245,6 +245,25 @@ def test_an_aiding_source_that_the_estimator_never_fused_does_not_count():
 
 
 @pytest.mark.parametrize(
+    ("first_rejected", "ratios"),
+    [
+        (None, [0.2, 0.2, 0.2, 0.9, 0.9]),
+        # PX4 goes on to compare a deselected source, and calls it rejected.
+        (4, [0.2, 0.2, 0.2, 0.9, 0.9]),
+        (3, [0.2, 0.2, 5.0, 5.0, 5.0]),
+    ],
+)
+def test_an_aiding_source_that_is_not_used_any_more_does_not_count(first_rejected, ratios):
+    rejected = np.zeros(12, int)
+    if first_rejected is not None:
+        rejected[first_rejected:] = 1
+    squares, fused = [0.04] * 3 + [25.0] * 9, [1] * 3 + [0] * 9
+    velocity = {**aid(squares, fused), "innovation_rejected": rejected}
+    status = estimator_status(aided(gnss_vel=velocity))
+    assert_allclose(status["vel_ratio"][:5], ratios)
+
+
+@pytest.mark.parametrize(
     ("firmware", "is_sampled", "is_filtered"),
     [("PX4 v1.15.0", 0, True), ("PX4 v1.15.0", 1, False), ("PX4 v1.12.3", 0, False)],
 )
