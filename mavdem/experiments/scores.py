@@ -78,6 +78,8 @@ class Mspe(NamedTuple):
 def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     """Computes the mean squared prediction error over samples (the paper's ``Metric for comparison``).
 
+    :func:`mavdem.evaluate.held_out_windows` has errors on windows that no model has seen.
+
     Args:
         measured, predicted: (H, m) values each. A prediction that is NaN has an infinite error.
 
@@ -86,7 +88,6 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
 
     Raises:
         ValueError: the shapes differ, or there are no samples.
-        :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
     y = as_real_array(measured, "measured")
     yhat = as_real_array(predicted, "predicted")

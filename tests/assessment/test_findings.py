@@ -161,7 +161,10 @@ CYCLE = Oscillation(
 )
 WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17, 0.39))
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0), "trim_share": (0.9, 0.9, 1.3, 0.9)}
-TWISTED = Fact(Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False)
+DEVIATION = {"worst": "motor 3 (front left)", "deviation": 0.17, "half": 0.03}
+TWISTED = Fact(
+    Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False, **DEVIATION
+)
 
 
 @mark.parametrize(
