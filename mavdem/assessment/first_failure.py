@@ -28,7 +28,7 @@ from mavdem.dataset.phases import (
     AVERAGING_SECONDS,
     MANUAL_THROTTLE_MODES,
     MAX_SETPOINT_DELAY,
-    MIN_COLLECTIVE_ABOVE_IDLE,
+    min_airborne_command,
     mode_intervals,
     series_of_boot,
 )
@@ -494,7 +494,7 @@ def _failure_by_commands(signals: Signals, boot: int, trouble: _Trouble) -> Fact
             return sinking
 
     # One motor: at its limit, or the opposite one at idle to make up for it.
-    idle = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    idle = min_airborne_command(motors)
     weak = _weak_motor(motors, change, fall_direction)
     if weak is None:
         # A vehicle that fights for long drives all motors to and fro: what its controller did first shows the motor.

@@ -20,7 +20,7 @@ from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, b
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.phases import MIN_COLLECTIVE_ABOVE_IDLE, series_of_boot
+from mavdem.dataset.phases import min_airborne_command, series_of_boot
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
     UNKNOWN_SATELLITES,
@@ -130,7 +130,7 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
     motors = evidence.signals.motors
     if motors is None or evidence.other_vehicle is not None:
         return flights
-    least = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    least = min_airborne_command(motors)
     collective = motors.collective.of_boot(boot)
     intervals = []
     for flight in flights:

@@ -16,7 +16,7 @@ from mavdem.dataset.phases import (
     MAX_GROUND_HEIGHT,
     MAX_SETPOINT_DELAY,
     MIN_CLIMB_SPEED,
-    MIN_COLLECTIVE_ABOVE_IDLE,
+    min_airborne_command,
     mode_intervals,
     series_of_boot,
 )
@@ -216,7 +216,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_off = (commands <= off_command) | has_no_pulses
     motor_count = commands.shape[1]
     mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
-    airborne = motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+    airborne = min_airborne_command(motors)
     # An output that never ran drives no motor.
     has_run = commands.max(axis=0) > airborne
     return is_off & (mean_of_others > airborne) & has_run

@@ -28,7 +28,7 @@ from mavdem.cli.result_folders import (
     write_results,
 )
 from mavdem.cli.sources import read_source
-from mavdem.cli.streams import escape_unprintable, print_to_stdout
+from mavdem.cli.streams import print_page_path
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -142,9 +142,7 @@ def learn_command(
         if not has_model:
             report_error(assessment.refusal.fact, as_json=False)
     elif not no_files:
-        print_to_stdout(
-            f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {max(seconds, 1):.0f} s)"
-        )
+        print_page_path(folder / PAGE_FILE, seconds)
     if not has_model:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 

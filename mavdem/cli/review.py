@@ -25,7 +25,12 @@ from mavdem.cli.result_folders import (
     write_results,
 )
 from mavdem.cli.sources import read_sources
-from mavdem.cli.streams import escape_unprintable, print_to_stdout, text_columns
+from mavdem.cli.streams import (
+    escape_unprintable,
+    print_page_path,
+    print_to_stdout,
+    text_columns,
+)
 from mavdem.report.review import first_lines, further_lines, review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
@@ -119,7 +124,4 @@ def review_command(
     if as_json:
         print_json(document)
         return
-    seconds = perf_counter() - start_time
-    print_to_stdout(
-        f"Page: {escape_unprintable(folder / PAGE_FILE)} (took {max(seconds, 1):.0f} s)"
-    )
+    print_page_path(folder / PAGE_FILE, perf_counter() - start_time)

@@ -7,6 +7,7 @@ import shutil
 import sys
 import warnings
 from contextlib import suppress
+from pathlib import Path
 
 import click
 from rich.console import Console
@@ -69,6 +70,11 @@ def print_to_stdout(text: str) -> None:
     Without ``file``, ``click.echo`` would write UTF-8 where the encoding is ASCII.
     """
     click.echo(text, file=sys.stdout)
+
+
+def print_page_path(path: Path, seconds: float) -> None:
+    """Prints on standard output where a page is, and how long the command took, in whole seconds and at least one."""
+    print_to_stdout(f"Page: {escape_unprintable(path)} (took {max(seconds, 1):.0f} s)")
 
 
 def print_to_stderr(text: object) -> None:

@@ -22,6 +22,7 @@ from mavdem.dataset.intervals import (
     true_intervals,
     union,
 )
+from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -374,6 +375,11 @@ def _last_defined(landed_states: Array) -> Array:
 def min_airborne_collective(parameters: Parameters) -> float:
     """Returns the least collective, as a fraction of the range, that keeps a multirotor in the air."""
     return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
+
+
+def min_airborne_command(motors: MotorOutputs) -> float:
+    """Returns the least command of a motor, as a fraction of its range, that is clearly above its idle."""
+    return motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
 
 
 def max_collective(signals: Signals) -> float:

@@ -73,8 +73,6 @@ class SinkThread(threading.Thread):
         self._listed_events: deque[Event] = deque(maxlen=MAX_LISTED_EVENTS)
         self._recording: rr.RecordingStream | None = None
         self._writer: LiveWriter | None = None
-        # The 3D tab of the recording: its path goes on where the channels change.
-        self._scene: LiveScene | None = None
         self._last_row: DisplayRow | None = None
         # Time of the last sample that the latest model was trained on, s of the boot clock.
         self._trained_until: float | None = None
@@ -179,7 +177,6 @@ class SinkThread(threading.Thread):
             self.trouble = f"there is no viewer at {self.sink.name}"
             return
         self._recording = recording
-        self._scene = LiveScene(recording)
         self._writer = None
 
     def _send(self) -> None:
@@ -188,7 +185,7 @@ class SinkThread(threading.Thread):
         While the view is paused rows stay in their queue, unless the flight is ending. Rows are drawn before events,
         since an alarm is marked in plots that must exist, and the status only when its turn has come.
         """
-        if self._recording is None or self._scene is None:
+        if self._recording is None:
             return
         recording = self._recording
         # Other threads may add to the queues meanwhile, so that only what waits now is taken.
@@ -197,7 +194,7 @@ class SinkThread(threading.Thread):
         rows = [self._rows.popleft() for _ in range(row_count)]
         events = [self._events.popleft() for _ in range(len(self._events))]
         for channels, rows_of_channels in groupby(rows, key=itemgetter(0)):
-            self._send_rows(recording, self._scene, channels, [row for _, row in rows_of_channels])
+            self._send_rows(recording, channels, [row for _, row in rows_of_channels])
         for event in events:
             self._send_event(recording, event)
         if self._last_row and self._writer and wall.monotonic() >= self._next_status:
@@ -208,11 +205,7 @@ class SinkThread(threading.Thread):
         self.trouble = ""
 
     def _send_rows(
-        self,
-        recording: rr.RecordingStream,
-        scene: LiveScene,
-        channels: Channels,
-        rows: list[DisplayRow],
+        self, recording: rr.RecordingStream, channels: Channels, rows: list[DisplayRow]
     ) -> None:
         """Draws rows into the sink's recording, and notes what later texts need of them.
 
@@ -221,12 +214,13 @@ class SinkThread(threading.Thread):
 
         Args:
             recording: the open recording of the sink.
-            scene: 3D tab of that recording.
             channels: names and units of all these rows.
             rows: at least one row, in the order of time.
         """
-        if self._writer is None or channels != self._writer.channels:
-            self._writer = LiveWriter(channels, recording, scene)
+        if self._writer is None:
+            self._writer = LiveWriter(channels, recording, LiveScene(recording))
+        elif channels != self._writer.channels:
+            self._writer = LiveWriter(channels, recording, self._writer.scene)
         self._last_row = rows[-1]
         # The status text says up to when the data was used for training. Rows before the first model have none.
         estimate = self._last_row.estimate

@@ -106,6 +106,7 @@ class LiveWriter:
 
     Attributes:
         channels: names and units of what the rows contain.
+        scene: 3D tab of the recording.
     """
 
     def __init__(self, channels: Channels, recording: rr.RecordingStream, scene: LiveScene) -> None:
@@ -120,7 +121,7 @@ class LiveWriter:
         recording.send_blueprint(live_blueprint(channels))
         self.channels = channels
         self._recording = recording
-        self._scene = scene
+        self.scene = scene
         # Smallest and largest value that was drawn without clipping so far, by plot.
         self._plot_ranges: dict[str, Interval] = {}
         # For the plots of the first tab: how many intervals between ticks they have room for, and the ranges of the
@@ -152,7 +153,7 @@ class LiveWriter:
         self._draw_predicted_angle(rows)
         self._draw_attitude(rows)
         self._draw_wind(rows)
-        self._scene.draw(rows)
+        self.scene.draw(rows)
         estimates = [(row, row.estimate) for row in rows if row.estimate is not None]
         self._draw_wind_torque(estimates)
         self._draw_free_energy(estimates)

@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
 from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream
 from mavdem.ingest.mavlink.framing import frame_content
-from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
+from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
 
 RECORDER = FrameSender(255, mavlink_constant("MAV_COMP_ID_LOG"))
 """Sender of the mark: the logger of a ground station."""
@@ -27,11 +27,9 @@ to another recording, or to a clock that was set in between.
 
 def end_mark() -> bytes:
     """Returns the frame that marks the end of a recording; it is always the same."""
-    definition = definitions_by_name()["STATUSTEXT"]
-    payload = np.zeros(1, dtype=definition.wire)
-    payload["severity"] = mavlink_constant("MAV_SEVERITY_INFO")
-    payload["text"] = END_TEXT
-    return encode_frame(payload.tobytes(), definition, RECORDER, sequence=0)
+    severity = mavlink_constant("MAV_SEVERITY_INFO")
+    payload = filled_payloads("STATUSTEXT", severity=severity, text=END_TEXT).tobytes()
+    return encode_frame(payload, definitions_by_name()["STATUSTEXT"], RECORDER, sequence=0)
 
 
 def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
