@@ -19,7 +19,7 @@ from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, Witness
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
 from mavdem.witnesses.velocity import stopped_at
 
@@ -53,7 +53,7 @@ A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
 """
 
 
-def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> list[Fact]:
+def attitude_losses(sensors: BootSensors, error: AttitudeError, flight: Interval) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
     A vehicle may lose its attitude and recover several times. The first loss that it does not recover from ends the
@@ -61,7 +61,7 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
     one without recovery.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         error: error of roll and pitch in this boot.
         flight: start and end of the flight, s since boot.
 
@@ -70,8 +70,8 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
         code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
-    for start, end in _loss_intervals(scene, error, flight):
-        event = _AttitudeLoss(scene, flight, error, start, end).event()
+    for start, end in _loss_intervals(sensors, error, flight):
+        event = _AttitudeLoss(sensors, flight, error, start, end).event()
         events.append(event)
         is_recovered = event.code is MotionEvent.ATTITUDE_CAUGHT
         if not is_recovered:
@@ -79,14 +79,14 @@ def attitude_losses(scene: Scene, error: AttitudeError, flight: Interval) -> lis
     return events
 
 
-def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Intervals:
+def _loss_intervals(sensors: BootSensors, error: AttitudeError, flight: Interval) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
     It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
     attitude too, whatever the setpoint was.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         error: error of the attitude in the boot.
         flight: start and end of the flight, s since boot.
 
@@ -98,11 +98,11 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
     lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     fallen = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
-        sink_rate = scene.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
+        sink_rate = sensors.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
         if end >= flight_end and sink_rate > FALL_SPEED:
             fallen.append((start, end))
     # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
-    latest_start = _landing_report(scene, flight_end) + MAX_SETPOINT_DELAY
+    latest_start = _landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
         for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
@@ -110,19 +110,19 @@ def _loss_intervals(scene: Scene, error: AttitudeError, flight: Interval) -> Int
     ]
 
 
-def _landing_report(scene: Scene, flight_end: float) -> float:
+def _landing_report(sensors: BootSensors, flight_end: float) -> float:
     """Returns the time of the first report of a landed state after the last report in flight, s since boot.
 
     Landed states often come once a second: the vehicle landed somewhere between the two reports.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight_end: end of the flight by the last report in flight, s since boot.
 
     Returns:
         The end of the flight itself where no report follows within ``MAX_LANDING_REPORT_SECONDS``.
     """
-    reports = series_of_boot(scene.signals.landed_state, scene.boot)
+    reports = series_of_boot(sensors.signals.landed_state, sensors.boot)
     if reports is None:
         return flight_end
     later = reports.time[reports.time > flight_end]
@@ -137,7 +137,7 @@ class _AttitudeLoss(NamedTuple):
     It lasts from ``start`` to ``end``. The signals show how it began, and how serious it was.
     """
 
-    scene: Scene
+    sensors: BootSensors
     """Sensors of the boot, with the take-off of this flight."""
     flight: Interval
     """Start and end of the flight, s since boot."""
@@ -169,9 +169,9 @@ class _AttitudeLoss(NamedTuple):
         has_setpoint = bool(self.error.has_setpoint[rows].all())
         # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
-        height = self.scene.height_at(onset)
+        height = self.sensors.height_at(onset)
         # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that a knock may lie before the onset.
-        knock = self.scene.knock((onset - MAX_SETPOINT_DELAY, self.start))
+        knock = self.sensors.knock((onset - MAX_SETPOINT_DELAY, self.start))
         knock_time = None
         if knock is not None and knock.figures["side"] == Side.FOR:
             knock_time = knock.time
@@ -192,9 +192,9 @@ class _AttitudeLoss(NamedTuple):
             until=None if self.end == inf else self.end,
             angle=largest.angle,
             height=height,
-            height_source=self.scene.height_source,
+            height_source=self.sensors.height_source,
             speed=self._sink_rate(code, onset),
-            boot=self.scene.boot,
+            boot=self.sensors.boot,
         )
         if not largest.has_setpoint:
             event = event.replace(is_lean=True)
@@ -251,9 +251,9 @@ class _AttitudeLoss(NamedTuple):
             height: height above the take-off at that time, m; None if it was not recorded.
             knock_time: time of a knock that the accelerometer measured, s since boot; None if there was none.
         """
-        if not has_risen_by(self.scene, self.flight, onset):
+        if not has_risen_by(self.sensors, self.flight, onset):
             return MotionEvent.TIPPED
-        has_hit = knock_time is not None and knock_is_contact(self.scene, knock_time)
+        has_hit = knock_time is not None and knock_is_contact(self.sensors, knock_time)
         if has_hit or (height is not None and height < MAX_GROUND_HEIGHT):
             return MotionEvent.HIT
         return MotionEvent.ATTITUDE_LOST
@@ -269,7 +269,7 @@ class _AttitudeLoss(NamedTuple):
             has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
             onset: time when the attitude began to leave its setpoint, s.
         """
-        sink_rates = self.scene.sink_rates((onset, self.end + RECOVERY_SECONDS))
+        sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
         # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
         sink_rate = max([0.0, *sink_rates.values()])
         serious_angle = 2 * LOST_ANGLE if has_setpoint else FAR_ANGLE
@@ -285,7 +285,7 @@ class _AttitudeLoss(NamedTuple):
         at the end of that time, as far as its height is known.
         """
         # Mean command of all motors; a vehicle that lies on the ground has it at idle.
-        collective = series_of_boot(self.scene.signals.collective, self.scene.boot)
+        collective = series_of_boot(self.sensors.signals.collective, self.sensors.boot)
         recovered_at = self.end + RECOVERY_SECONDS
         if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
             return False
@@ -294,7 +294,7 @@ class _AttitudeLoss(NamedTuple):
             return False
         usual_output = np.median(collective.values[in_intervals(collective.time, [self.flight])])
         motors_carry_vehicle = bool(later_outputs.mean() > usual_output / 2)
-        height = self.scene.height_at(recovered_at)
+        height = self.sensors.height_at(recovered_at)
         may_be_off_ground = height is None or height > MAX_GROUND_HEIGHT
         return motors_carry_vehicle and may_be_off_ground
 
@@ -316,7 +316,7 @@ class _AttitudeLoss(NamedTuple):
             search_interval = (onset - 2 * MAX_SETPOINT_DELAY, onset)
         else:
             search_interval = (onset, self.end + RECOVERY_SECONDS)
-        return self.scene.sink_rate(search_interval)
+        return self.sensors.sink_rate(search_interval)
 
     def _witnesses(self, onset: float) -> Facts:
         """Returns the witnesses of the loss: statements of sensors that support or contradict it.
@@ -329,11 +329,11 @@ class _AttitudeLoss(NamedTuple):
         ]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
-        for statement in self.scene.sinking((onset, end + RECOVERY_SECONDS)):
+        for statement in self.sensors.sinking((onset, end + RECOVERY_SECONDS)):
             # A vehicle that tips over on the ground does not sink, so that this contradicts nothing.
             if statement.code is Witness.SANK:
                 statements.append(statement)
-        rest = self.scene.rest_after(onset, end + 2 * RECOVERY_SECONDS)
+        rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
         if rest is not None:
             statements += rest.statements
         elif self.error.time[-1] - onset < RECOVERY_SECONDS:
@@ -364,8 +364,8 @@ class _AttitudeLoss(NamedTuple):
         largest_turn = 0.0
         largest_rate = 0.0
         rate_time = onset
-        for tilt in self.scene.signals.tilts:
-            rows = (tilt.boot == self.scene.boot) & in_intervals(tilt.time, [(onset, end)])
+        for tilt in self.sensors.signals.tilts:
+            rows = (tilt.boot == self.sensors.boot) & in_intervals(tilt.time, [(onset, end)])
             if np.count_nonzero(rows) < 2:
                 return ()
             rate = abs(tilt.rate[rows])
@@ -387,7 +387,7 @@ class _AttitudeLoss(NamedTuple):
         return (supporting_statement(Witness.ROTATED, time=rate_time, body_rate=largest_rate),)
 
 
-def knock_is_contact(scene: Scene, time: float) -> bool:
+def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     """Returns whether a knock that the accelerometer felt can be a contact with the ground or an obstacle.
 
     A propeller that breaks, or a motor that tears loose, knocks too. So far above the ground a second witness is
@@ -395,27 +395,27 @@ def knock_is_contact(scene: Scene, time: float) -> bool:
     one.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         time: time of the knock, s since boot.
     """
-    height = scene.height_at(time)
+    height = sensors.height_at(time)
     if height is None or height < ALOFT_HEIGHT:
         return True
-    return stopped_at(scene.signals, scene.boot, time) is not False
+    return stopped_at(sensors.signals, sensors.boot, time) is not False
 
 
-def has_risen_by(scene: Scene, flight: Interval, time: float) -> bool:
+def has_risen_by(sensors: BootSensors, flight: Interval, time: float) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
     Without a height, a vehicle that has flown for ``RECOVERY_SECONDS`` has risen.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
         time: s since boot.
     """
     take_off, _ = flight
-    height = scene.height_above_take_off
+    height = sensors.height_above_take_off
     if height is None:
         return time - take_off > RECOVERY_SECONDS
     in_flight = in_intervals(height.time, [(take_off, time)])

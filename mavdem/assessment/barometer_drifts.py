@@ -7,8 +7,8 @@ from mavdem.confidence import Interval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
-from mavdem.witnesses.scene import Scene
 from mavdem.witnesses.statements import supporting_statement
 
 MIN_DRIFT = 3.0
@@ -33,25 +33,25 @@ MAX_DISTANCE = 20.0
 """Distance, m, of landing and take-off up to which they count as one place: twice the error of a poor fix."""
 
 
-def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
+def barometer_drifts(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
     """Yields an event if the barometer drifted in a flight.
 
     The reading on the ground must have changed by more than noise and weather change it, the altitude by satellites
     must not have changed with it, and landing and take-off must be one place.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
 
     Yields:
         At most one fact, with the change of the barometer as ``change``, m upwards, and its witnesses.
     """
-    heights = ground_heights(scene.signals, scene.boot, flight)
+    heights = ground_heights(sensors.signals, sensors.boot, flight)
     if heights is None:
         return
     change = heights.barometer_change
     flight_start, flight_end = flight
-    duration = min(flight_end, scene.record_end) - flight_start
+    duration = min(flight_end, sensors.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
     # The satellites' altitude may have wandered the other way: that contradicts a rise as well.
     changed_with_it = heights.satellite_change / change if change else 0.0
@@ -63,7 +63,7 @@ def barometer_drifts(scene: Scene, flight: Interval) -> Iterator[Fact]:
         time=flight_start,
         until=flight_end if isfinite(flight_end) else None,
         change=change,
-        boot=scene.boot,
+        boot=sensors.boot,
         witnesses=(
             supporting_statement(Witness.GROUND_READING_CHANGED, height=change),
             supporting_statement(

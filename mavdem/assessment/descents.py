@@ -14,7 +14,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.scene import CLOSED_STICK, Scene
+from mavdem.witnesses.boot_sensors import CLOSED_STICK, BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
 SINK_AGREEMENT = 0.7
@@ -31,7 +31,7 @@ DIVE_COLLECTIVE_RATIO = 0.5
 recorded."""
 
 
-def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
+def falls(sensors: BootSensors, interval: Interval) -> Iterator[Fact]:
     """Yields an event if the vehicle fell faster than ``FALL_SPEED`` and all height sensors confirm that.
 
     An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
@@ -39,14 +39,14 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
     contradicts the estimate must sink as fast too.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: start and end of the time to examine, s since boot.
 
     Yields:
         At most one event, from the first to the last sample of the estimate faster than ``FALL_SPEED``, with the
         ``speed`` downward, m/s, and the height sensors as witnesses.
     """
-    climb_rate = scene.climb_estimate
+    climb_rate = sensors.climb_estimate
     if climb_rate is None:
         return
     is_falling = in_intervals(climb_rate.time, [interval]) & (climb_rate.values < -FALL_SPEED)
@@ -54,28 +54,28 @@ def falls(scene: Scene, interval: Interval) -> Iterator[Fact]:
         return
     start, end = climb_rate.time[is_falling][[0, -1]].tolist()
     window = (start - 1, end + 1)
-    speed = scene.sink_rate(window)
+    speed = sensors.sink_rate(window)
     # After an impact the estimate may be wrong, but until then it may be right.
     window_until_end = (start - 1, end)
-    speed_until_end = scene.sink_rate(window_until_end)
+    speed_until_end = sensors.sink_rate(window_until_end)
     if speed is not None and speed_until_end is not None and speed_until_end > speed:
         speed, window = speed_until_end, window_until_end
     if speed is None or speed < FALL_SPEED:
         return
-    height = scene.height_above_take_off
+    height = sensors.height_above_take_off
     if height is not None:
         expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
         before, after = np.interp([start, end], height.time, height.values)
         # Both changes are negative: the vehicle must have sunk by at least the expected change.
         if after - before > expected_change:
             return
-    witnesses = supporting_statements(scene.sinking(window))
+    witnesses = supporting_statements(sensors.sinking(window))
     yield Fact(
-        MotionEvent.FELL, time=start, until=end, speed=speed, boot=scene.boot, witnesses=witnesses
+        MotionEvent.FELL, time=start, until=end, speed=speed, boot=sensors.boot, witnesses=witnesses
     )
 
 
-def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
+def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
     """Yields dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
 
     A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for
@@ -83,13 +83,13 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
     the vehicle and the barometer's averages lag behind.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
     """
-    closed = _throttle_closed(scene, flight)
+    closed = _throttle_closed(sensors, flight)
     if closed is None:
         return
-    has_stick = scene.stick is not None
+    has_stick = sensors.stick is not None
     flight_start, flight_end = flight
     for start, end in true_intervals(closed.time, closed.values > 0):
         # Intervals at the ends of the record are infinite.
@@ -98,13 +98,13 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
         if end - start < MIN_DIVE_SECONDS:
             continue
         window = (start, end + 1)
-        speed = scene.sink_rate(window)
-        if speed is None or speed < DIVE_SPEED or not _flies_on(scene, flight, end):
+        speed = sensors.sink_rate(window)
+        if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight, end):
             continue
         throttled = Witness.THROTTLE_CLOSED if has_stick else Witness.MOTORS_THROTTLED
         witnesses: Facts = (
             supporting_statement(throttled, time=start),
-            *supporting_statements(scene.sinking(window)),
+            *supporting_statements(sensors.sinking(window)),
         )
         yield Fact(
             MotionEvent.DIVED,
@@ -112,12 +112,12 @@ def dives(scene: Scene, flight: Interval) -> Iterator[Fact]:
             time=start,
             until=end,
             speed=speed,
-            boot=scene.boot,
+            boot=sensors.boot,
             witnesses=witnesses,
         )
 
 
-def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
+def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | None:
     """Returns whether the throttle was closed, at the samples of the motors' mean output.
 
     The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. If the pilot's stick was
@@ -125,13 +125,13 @@ def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
     fully.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
 
     Returns:
         (N,) 0 or 1, of the whole boot; None if no motor outputs were recorded in the flight.
     """
-    collective = series_of_boot(scene.signals.collective, scene.boot)
+    collective = series_of_boot(sensors.signals.collective, sensors.boot)
     if collective is None:
         return None
     in_flight = in_intervals(collective.time, [flight])
@@ -139,26 +139,26 @@ def _throttle_closed(scene: Scene, flight: Interval) -> TimeSeries | None:
         return None
     usual = float(np.median(collective.values[in_flight]))
     is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual
-    stick = scene.stick
+    stick = sensors.stick
     if stick is not None:
         # Automatic modes leave the motors on whatever the stick does, so that both must be low.
         is_low &= np.interp(collective.time, stick.time, stick.values) <= 2 * CLOSED_STICK
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 
 
-def _flies_on(scene: Scene, flight: Interval, time: float) -> bool:
+def _flies_on(sensors: BootSensors, flight: Interval, time: float) -> bool:
     """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
 
     Flight and record must last so long, and the vehicle be above ``MAX_GROUND_HEIGHT``, if its height is known.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
         time: s since boot.
     """
     later = time + RECOVERY_SECONDS
     _, flight_end = flight
-    if min(flight_end, scene.record_end) < later:
+    if min(flight_end, sensors.record_end) < later:
         return False
-    height = scene.height_at(later)
+    height = sensors.height_at(later)
     return height is None or height > MAX_GROUND_HEIGHT

@@ -17,7 +17,7 @@ from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 ENDINGS: dict[Code, Ending] = {
@@ -160,13 +160,13 @@ def _has_measurements(signals: Signals, report: Fact) -> bool:
         report: the report.
     """
     interval = _interval_of_crash(report)
-    scene = Scene(signals, report.figures["boot"])
-    if scene.sink_rates(interval):
+    sensors = BootSensors(signals, report.figures["boot"])
+    if sensors.sink_rates(interval):
         return True
-    if scene.accelerometer is not None and scene.accelerometer.peak(interval) is not None:
+    if sensors.accelerometer is not None and sensors.accelerometer.peak(interval) is not None:
         return True
     for attitude in signals.attitudes:
-        rate = series_of_boot(attitude.rate_series, scene.boot)
+        rate = series_of_boot(attitude.rate_series, sensors.boot)
         if rate is not None and in_intervals(rate.time, [interval]).any():
             return True
     return False
@@ -191,13 +191,13 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
             # The report itself may be among them, and is counted already.
             witnesses = loss.figures.get("witnesses", ())
             return tuple(fact for fact in witnesses if fact.code is not Witness.AUTOPILOT_REPORTED)
-    scene = Scene(signals, boot)
+    sensors = BootSensors(signals, boot)
     statements = []
-    for statement in (scene.knock(interval), scene.fast_rotation(interval)):
+    for statement in (sensors.knock(interval), sensors.fast_rotation(interval)):
         if statement is not None:
             statements.append(statement)
-    statements += [fact for fact in scene.sinking(interval) if fact.code is Witness.SANK]
-    rest = scene.rest_after(earliest, latest)
+    statements += [fact for fact in sensors.sinking(interval) if fact.code is Witness.SANK]
+    rest = sensors.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:
         statements += rest.statements
     return tuple(statements)

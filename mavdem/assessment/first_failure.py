@@ -39,7 +39,7 @@ from mavdem.facts import Code, Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import ON_GROUND
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.sensors import FULL_STICK
 
 CAUSES_OF_ALL_MOTORS = (
@@ -260,7 +260,7 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
         The fact; None if the log does not show it.
     """
     start = max(diverged.until or inf, onset - STOP_REASON_SECONDS)
-    closed = Scene(signals, boot).throttle_closed((start, onset))
+    closed = BootSensors(signals, boot).throttle_closed((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     if closed is None or not in_intervals(closed.time or 0.0, manual):
         return None
@@ -321,7 +321,9 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         if event.code is Reported.BATTERY_WARNED and warning is None:
             warning = event
     # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
-    closed = Scene(signals, boot).throttle_closed((window[0], stop_time + FIRST_RESPONSE_SECONDS))
+    closed = BootSensors(signals, boot).throttle_closed(
+        (window[0], stop_time + FIRST_RESPONSE_SECONDS)
+    )
     if closed is not None:
         return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
     if warning is not None:
@@ -566,8 +568,8 @@ def _sinking_at_full_throttle(
         The fact; None if it did not.
     """
     interval = (time - SINKING_SECONDS, time)
-    stick = Scene(signals, boot).stick
-    climb = Scene(signals, boot).climb_estimate
+    stick = BootSensors(signals, boot).stick
+    climb = BootSensors(signals, boot).climb_estimate
     if stick is None or climb is None:
         return None
     stick_travel = stick.values[in_intervals(stick.time, [interval])]

@@ -22,7 +22,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
-from mavdem.witnesses.scene import MIN_SINK_RATE, Rest, Scene
+from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
     support_count,
@@ -99,7 +99,7 @@ more: what follows the contact does not change how the vehicle came to it."""
 
 
 def ground_contact(
-    scene: Scene,
+    sensors: BootSensors,
     error: AttitudeError,
     flight: Interval,
     loss: Fact | None,
@@ -108,7 +108,7 @@ def ground_contact(
     """Returns the event of a flight that met the ground, if it was not an ordinary landing; None otherwise.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude that the flight did not recover from; None if there was none.
@@ -120,7 +120,7 @@ def ground_contact(
         ``angle`` (largest error of the attitude, rad) and its witnesses. If the attitude was lost shortly before a hit,
         it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
     """
-    contact = _Contact(scene, error, flight, loss, reports)
+    contact = _Contact(sensors, error, flight, loss, reports)
     return contact.event()
 
 
@@ -128,7 +128,7 @@ def ground_contact(
 class _Contact:
     """The end of one flight, examined for a contact with the ground."""
 
-    scene: Scene
+    sensors: BootSensors
     """Sensors of the boot, with the take-off of this flight."""
     error: AttitudeError
     """Error of the attitude in this boot."""
@@ -221,7 +221,7 @@ class _Contact:
         Args:
             time: time when the vehicle touched the ground, s since boot.
         """
-        accelerometer = self.scene.accelerometer
+        accelerometer = self.sensors.accelerometer
         if accelerometer is not None and accelerometer.shows_knocks:
             return False
         around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
@@ -236,7 +236,7 @@ class _Contact:
             since = self.loss.time or self._flight_start
         else:
             since = self._flight_end() - SEARCH_SECONDS
-        return self.scene.rest_after(since, since + 3 * SEARCH_SECONDS)
+        return self.sensors.rest_after(since, since + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; that of the record if it goes on until then."""
@@ -262,7 +262,7 @@ class _Contact:
         Returns:
             The time, s since boot; None if no sensor shows it.
         """
-        accelerometer = self.scene.accelerometer
+        accelerometer = self.sensors.accelerometer
         if accelerometer is not None and accelerometer.peak((start, end)) is not None:
             knock = self._largest_contact_knock(start, end)
             if knock is not None and self._exceeds_vibration(knock, start):
@@ -288,10 +288,10 @@ class _Contact:
             The largest knock; None if none was felt.
         """
         while start < end:
-            knock = self.scene.knock((start, end))
+            knock = self.sensors.knock((start, end))
             if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
                 return None
-            if knock_is_contact(self.scene, knock.time):
+            if knock_is_contact(self.sensors, knock.time):
                 return knock
             start = knock.time + MIN_FALL_SECONDS
         return None
@@ -300,13 +300,13 @@ class _Contact:
         """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
         if self.loss is None or self.loss.time is None:
             return None
-        height = self.scene.height_at(self.loss.time)
+        height = self.sensors.height_at(self.loss.time)
         is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
         return self.loss.time if is_low else None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
         """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration."""
-        accelerometer = self.scene.accelerometer
+        accelerometer = self.sensors.accelerometer
         assert accelerometer is not None
         before = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, start))
         return before is None or bool(knock.figures["acceleration"] > before[1])
@@ -323,7 +323,7 @@ class _Contact:
         Returns:
             The time, s; None if it was not.
         """
-        climb_rate = series_of_boot(self.scene.signals.climb_rate, self.scene.boot)
+        climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
         if climb_rate is None:
             return None
         time = climb_rate.time
@@ -353,7 +353,7 @@ class _Contact:
         """
         around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
         statements: list[Fact] = []
-        for statement in (self.scene.knock(around), self.scene.fast_rotation(around)):
+        for statement in (self.sensors.knock(around), self.sensors.fast_rotation(around)):
             if statement is not None:
                 statements.append(statement)
         statements += self._descent_statements(time)
@@ -372,7 +372,7 @@ class _Contact:
 
     def _is_crash_report(self, report: Fact, start: float, end: float) -> bool:
         """Returns whether the autopilot reported a crash of this boot between two times, s since boot."""
-        is_of_boot = report.figures["boot"] == self.scene.boot
+        is_of_boot = report.figures["boot"] == self.sensors.boot
         is_in_time = start <= (report.time or 0.0) <= end
         return report.code in REPORTS_OF_CRASH and is_of_boot and is_in_time
 
@@ -389,10 +389,10 @@ class _Contact:
             One statement for each of them.
         """
         interval = (time - DESCENT_SECONDS, time)
-        speed = self.scene.sink_rate(interval)
+        speed = self.sensors.sink_rate(interval)
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
-        return supporting_statements(self.scene.sinking(interval))
+        return supporting_statements(self.sensors.sinking(interval))
 
     def _largest_error(self, interval: Interval) -> float:
         """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
@@ -415,9 +415,9 @@ class _Contact:
         """
         onset = self._onset(time)
         contact = self._first_knock(onset, time)
-        fall_speed = self.scene.sink_rate((contact - DESCENT_SECONDS, contact))
+        fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
         contact_speed = self._contact_speed(contact, fall_speed)
-        throttle_closing = self.scene.throttle_closed(
+        throttle_closing = self.sensors.throttle_closed(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
         )
         if self.loss is not None or (rest is not None and rest.is_on_side):
@@ -439,7 +439,7 @@ class _Contact:
             angle=self._largest_error((onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)),
             height=height,
             speed=contact_speed,
-            boot=self.scene.boot,
+            boot=self.sensors.boot,
         )
         if is_hit and onset < contact:
             event = event.replace(onset=onset)
@@ -487,7 +487,7 @@ class _Contact:
         Returns:
             TIPPED (over, at take-off) if it never rose, TOPPLED if it was about to land, otherwise HIT (the ground).
         """
-        if not has_risen_by(self.scene, self.flight, onset):
+        if not has_risen_by(self.sensors, self.flight, onset):
             return MotionEvent.TIPPED
         if self._was_landing(onset, rest, fall_speed, throttle_closing):
             return MotionEvent.TOPPLED
@@ -508,7 +508,7 @@ class _Contact:
         """
         if fall_speed is None:
             return None
-        last_rates = self.scene.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
+        last_rates = self.sensors.sink_rates((contact - CONTACT_SPEED_SECONDS, contact))
         if "estimate" not in last_rates:
             return fall_speed
         return min(fall_speed, max(0.0, last_rates["estimate"]))
@@ -524,7 +524,7 @@ class _Contact:
         Returns:
             The time, s.
         """
-        accelerometer = self.scene.accelerometer
+        accelerometer = self.sensors.accelerometer
         if accelerometer is None or start >= latest:
             return latest
         # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
@@ -557,11 +557,11 @@ class _Contact:
         Returns:
             The height, m; None without a height source that can be trusted.
         """
-        height = self.scene.height_above_take_off
+        height = self.sensors.height_above_take_off
         if height is None:
             return None
         rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
-        return float(height.values[rows].min()) if rows.any() else self.scene.height_at(time)
+        return float(height.values[rows].min()) if rows.any() else self.sensors.height_at(time)
 
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
         """Returns whether a contact was with the ground: its height is that of the resting place and of the take-off.
@@ -572,7 +572,7 @@ class _Contact:
             height: height of the contact above the take-off, m; None if it is not known.
             rest: rest of the vehicle afterwards; None if the log ended before.
         """
-        resting_height = None if rest is None else self.scene.height_at(rest.time)
+        resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if height is None or resting_height is None:
             return False
         return resting_height <= LANDING_STEP and height - resting_height <= LANDING_STEP
@@ -600,10 +600,10 @@ class _Contact:
         if throttle_closing is not None and (throttle_closing.time or 0.0) <= time + STICK_DELAY:
             max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
         before = time - MAX_SETPOINT_DELAY
-        height = self.scene.height_at(before)
+        height = self.sensors.height_at(before)
         if height is None or (fall_speed or 0.0) > max_speed:
             return False
-        resting_height = None if rest is None else self.scene.height_at(rest.time)
+        resting_height = None if rest is None else self.sensors.height_at(rest.time)
         if resting_height is not None:
             if resting_height > LANDING_STEP:
                 return False
@@ -619,8 +619,8 @@ class _Contact:
         Args:
             time: end of the descent, s since boot.
         """
-        height_before = self.scene.height_at(time - DESCENT_SECONDS)
-        height = self.scene.height_at(time)
+        height_before = self.sensors.height_at(time - DESCENT_SECONDS)
+        height = self.sensors.height_at(time)
         if height_before is None or height is None:
             return False
         return height_before - height > LANDING_DESCENT
@@ -631,8 +631,8 @@ class _Contact:
         Args:
             time: the time, s since boot.
         """
-        for tilt in self.scene.signals.tilts:
-            angle = series_of_boot(tilt.angle_series, self.scene.boot)
+        for tilt in self.sensors.signals.tilts:
+            angle = series_of_boot(tilt.angle_series, self.sensors.boot)
             if angle is not None:
                 if abs(np.interp(time, angle.time, angle.values)) > MAX_LANDING_LEAN:
                     return True
@@ -640,7 +640,7 @@ class _Contact:
 
     def _asks_for_climb(self, interval: Interval) -> bool:
         """Returns whether the pilot's throttle asked for a climb at any time of an interval."""
-        stick = self.scene.stick
+        stick = self.sensors.stick
         if stick is None:
             return False
         rows = in_intervals(stick.time, [interval])

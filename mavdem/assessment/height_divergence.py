@@ -21,8 +21,8 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Witness
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
+from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
-from mavdem.witnesses.scene import MAX_FALL_SPEED, Scene
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
 MIN_TRUE_CLIMB = 1.0
@@ -49,22 +49,22 @@ FULL_THROTTLE_COMMAND = 0.9
 """Largest command of all motors, as a share of the range, from which on they work at full throttle; a choice."""
 
 
-def height_divergences(scene: Scene, flight: Interval) -> Iterator[Fact]:
+def height_divergences(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
     """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
     If the pilot sets the throttle, the autopilot does not control the height, so an error does no harm.
 
     Args:
-        scene: sensors of the boot, with the intervals in which their heights contradict each other.
+        sensors: sensors of the boot, with the intervals in which their heights contradict each other.
         flight: start and end of the flight, s since boot.
 
     Yields:
         Events of the intervals in which the estimate diverged; other contradictions have other causes.
     """
-    manual = mode_intervals(scene.signals, scene.boot, MANUAL_THROTTLE_MODES)
+    manual = mode_intervals(sensors.signals, sensors.boot, MANUAL_THROTTLE_MODES)
     automatic = intersection([flight], complement(manual))
-    for interval in _lasting_intervals(intersection(scene.height.contradictions, automatic)):
-        event = _divergence(scene, interval)
+    for interval in _lasting_intervals(intersection(sensors.height.contradictions, automatic)):
+        event = _divergence(sensors, interval)
         if event is not None:
             yield event
 
@@ -75,32 +75,32 @@ def _lasting_intervals(intervals: Intervals) -> Intervals:
     return [(start, end) for start, end in intervals if end - start >= shortest]
 
 
-def _divergence(scene: Scene, interval: Interval) -> Fact | None:
+def _divergence(sensors: BootSensors, interval: Interval) -> Fact | None:
     """Returns the divergence of the height in an interval in which barometer and estimate contradict each other.
 
     It is one only where the barometer and the estimate move in opposite directions, and the pilot's stick does not ask
     for the motion that the barometer shows. The accelerometer's error, or else vibration, is the likely cause.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: start and end, s since boot.
 
     Returns:
         An event with the mean climb by the estimate as ``climb_rate`` (None beyond ``MAX_FALL_SPEED``) and by the
         barometer as ``speed``, m/s upward, its ``cause`` and its witnesses; None if the height did not diverge.
     """
-    climb = _opposite_climb_rates(scene, interval)
+    climb = _opposite_climb_rates(sensors, interval)
     if climb is None:
         return None
     is_rising = climb.barometer > 0
     if is_rising:
-        height_change = scene.height.barometer_change(*interval)
+        height_change = sensors.height.barometer_change(*interval)
         motion = supporting_statement(Witness.ROSE, source="barometer", height=height_change)
     else:
         motion = supporting_statement(Witness.SANK, source="barometer", speed=-climb.barometer)
     start, end = interval
     statements = [motion.replace(time=start, until=end)]
-    travel = _median_stick_travel(scene, interval)
+    travel = _median_stick_travel(sensors, interval)
     if travel is not None:
         asks_for_climb = is_rising and travel > CLIMB_STICK
         asks_for_descent = not is_rising and travel < SINK_STICK
@@ -109,12 +109,12 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         statements.append(
             supporting_statement(Witness.THROTTLE_NOT_RAISED, time=start, until=end, share=travel)
         )
-    cause = _accelerometer_error(scene, interval) or _vibration(scene, interval)
+    cause = _accelerometer_error(sensors, interval) or _vibration(sensors, interval)
     if cause is not None:
         is_of_flight = cause.figures.get("part") == "in flight"
         window_start = start - CONTEXT_SECONDS
         statements.append(cause.replace(time=window_start, until=end) if is_of_flight else cause)
-    full_throttle = _full_throttle(scene, interval)
+    full_throttle = _full_throttle(sensors, interval)
     # A vehicle that sinks at full throttle lacks thrust, whatever its estimate does.
     if full_throttle is not None and is_rising:
         statements.append(full_throttle)
@@ -126,7 +126,7 @@ def _divergence(scene: Scene, interval: Interval) -> Fact | None:
         climb_rate=climb.estimate if abs(climb.estimate) <= MAX_FALL_SPEED else None,
         speed=climb.barometer,
         cause=cause,
-        boot=scene.boot,
+        boot=sensors.boot,
     )
     return weighed_event(event, statements)
 
@@ -140,18 +140,18 @@ class _ClimbRates(NamedTuple):
     """By the estimator, m/s."""
 
 
-def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | None:
+def _opposite_climb_rates(sensors: BootSensors, interval: Interval) -> _ClimbRates | None:
     """Returns the mean climb rates of an interval if barometer and estimate clearly move in opposite directions.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: start and end, s since boot.
 
     Returns:
         Both rates, m/s upward; None if the two do not move apart, or one of them has no samples in the interval.
     """
-    barometer = scene.height.barometer_climb
-    estimate = scene.height.estimated_climb
+    barometer = sensors.height.barometer_climb
+    estimate = sensors.height.estimated_climb
     assert barometer is not None and estimate is not None
     barometer_rows = in_intervals(barometer.time, [interval])
     estimate_rows = in_intervals(estimate.time, [interval])
@@ -164,32 +164,32 @@ def _opposite_climb_rates(scene: Scene, interval: Interval) -> _ClimbRates | Non
     return _ClimbRates(true_climb, false_climb) if is_opposite and is_clear else None
 
 
-def _median_stick_travel(scene: Scene, interval: Interval) -> float | None:
+def _median_stick_travel(sensors: BootSensors, interval: Interval) -> float | None:
     """Returns the median travel of the throttle stick in an interval, 0 to 1; None if it was not recorded there."""
-    stick = scene.stick
+    stick = sensors.stick
     if stick is None:
         return None
     travel = stick.values[in_intervals(stick.time, [interval])]
     return float(np.median(travel)) if len(travel) else None
 
 
-def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
+def _accelerometer_error(sensors: BootSensors, interval: Interval) -> Fact | None:
     """Returns the fact that the accelerometer measures a wrong force, at rest or in flight.
 
     An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
     known. Otherwise vibration is, which the accelerometer feels in flight only.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
         The fact; None if it does not.
     """
-    accelerometer = scene.accelerometer
+    accelerometer = sensors.accelerometer
     if accelerometer is None:
         return None
-    flight_error = _force_error(scene, accelerometer, interval)
+    flight_error = _force_error(sensors, accelerometer, interval)
     gravity = accelerometer.gravity_at_rest
     is_wrong_in_flight = flight_error is not None and abs(flight_error) > MAX_FORCE_ERROR
     if gravity is not None and accelerometer.is_sound is False:
@@ -210,7 +210,7 @@ def _accelerometer_error(scene: Scene, interval: Interval) -> Fact | None:
 
 
 def _force_error(
-    scene: Scene, accelerometer: AccelerometerWitness, interval: Interval
+    sensors: BootSensors, accelerometer: AccelerometerWitness, interval: Interval
 ) -> float | None:
     """Returns the error of the mean upward specific force that the accelerometer measured around a divergence.
 
@@ -218,17 +218,17 @@ def _force_error(
     rates at both ends.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         accelerometer: accelerometer of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
         The error, m/s²; None if barometer or attitude are not known, or there are no samples.
     """
-    climb = scene.height.barometer_climb
+    climb = sensors.height.barometer_climb
     angles = []
-    for tilt in scene.signals.tilts:
-        angle = series_of_boot(tilt.angle_series, scene.boot)
+    for tilt in sensors.signals.tilts:
+        angle = series_of_boot(tilt.angle_series, sensors.boot)
         if angle is not None:
             angles.append(np.interp(accelerometer.time, angle.time, angle.values))
     divergence_start, end = interval
@@ -246,24 +246,24 @@ def _force_error(
     return upward - expected
 
 
-def _vibration(scene: Scene, interval: Interval) -> Fact | None:
+def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:
     """Returns clipping, or vibration beyond the autopilot's limit, as a witness for the cause of a diverged height.
 
     Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
         A statement with the number of clips or the largest vibration, m/s²; None if there was neither, or vibration was
         not recorded.
     """
-    vibration = reported_vibration(scene.signals)
+    vibration = reported_vibration(sensors.signals)
     if vibration is None:
         return None
     levels = vibration.levels
-    rows = (levels.boot == scene.boot) & in_intervals(levels.time, [interval])
+    rows = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
     if not rows.any():
         return None
     count = int(vibration.clips[rows].sum())
@@ -272,26 +272,26 @@ def _vibration(scene: Scene, interval: Interval) -> Fact | None:
         return supporting_statement(Witness.CLIPPED, time=start, until=end, count=count)
     largest_levels = levels.values[rows].max(axis=1)
     largest_level = float(largest_levels.max())
-    if largest_level <= vibration_limits(scene.signals.telemetry).bad:
+    if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
     time = float(levels.time[rows][largest_levels.argmax()])
     return supporting_statement(Witness.VIBRATED, time=time, vibration=largest_level)
 
 
-def _full_throttle(scene: Scene, interval: Interval) -> Fact | None:
+def _full_throttle(sensors: BootSensors, interval: Interval) -> Fact | None:
     """Returns a witness if a motor worked near its upper limit in an interval; None otherwise.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
         A statement with the largest command of all motors, as a ``share`` of their range.
     """
-    motors = scene.signals.motors
-    if motors is None or scene.boot not in motors.boot:
+    motors = sensors.signals.motors
+    if motors is None or sensors.boot not in motors.boot:
         return None
-    commands = motors.range_fractions(scene.boot)
+    commands = motors.range_fractions(sensors.boot)
     rows = in_intervals(commands.time, [interval])
     if not rows.any():
         return None

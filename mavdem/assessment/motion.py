@@ -38,7 +38,7 @@ from mavdem.facts.witnesses import Side
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses import SensorTrust, trust_of_boots
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 
 CONTACTS = (MotionEvent.HIT, MotionEvent.TIPPED, MotionEvent.TOPPLED)
 """Losses of a vehicle by the ground, or by something that it hit."""
@@ -86,7 +86,7 @@ def _events_of_other_vehicle(
     flights = flights_in_boot(signals, boot)
     yield from _clipping_events(signals, boot, flights)
     for flight in flights:
-        yield from position_losses(Scene(signals, boot, flight[0]), flight, reports)
+        yield from position_losses(BootSensors(signals, boot, flight[0]), flight, reports)
 
 
 def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
@@ -128,8 +128,8 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     out_of_control: Intervals = []
     events_of_last_flight: list[Fact] = []
     for flight in flights:
-        scene = Scene(signals, boot, flight[0])
-        flight_events = list(_events_of_flight(scene, error, flight, reports))
+        sensors = BootSensors(signals, boot, flight[0])
+        flight_events = list(_events_of_flight(sensors, error, flight, reports))
         yield from flight_events
         out_of_control += _intervals_out_of_control(flight_events, flight)
         events_of_last_flight = flight_events
@@ -168,7 +168,7 @@ def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -
 
 
 def _events_of_flight(
-    scene: Scene, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
+    sensors: BootSensors, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
@@ -176,17 +176,17 @@ def _events_of_flight(
     first; otherwise the loss was in the air, and the contact is only what followed.
 
     Args:
-        scene: sensors of the boot, with the take-off of this flight.
+        sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
     """
-    losses = attitude_losses(scene, error, flight)
+    losses = attitude_losses(sensors, error, flight)
     loss = None
     if losses and losses[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
         loss = losses.pop()
     yield from losses
-    contact = ground_contact(scene, error, flight, loss, reports)
+    contact = ground_contact(sensors, error, flight, loss, reports)
     if contact is not None and loss is not None:
         is_ground_first = (loss_onset(contact) or 0.0) <= (loss.time or 0.0)
         if is_ground_first or loss.code in CONTACTS:
@@ -198,17 +198,17 @@ def _events_of_flight(
     for event in (loss, contact):
         if event is not None:
             yield event
-    yield from _standing_motors(scene, error, flight, loss, contact, reports)
-    yield from _falls_of_flight(scene, flight, loss, contact)
-    yield from dives(scene, flight)
-    yield from attitude_swings(scene.signals, scene.boot, _until(flight, loss, contact))
-    yield from height_divergences(scene, _until(flight, loss, contact))
-    yield from position_losses(scene, _until(flight, loss, contact), reports)
-    yield from barometer_drifts(scene, flight)
+    yield from _standing_motors(sensors, error, flight, loss, contact, reports)
+    yield from _falls_of_flight(sensors, flight, loss, contact)
+    yield from dives(sensors, flight)
+    yield from attitude_swings(sensors.signals, sensors.boot, _until(flight, loss, contact))
+    yield from height_divergences(sensors, _until(flight, loss, contact))
+    yield from position_losses(sensors, _until(flight, loss, contact), reports)
+    yield from barometer_drifts(sensors, flight)
 
 
 def _standing_motors(
-    scene: Scene,
+    sensors: BootSensors,
     error: AttitudeError,
     flight: Interval,
     loss: Fact | None,
@@ -221,7 +221,7 @@ def _standing_motors(
     reported up to ``MAX_SETPOINT_DELAY`` after its onset, since telemetry of controllers is slow.
 
     Args:
-        scene: sensors of the boot, with the take-off of this flight.
+        sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude in the air; None without one.
@@ -233,7 +233,7 @@ def _standing_motors(
         latest = min(latest, loss_onset(contact) or latest)
     if loss is not None and loss.time is not None:
         latest = min(latest, loss.time + MAX_SETPOINT_DELAY)
-    for event in standing_motors(scene, error, flight, reports):
+    for event in standing_motors(sensors, error, flight, reports):
         if (event.time or 0.0) < latest:
             yield event
 
@@ -248,7 +248,7 @@ def _until(flight: Interval, *events: Fact | None) -> Interval:
 
 
 def _falls_of_flight(
-    scene: Scene, flight: Interval, loss: Fact | None, contact: Fact | None
+    sensors: BootSensors, flight: Interval, loss: Fact | None, contact: Fact | None
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
@@ -261,7 +261,7 @@ def _falls_of_flight(
     - Without both: around the end of a record that has no landing.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
         contact: event of the contact with the ground; None for an ordinary landing.
@@ -270,7 +270,7 @@ def _falls_of_flight(
         The fall, at most one.
     """
     flight_start, landing_time = flight
-    flight_end = min(landing_time, scene.record_end)
+    flight_end = min(landing_time, sensors.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
     if loss is not None:
         start = loss.time or start
@@ -284,7 +284,7 @@ def _falls_of_flight(
     elif np.isfinite(landing_time):
         # The flight ended in an ordinary landing, after which the estimate may run away.
         return
-    yield from falls(scene, (max(flight_start, start), end))
+    yield from falls(sensors, (max(flight_start, start), end))
 
 
 def _end_in_air(
@@ -319,15 +319,15 @@ def _end_in_air(
             if end_time - (event.time or end_time) >= RECOVERY_SECONDS:
                 return
             is_after_loss = True
-    scene = Scene(signals, boot, flight_start)
-    last_height = scene.height_at(end_time)
+    sensors = BootSensors(signals, boot, flight_start)
+    last_height = sensors.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        sources = scene.sources_above(MAX_GROUND_HEIGHT, end_time)
+        sources = sensors.sources_above(MAX_GROUND_HEIGHT, end_time)
         end_in_air = Fact(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,
             height=last_height,
-            height_source=scene.height_source,
+            height_source=sensors.height_source,
             boot=boot,
             witnesses=sources,
             # A stream ends as well where somebody ends its recording.

@@ -26,7 +26,7 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import (
     contradicting_statement,
     supporting_statement,
@@ -67,12 +67,12 @@ class SamplesAround(NamedTuple):
 
 
 def standing_motors(
-    scene: Scene, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
+    sensors: BootSensors, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
     """Yields the motors of a flight that stood still while they were commanded to turn.
 
     Args:
-        scene: sensors of the boot, with the take-off of this flight.
+        sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
@@ -81,17 +81,17 @@ def standing_motors(
         Facts with the name of the motor as subject, the ``name`` of its controller, its mean command as ``share`` of
         the range, and witnesses.
     """
-    motors = scene.signals.motors
-    if motors is None or scene.boot not in motors.boot:
+    motors = sensors.signals.motors
+    if motors is None or sensors.boot not in motors.boot:
         return
-    for controller in speed_controllers(scene.signals):
+    for controller in speed_controllers(sensors.signals):
         motor = controller.motor_index(motors.geometry)
-        speed = series_of_boot(controller.speed, scene.boot)
+        speed = series_of_boot(controller.speed, sensors.boot)
         if motor is not None and speed is not None:
             measured = speed.select(in_intervals(speed.time, [flight]))
-            command = _commands_at(motors, scene.boot, motor, measured.time)
-            for interval in _standstills(scene.signals, measured, command):
-                yield _standstill(scene, error, reports, controller, motor, interval)
+            command = _commands_at(motors, sensors.boot, motor, measured.time)
+            for interval in _standstills(sensors.signals, measured, command):
+                yield _standstill(sensors, error, reports, controller, motor, interval)
 
 
 def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> TimeSeries:
@@ -151,7 +151,7 @@ def _is_far_below_usual(speeds: Array) -> Flags:
 
 
 def _standstill(
-    scene: Scene,
+    sensors: BootSensors,
     error: AttitudeError,
     reports: Sequence[Fact],
     controller: SpeedController,
@@ -161,20 +161,20 @@ def _standstill(
     """Returns the event that a motor stood still, which is bad if a second witness confirms it.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         error: error of the attitude in this boot.
         reports: events that the autopilot reports.
         controller: controller of the motor.
         motor: index of the motor.
         interval: time when the controller measured no rotation, s since boot; the end may be infinite.
     """
-    motors = scene.signals.motors
+    motors = sensors.signals.motors
     assert motors is not None
     name = motors.geometry.names[motor]
     start, interval_end = interval
-    end = min(interval_end, scene.record_end)
+    end = min(interval_end, sensors.record_end)
     recorded = (start, end)
-    commands = motors.range_fractions(scene.boot)
+    commands = motors.range_fractions(sensors.boot)
     command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
     rows = in_intervals(command.time, [recorded])
     share = float(command.values[rows].mean()) if rows.any() else 0.0
@@ -188,10 +188,10 @@ def _standstill(
     )
     witnesses = (
         no_rotation,
-        *_counted_errors(controller, scene.boot, recorded),
+        *_counted_errors(controller, sensors.boot, recorded),
         *_command_statements(command, recorded),
         *_attitude_statements(error, recorded),
-        *reports_on_motor(reports, scene.boot, name, recorded),
+        *reports_on_motor(reports, sensors.boot, name, recorded),
     )
     event = Fact(
         MotionEvent.MOTOR_STOOD_STILL,
@@ -200,7 +200,7 @@ def _standstill(
         subject=name,
         name=controller.name,
         share=share,
-        boot=scene.boot,
+        boot=sensors.boot,
     )
     return weighed_event(event, witnesses)
 

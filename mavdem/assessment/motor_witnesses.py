@@ -21,7 +21,7 @@ from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
 
@@ -150,5 +150,5 @@ def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
     """
     for flight in flights_in_boot(signals, boot):
         if in_intervals(interval[0], [flight]):
-            return supporting_statements(Scene(signals, boot, flight[0]).sinking(interval))
+            return supporting_statements(BootSensors(signals, boot, flight[0]).sinking(interval))
     return ()

@@ -13,7 +13,7 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Witness
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement
 
 MIN_LOST_SECONDS = 5.0
@@ -33,27 +33,29 @@ REACTION_SECONDS = 3.0
 """Seconds by which the reaction of the autopilot may come before the estimator reports the loss; a choice."""
 
 
-def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()) -> Iterator[Fact]:
+def position_losses(
+    sensors: BootSensors, flight: Interval, reports: Sequence[Fact] = ()
+) -> Iterator[Fact]:
     """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
     If the log does not show the estimator's position, the position counts as lost while no GPS receiver has a fix. The
     loss is bad if the autopilot reacted, by a failsafe or a mode without position; otherwise it is to be watched.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
 
     Yields:
         Events with start, end and duration of the loss, s, and witnesses.
     """
-    position = scene.trust.position
+    position = sensors.trust.position
     validity, fix = position.validity, position.fix
     has_position = fix if validity is None else validity
     if has_position is None:
         return
     for start, end in _long_losses(has_position, flight):
-        reactions = _reactions(scene, (start, end), reports)
+        reactions = _reactions(sensors, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
         invalid: Facts = ()
         if validity is not None:
@@ -68,7 +70,7 @@ def position_losses(scene: Scene, flight: Interval, reports: Sequence[Fact] = ()
             time=start,
             until=end,
             duration=end - start,
-            boot=scene.boot,
+            boot=sensors.boot,
             witnesses=(*invalid, *reactions, *_missing_fix(fix, (start, end))),
         )
 
@@ -96,11 +98,11 @@ def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interva
             yield start, end
 
 
-def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Facts:
+def _reactions(sensors: BootSensors, interval: Interval, reports: Sequence[Fact]) -> Facts:
     """Returns the reactions of the autopilot to a lost position: failsafes, and changes to modes that need no position.
 
     Args:
-        scene: sensors of the boot.
+        sensors: sensors of the boot.
         interval: start and end of the time without a position, s since boot.
         reports: events that the autopilot reports.
 
@@ -112,10 +114,10 @@ def _reactions(scene: Scene, interval: Interval, reports: Sequence[Fact]) -> Fac
     start = loss_time - REACTION_SECONDS
     statements = []
     for report in reports:
-        is_of_boot = report.figures["boot"] == scene.boot
+        is_of_boot = report.figures["boot"] == sensors.boot
         if is_of_boot and _is_reaction(report) and start <= (report.time or 0.0) <= end:
             statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
-    for time, name in scene.signals.mode_changes(scene.boot):
+    for time, name in sensors.signals.mode_changes(sensors.boot):
         if start <= time <= end and name in MODES_WITHOUT_POSITION:
             statements.append(supporting_statement(Witness.MODE_CHANGED, name=name, time=time))
     return tuple(statements)

@@ -37,8 +37,8 @@ from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Columns
 from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.position import position_fix, receiver_message
-from mavdem.witnesses.scene import Scene
 
 EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
 """The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
@@ -250,8 +250,8 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     begun_flights = [flight for flight in flights if flight[0] <= time]
     if begun_flights:
         take_off, _ = max(begun_flights)
-        return Scene(signals, boot, take_off).height_at(time)
-    return None if Scene(signals, boot).height_at(time) is None else 0.0
+        return BootSensors(signals, boot, take_off).height_at(time)
+    return None if BootSensors(signals, boot).height_at(time) is None else 0.0
 
 
 def _is_watchdog_report(fact: Fact) -> bool:
@@ -430,7 +430,7 @@ def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
         flight: start and end of the flight, s since boot.
     """
     take_off, end = flight
-    height = Scene(signals, boot, take_off).height_above_take_off
+    height = BootSensors(signals, boot, take_off).height_above_take_off
     if height is None:
         return False
     end_height = np.interp(end, height.time, height.values)

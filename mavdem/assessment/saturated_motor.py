@@ -24,7 +24,7 @@ from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.motors import InFlight
 from mavdem.motors.saturation import most_limited_motors
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 
 MIN_LIMIT_SECONDS = 1.0
 """Time, s, that a motor must be at its limit: longer than a quick manoeuvre takes."""
@@ -173,14 +173,14 @@ def _saturation_loss(
     lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None
-    scene = _scene_at(signals, boot, start)
-    height = scene.height_at(start)
+    sensors = _sensors_in_flight(signals, boot, start)
+    height = sensors.height_at(start)
     if height is not None and height < MAX_GROUND_HEIGHT:
         return None
     excess = _outstanding_excess(signals, motors, event, (start, end))
     if excess is None:
         return None
-    sink_rate = scene.sink_rate((start, end)) or 0.0
+    sink_rate = sensors.sink_rate((start, end)) or 0.0
     motor = motors.geometry.names.index(event.subject)
     leans = _leans_towards(signals, motors, motor, boot, (start, end))
     if not leans and sink_rate < MIN_CLIMB_SPEED:
@@ -231,7 +231,7 @@ def _outstanding_excess(
     return excess
 
 
-def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
+def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
     """Returns the sensors of a boot, with heights above the take-off of the flight that holds a time.
 
     Args:
@@ -244,8 +244,8 @@ def _scene_at(signals: Signals, boot: int, time: float) -> Scene:
     """
     for flight in flights_in_boot(signals, boot):
         if in_intervals(time, [flight]):
-            return Scene(signals, boot, flight[0])
-    return Scene(signals, boot)
+            return BootSensors(signals, boot, flight[0])
+    return BootSensors(signals, boot)
 
 
 def _excess(commands: Array, number: int) -> Array:

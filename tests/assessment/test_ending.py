@@ -18,7 +18,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
-from mavdem.witnesses.scene import Scene
+from mavdem.witnesses.boot_sensors import BootSensors
 
 FAILS = 30.0
 NAMES = geometry().names
@@ -421,8 +421,8 @@ def test_what_lies_askew_after_its_landing_did_not_come_back(landed_at, words):
 
 def test_heights_above_a_take_off_before_the_log_are_no_witnesses():
     signals = Signals(flight(), inputs="motors")
-    assert Scene(signals, 0, 6.0).sources_above(1.0, FAILS)
-    assert not Scene(signals, 0).sources_above(1.0, FAILS)
+    assert BootSensors(signals, 0, 6.0).sources_above(1.0, FAILS)
+    assert not BootSensors(signals, 0).sources_above(1.0, FAILS)
 
 
 def test_a_log_that_ends_after_the_loss_shows_why():

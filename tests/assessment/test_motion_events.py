@@ -31,7 +31,7 @@ from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.witnesses import Side, Witness
 from mavdem.ingest.vocabulary import quaternion
-from mavdem.witnesses.scene import Rest
+from mavdem.witnesses.boot_sensors import Rest
 from mavdem.witnesses.statements import (
     ACCELEROMETER,
     ATTITUDE,

@@ -10,8 +10,8 @@ from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
 from mavdem.facts.ending import MotionEvent
+from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
-from mavdem.witnesses.scene import Scene
 
 TAKE_OFF, LANDING = 6.0, 71.0
 PLACE = (473_977_420, 85_455_940)
@@ -61,8 +61,8 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
 
 
 def test_a_drift_of_a_flight_without_a_recorded_landing_has_no_end():
-    scene = Scene(Signals(flight(6.0), inputs="motors"), 0, TAKE_OFF)
-    (event,) = barometer_drifts(scene, (TAKE_OFF, np.inf))
+    sensors = BootSensors(Signals(flight(6.0), inputs="motors"), 0, TAKE_OFF)
+    (event,) = barometer_drifts(sensors, (TAKE_OFF, np.inf))
     assert event.until is None
 
 

@@ -1,4 +1,4 @@
-"""What the sensors of one boot show around a moment: knocks, rotation, sinking, rest and the throttle stick.
+"""What the sensors of one boot show around a moment: knocks (short peaks of the acceleration), rotation, sinking, rest and the throttle stick.
 
 Each method returns a statement for or against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
 """
@@ -124,7 +124,7 @@ class Rest:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class BootSensors:
     """The sensors of one boot, with methods that state what they show in an interval; all times are s since boot."""
 
     signals: Signals
