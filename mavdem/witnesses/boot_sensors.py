@@ -1,6 +1,7 @@
 """What the sensors of one boot show around a moment: knocks, rotation, sinking, rest and the throttle stick.
 
-A knock is a short peak of the measured acceleration, as an impact causes it. Each method returns a statement for or against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
+A knock is a short peak of the measured acceleration, as an impact causes it. Each method returns a statement for or
+against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
 """
 
 from dataclasses import dataclass
