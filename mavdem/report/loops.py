@@ -4,14 +4,19 @@ from collections.abc import Container, Iterator
 from operator import attrgetter
 from typing import NamedTuple
 
-from mavdem.assessment.axis.loop_decision import DecisionsByAxis, LoopDecision, LoopVerdict
+from mavdem.assessment.axis.loop_decision import (
+    ADVICE_TO_TUNE,
+    DecisionsByAxis,
+    LoopDecision,
+    LoopVerdict,
+)
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopActions, Loops
+from mavdem.facts.loops import Gains, Loops
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import LoopsByAxis
@@ -50,9 +55,6 @@ TUNED_FIGURES = ("phase_margin", "gain_margin", "ms", "crossover")
 The speed is the gain crossover, which follows the gains. The bandwidth jumps where the closed loop has long been flat
 beside −3 dB: with two thirds of the gains it may fall to a fifth, though the step response rises as before.
 """
-
-ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
-"""What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
 
 def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = False) -> Blocks:
@@ -256,7 +258,9 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
     """
     lights_of_loops = [judgement.lights[name] for name in (Light.TRACKING, Light.MARGINS)]
     reason = fact.figures.get("because") or fact
-    return fact.code is NextStep.LOAD_GAINS or reason in lights_of_loops
+    if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
+        return True
+    return isinstance(reason.code, Gains | Loops) or reason in lights_of_loops
 
 
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:

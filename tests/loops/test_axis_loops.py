@@ -26,8 +26,9 @@ from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
 from mavdem.facts.identifiability import Status
-from mavdem.facts.loops import Controllers, Gains, Loops, Responses, Twins
+from mavdem.facts.loops import Controllers, Gains, LoopActions, Loops, Responses, Twins
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
@@ -245,12 +246,19 @@ def test_the_controllers_response_is_that_of_its_program():
     assert_allclose(forward, notched * (back + 0.5 + 0.25 * slope), rtol=1e-12)
 
 
-def tuned_by(loops, decisions=None, **options):
+def tuned_by(loops, decisions=None, headline=None, **options):
     """Of a vehicle with nothing else to say but these decisions on its loops, with a notch."""
-    evidence = partial_record(Evidence, loops=loops, gain_reduction=None, reasons_not_to_fly=())
+    evidence = partial_record(
+        Evidence,
+        loops=loops,
+        gain_reduction=None,
+        reasons_not_to_fly=(),
+        command_arguments=("flight.tlog",),
+    )
     notch = Fact(NotchAdvice.SET_NOTCH, settings=(("INS_HNTCH_FREQ", 80.0),))
     even = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
-    judgement = Judgement(even, even, {"motors": even}, decisions or {})
+    next_step = Fact(NextStep.DO_AS_ADVISED, because=headline) if headline else even
+    judgement = Judgement(headline or even, next_step, {"motors": even}, decisions or {})
     assessment = partial_record(
         Assessment,
         judgement=judgement,
@@ -268,6 +276,26 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
     tuning = tuned_by({"roll": made_up(0.4)}, decisions={"roll": decision}, filters=True)
     assert tuning.parameters["MC_ROLLRATE_P"] > PX4["MC_ROLLRATE_P"]
     assert tuning.notch_parameters
+
+
+def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_needs_new_ones():
+    to_tune = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    reason = Fact(Loops.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
+    decision = LoopDecision("pitch", LoopVerdict.BELOW_GOAL, reason, to_tune)
+    tuning = tuned_by({"roll": made_up()}, {"pitch": decision}, headline=reason)
+    assert not tuning.parameters
+    assert tuning.judgement.next_step.sentence == (
+        "Keep the gains of roll, and change those of pitch: "
+        "`mavdem tune flight.tlog --axis pitch` advises them."
+    )
+
+
+def test_gains_that_no_model_supports_are_not_to_be_loaded():
+    to_tune = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    reason = Fact(Loops.MARGIN_RATING, Level.BAD, axis="roll", action=to_tune)
+    tuning = tuned_by({"roll": made_up()}, headline=reason)
+    assert not tuning.parameters
+    assert "advises" not in tuning.judgement.next_step.sentence
 
 
 def test_no_notch_is_set_where_no_gains_are_advised():

@@ -18,6 +18,7 @@ from rerun_file import chunks
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.axis import Options, analyse
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
 from mavdem.assessment.judgement import judge
@@ -44,7 +45,7 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import ADVICE_TO_TUNE, margin_tables, tune_blocks
+from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.page import tune_page
 from mavdem.report.review import review_screen

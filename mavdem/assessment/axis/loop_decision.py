@@ -28,6 +28,10 @@ CONTROLLER_GAINS = {"rate": ("p", "d"), "attitude": ("angle_gain",)}
 """Gains that make a loop faster, by the loop and by the names of the controller's fields."""
 
 
+ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
+"""What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
+
+
 class LoopVerdict(StrEnum):
     """What is wrong with the loops of an axis."""
 

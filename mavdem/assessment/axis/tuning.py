@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from mavdem.assessment.axis.gains import loop_at_end_of_log
+from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import axes_with_doubtful_loop
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import Judgement, repairs_before_tuning
@@ -14,7 +15,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopActions, Loops
+from mavdem.facts.loops import Loops
 from mavdem.facts.margins import MarginsLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
@@ -149,6 +150,12 @@ def tuned(
     if not advice_on_loops:
         reasons = [headline] if is_headline_reason else []
         raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_grouped_refusals(refusals)])
+    # The axes that were not asked for, and whose gains are to be changed.
+    other_axes = tuple(
+        axis
+        for axis, decision in decisions.items()
+        if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
+    )
     parameters = dict[str, float]()
     for advice in advice_on_loops:
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
@@ -167,7 +174,12 @@ def tuned(
                 for advice in new_gains
                 for caution in advice.before.cautions
             ),
+            others=other_axes,
+            arguments=tuple(evidence.command_arguments),
         )
+        judgement = replace(judgement, next_step=next_step)
+    elif not parameters and _advises_to_tune(judgement.next_step):
+        next_step = _step_without_gains(advice_on_loops, other_axes, evidence)
         judgement = replace(judgement, next_step=next_step)
     set_notch = notch_parameters if parameters else {}
     tuning = Tuning(
@@ -180,6 +192,38 @@ def tuned(
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
     )
     return freeze(tuning)
+
+
+def _advises_to_tune(next_step: Fact) -> bool:
+    """Returns whether a next step is to run ``mavdem tune``, or to load the gains that it advises."""
+    reason = next_step.figures.get("because")
+    action = reason.figures.get("action") if reason else None
+    return action is not None and action.code in ADVICE_TO_TUNE
+
+
+def _step_without_gains(
+    advice_on_loops: Sequence[Advice], other_axes: Sequence[str], evidence: Evidence
+) -> Fact:
+    """Returns the next step where no gains of the axes that were asked for change, though a loop lacks something.
+
+    Args:
+        advice_on_loops: advice on the axes that were asked for, none of which has new gains.
+        other_axes: axes that were not asked for, and whose gains are to be changed.
+        evidence: evidence of the log, with the arguments that read it.
+
+    Returns:
+        To tune the other axes; without any, the first advice on the axes that were asked for.
+    """
+    sentences = [advice.sentence for advice in advice_on_loops]
+    if other_axes:
+        return Fact(
+            NextStep.TUNE_OTHER_AXES,
+            names=tuple(advice.before.axis for advice in advice_on_loops),
+            others=tuple(other_axes),
+            arguments=tuple(evidence.command_arguments),
+        )
+    reason = next((sentence for sentence in sentences if sentence.remedy), sentences[0])
+    return Fact(NextStep.DO_AS_ADVISED, because=reason)
 
 
 def _advice_on_loop(
@@ -228,7 +272,7 @@ def _gains_come_next(headline: Fact) -> bool:
     """
     action = headline.figures.get("action")
     if action is not None:
-        return action.code in (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
+        return action.code in ADVICE_TO_TUNE
     return not headline.is_bad
 
 
