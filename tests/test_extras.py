@@ -1,6 +1,7 @@
 """Extras: what is missing is named with the command that installs it, and everything else works."""
 
 import json
+import os
 import re
 import subprocess
 import sys
@@ -142,3 +143,19 @@ def test_no_module_but_its_own_needs_an_extra(tmp_path):
     written = {path.name for path in tmp_path.iterdir()} - {LOG.name}
     assert written == {*document["files"]} >= {"model.json", "report.json"}
     assert "flight.rrd" not in written
+
+
+def test_an_environment_of_another_checkout_is_refused_and_stays(tmp_path):
+    (tmp_path / "pyvenv.cfg").touch()
+    (tmp_path / "checkout").write_text("/another/checkout\n")
+    done = subprocess.run(
+        [Path(__file__).parents[1] / "tools" / "environment"],
+        env={**os.environ, "MAVDEM_VENV": str(tmp_path), "PYTHON": sys.executable},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr == (
+        f"tools/environment: {tmp_path} was made for /another/checkout: name another folder in MAVDEM_VENV, or delete it.\n"
+    )
+    assert (tmp_path / "pyvenv.cfg").exists()

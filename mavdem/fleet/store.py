@@ -37,8 +37,15 @@ from mavdem.fleet.workers import PAGES, JobLimits, JobOutcome
 TABLES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 """The SQL that makes the tables of the store."""
 
-IS_FINAL_SQL = """
-not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
+OF_MISSING_PACKAGE_SQL = """
+exists (select 1 from flights where flights.log = logs.log and instr(row, '(MissingExtra'))
+"""
+"""SQL: whether a log was not read for a missing package, which earlier versions called an error of mavdem's own. Their
+rows say so in their status only."""
+
+IS_FINAL_SQL = f"""
+not (ended = 'source' or
+     ended = 'error' and (mavdem_version <> :mavdem or {OF_MISSING_PACKAGE_SQL}) or
      ended in ('time', 'memory', 'died') and (time_limit < :seconds or memory_limit < :megabytes))
 """
 """SQL: whether another reading of a log would end as the last one did. It may not after an unreachable source, a

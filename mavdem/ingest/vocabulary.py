@@ -37,6 +37,9 @@ LANDING = mavlink_constant("MAV_LANDED_STATE_LANDING")
 OFF_GROUND = (IN_AIR, TAKING_OFF, LANDING)
 """The states in the air: ArduPilot and PX4 report taking off and landing only while they are off the ground."""
 
+MAVLINK_VERSION = 3
+"""HEARTBEAT.mavlink_version, which every sender fills in (minimal.xml)."""
+
 # Values of HEARTBEAT.system_status.
 
 STANDBY = mavlink_constant("MAV_STATE_STANDBY")

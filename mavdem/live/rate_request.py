@@ -23,7 +23,7 @@ from mavdem.ingest.mavlink.dialect import (
     mavlink_message_id,
 )
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
-from mavdem.ingest.vocabulary import ACTIVE
+from mavdem.ingest.vocabulary import ACTIVE, MAVLINK_VERSION
 from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
 from mavdem.live.messages import Message
 from mavdem.live.samples import DECISION_SECONDS
@@ -39,9 +39,6 @@ GET_INTERVAL = mavlink_constant("MAV_CMD_GET_MESSAGE_INTERVAL")
 
 SET_INTERVAL = mavlink_constant("MAV_CMD_SET_MESSAGE_INTERVAL")
 """The command that sets the interval of a message."""
-
-MAVLINK_VERSION = 3
-"""HEARTBEAT.mavlink_version, which every sender fills in (minimal.xml)."""
 
 BROADCAST = mavlink_constant("MAV_COMP_ID_ALL")
 """Target id of messages to everyone, and of messages that have no target."""

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
@@ -92,11 +93,10 @@ class RowBuilder:
         Args:
             now: end of the time over which rates are measured, s of the boot clock.
         """
-        ascending_rates = sorted(
-            (stream.recent_rate(now), name) for (name, _), stream in self._streams.items()
-        )
-        # Of several ports with the same name, the last and therefore fastest one stays in the dictionary.
-        return {name: rate for rate, name in ascending_rates}
+        fastest_rates = dict[str, float]()
+        for (name, _), stream in self._streams.items():
+            fastest_rates[name] = max(stream.recent_rate(now), fastest_rates.get(name, 0.0))
+        return dict(sorted(fastest_rates.items(), key=itemgetter(1)))
 
     def add_sample(
         self, name: str, port: int, time: float, values: Numbers | None

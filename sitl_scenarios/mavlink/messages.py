@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
 from mavdem.ingest.mavlink.payloads import filled_payloads
-from mavdem.ingest.vocabulary import ACTIVE, ARMED, CRITICAL, ON_GROUND, STANDBY, quaternion
+from mavdem.ingest.vocabulary import (
+    ACTIVE,
+    ARMED,
+    CRITICAL,
+    MAVLINK_VERSION,
+    ON_GROUND,
+    STANDBY,
+    quaternion,
+)
 from sitl_scenarios.gains import control_parameters
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.mavlink.instrument_messages import (
@@ -106,7 +114,7 @@ def message_payloads(
                 "base_mode": base,
                 "custom_mode": custom,
                 "system_status": status,
-                "mavlink_version": 3,
+                "mavlink_version": MAVLINK_VERSION,
             }
         case "SYS_STATUS":
             sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}

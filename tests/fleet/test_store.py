@@ -408,6 +408,19 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     assert track(out, logs).read == 1
 
 
+def test_a_missing_package_that_was_stored_as_an_error_is_tried_again(tmp_path):
+    def rows_of_earlier_version(path, key, page):
+        raise KeyError("MissingExtra: The log needs mcap") if "0" in path.name else KeyError("a bug")
+
+    logs = tmp_path / "logs"
+    make_logs(logs, 2)
+    out = tmp_path / "fleet"
+    assert track(out, logs, reader=InThisProcess(rows_of_earlier_version)).read == 2
+    with closing(sqlite3.connect(out / STORE)) as db, db:
+        db.execute("update flights set row = replace(row, ?, '(')", ["(KeyError: '"])
+    assert track(out, logs).read == 1
+
+
 @mark.parametrize(
     "limits, read", [(JobLimits(1, 600), 0), (JobLimits(2, 600), 1), (JobLimits(1, 700), 1)]
 )

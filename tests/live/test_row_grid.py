@@ -1,9 +1,12 @@
-"""The grid of live rows: when a point is complete."""
+"""The grid of live rows: when a point is complete; and the rates of the streams that rows are made of."""
 
 import numpy as np
 from pytest import approx, mark
 
 from mavdem.dataset.resampling import FILTER_EDGE_STEPS, STAMP_RESOLUTION
+from mavdem.live.flight_phase import FlightPhase
+from mavdem.live.recent_messages import RecentMessages
+from mavdem.live.row_builder import RowBuilder
 from mavdem.live.row_grid import StreamSampling, value_at
 from mavdem.live.samples import SampleStream
 
@@ -37,3 +40,13 @@ def test_an_interpolated_point_waits_for_the_next_sample_only():
     sampling = StreamSampling(np.ones(1), np.zeros(1), keeps_samples=False)
     assert value_at(stream_until(POINT), sampling, POINT, DT) == approx((2.0,))
     assert value_at(stream_until(POINT - 1 / RATE), sampling, POINT, DT) is None
+
+
+def test_rates_are_in_ascending_order_with_the_fastest_port_of_each_message():
+    rows = RowBuilder("roll", FlightPhase(RecentMessages()), report=[].append)
+    for name, port, rate in (("SLOW", 0, 4.0), ("TWO_PORTS", 0, 2.0), ("TWO_PORTS", 1, 20.0)):
+        for time in np.arange(0.0, 5.0, 1 / rate):
+            rows.add_sample(name, port, time, (0.0,))
+    rates = rows.rates(5.0)
+    assert list(rates) == ["SLOW", "TWO_PORTS"]
+    assert list(rates.values()) == approx([4.0, 20.0])
