@@ -146,12 +146,13 @@ class JetFlow:
         below_axis = down + self._height
         radial_distance = (right_of_axis * right_of_axis + below_axis * below_axis) ** 0.5
         speed = jet_speed(self._jet, axial_distance, radial_distance)
-        along, across, downwards = self._turbulence.row(cycle)
-        axial_factor = 1.0 + along
+        # The turbulence is a fraction of the local mean speed, whose own axial component is 1.
+        axial_turbulence, lateral, vertical = self._turbulence.row(cycle)
+        axial = 1.0 + axial_turbulence
         return (
-            speed * (axial_factor * axis_north - across * axis_east),
-            speed * (axial_factor * axis_east + across * axis_north),
-            speed * downwards,
+            speed * (axial * axis_north - lateral * axis_east),
+            speed * (axial * axis_east + lateral * axis_north),
+            speed * vertical,
         )
 
 
@@ -246,7 +247,7 @@ class Weather:
 
 
 def _turbulent_air(
-    wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: Generator
+    wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, generator: Generator
 ) -> Array:
     """Draws the mean wind with its turbulence, by the model of Dryden or von Kármán (MIL-F-8785C).
 
@@ -259,7 +260,7 @@ def _turbulent_air(
         scenario: Vehicle and height of the hover.
         dt: Sampling period, s.
         samples: Number of samples.
-        noise: Random number generator.
+        generator: Random number generator.
 
     Returns:
         (samples, 5) velocity, NED, m/s, and the air's rotation about the forward and right axes, rad/s: the first
@@ -275,12 +276,12 @@ def _turbulent_air(
         longitudinal = partial(von_karman_noise, longitudinal_autocorrelation)
         transverse = partial(von_karman_noise, transverse_autocorrelation)
     time_constant = horizontal.time_constant
-    along = wind.speed + horizontal.sd * longitudinal(time_constant, dt, samples, noise)
-    across = horizontal.sd * transverse(time_constant, dt, samples, noise)
-    down = vertical.sd * transverse(vertical.time_constant, dt, samples, noise)
-    p = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, noise)
-    q = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, noise)
+    along_wind = wind.speed + horizontal.sd * longitudinal(time_constant, dt, samples, generator)
+    lateral = horizontal.sd * transverse(time_constant, dt, samples, generator)
+    down = vertical.sd * transverse(vertical.time_constant, dt, samples, generator)
+    p = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, generator)
+    q = rotation.sd * dryden_longitudinal(rotation.time_constant, dt, samples, generator)
     axis_north, axis_east, _ = towards(wind.direction)
-    north = along * axis_north - across * axis_east
-    east = along * axis_east + across * axis_north
+    north = along_wind * axis_north - lateral * axis_east
+    east = along_wind * axis_east + lateral * axis_north
     return np.column_stack([north, east, down, p, q])

@@ -155,7 +155,6 @@ def test_an_environment_of_another_checkout_is_refused_and_stays(tmp_path):
         text=True,
     )
     assert done.returncode == 2
-    assert done.stderr == (
-        f"tools/environment: {tmp_path} was made for /another/checkout: name another folder in MAVDEM_VENV, or delete it.\n"
-    )
+    refusal = "was made for /another/checkout: name another folder in MAVDEM_VENV, or delete it."
+    assert done.stderr == f"tools/environment: {tmp_path} {refusal}\n"
     assert (tmp_path / "pyvenv.cfg").exists()

@@ -57,58 +57,82 @@ FULL_CELL = 4.15
 BATTERY_CAPACITY = 3000.0
 """Charge of a full battery, mAh."""
 
+TEMPERATURE = 35.0
+"""Temperature of the boards with barometer and gyro, °C; a choice."""
+
+NEW_MEASUREMENTS = 0x1A3F
+"""HIGHRES_IMU.fields_updated: accelerometer, gyro, both pressures, and temperature: bits 0 to 5, 9, 11 and 12."""
+
+HORIZONTAL_DILUTION = 0.8
+"""Horizontal dilution of precision (HDOP) with a fix; a choice, as under an open sky."""
+
+VERTICAL_DILUTION = 1.2
+"""Vertical dilution of precision (VDOP) with a fix; a choice."""
+
+DILUTION_WITHOUT_FIX = 99.99
+"""Dilution of precision that ArduPilot reports without a fix."""
+
+INT16_RANGE = (np.iinfo(np.int16).min, np.iinfo(np.int16).max)
+"""Range of the integers of RAW_IMU."""
+
+CELLS_OF_MESSAGE = 10
+"""Number of cells whose voltages BATTERY_STATUS has."""
+
 UNKNOWN_VOLTAGE = np.iinfo(np.uint16).max
 """Value of a cell of BATTERY_STATUS that does not exist."""
 
 
 def instrument_fields(
-    name: str, motion: InstrumentedMotion, boot: NDArray[np.int64], autopilot: Autopilot
+    name: str,
+    motion: InstrumentedMotion,
+    boot_microseconds: NDArray[np.int64],
+    autopilot: Autopilot,
 ) -> Fields | None:
     """Returns the fields of a message that instruments fill; None for a message that they do not fill.
 
     Args:
         name: Name of the message.
         motion: N rows of the flight.
-        boot: Their times since boot, µs; (N,).
+        boot_microseconds: (N,) times of the rows since boot, µs.
         autopilot: Autopilot that sends the message.
     """
-    time_boot_ms = boot // 1000 % 2**32
+    time_boot_ms = boot_microseconds // 1000 % 2**32
     match name:
         case "GPS_RAW_INT":
-            return {"time_usec": boot, **_satellite_fields(motion)}
+            return {"time_usec": boot_microseconds, **_satellite_fields(motion)}
         case "SCALED_PRESSURE":
             return {
                 "time_boot_ms": time_boot_ms,
                 "press_abs": _pressure(motion),
-                "temperature": 3500,
+                # 0.01 °C.
+                "temperature": round(100 * TEMPERATURE),
             }
         case "HIGHRES_IMU":
             return {
-                "time_usec": boot,
+                "time_usec": boot_microseconds,
                 "abs_pressure": _pressure(motion),
                 "pressure_alt": HOME[2] + motion.barometer_height,
-                "temperature": 35.0,
-                # Accelerometer, gyro and barometer are new: bits 0 to 5, 9, 11 and 12.
-                "fields_updated": 0x1A3F,
+                "temperature": TEMPERATURE,
+                "fields_updated": NEW_MEASUREMENTS,
                 **by_column("xacc yacc zacc", motion.specific_force),
                 **by_column("xgyro ygyro zgyro", motion.gyro),
             }
         case "RAW_IMU":
             # In mg and mrad/s, as ArduPilot fills it.
-            force = np.round(1000 * motion.specific_force / GRAVITY).clip(-32768, 32767)
+            force = np.round(1000 * motion.specific_force / GRAVITY).clip(*INT16_RANGE)
             return {
-                "time_usec": boot,
+                "time_usec": boot_microseconds,
                 **by_column("xacc yacc zacc", force),
                 **by_column("xgyro ygyro zgyro", np.round(1000 * motion.gyro)),
             }
         case "VIBRATION":
-            return {"time_usec": boot, **_vibration_fields(motion, autopilot)}
+            return {"time_usec": boot_microseconds, **_vibration_fields(motion, autopilot)}
         case "EKF_STATUS_REPORT" | "ESTIMATOR_STATUS":
             names = "velocity_variance pos_horiz_variance pos_vert_variance compass_variance"
             fields: Fields = {}
             if name == "ESTIMATOR_STATUS":
                 names = "vel_ratio pos_horiz_ratio pos_vert_ratio mag_ratio"
-                fields = {"time_usec": boot}
+                fields = {"time_usec": boot_microseconds}
             has_fix = motion.fix_type >= FIX_3D
             flags = ATTITUDE_AND_HEIGHT | np.where(has_fix, HORIZONTAL, HORIZONTAL_WITHOUT_FIX)
             flags |= GLITCH_FLAGS[name] * motion.is_glitching
@@ -125,7 +149,7 @@ def instrument_fields(
         case "POWER_STATUS":
             return {"Vcc": np.round(1000 * motion.board_voltage), "Vservo": 0, "flags": 1}
         case "BATTERY_STATUS":
-            return _battery_fields(motion, boot)
+            return _battery_fields(motion, boot_microseconds)
     return None
 
 
@@ -158,8 +182,8 @@ def _satellite_fields(motion: InstrumentedMotion) -> Fields:
         "lat": np.round(1e7 * (latitude + north / METRES_PER_DEGREE)) * has_fix,
         "lon": np.round(1e7 * (longitude + east_degrees)) * has_fix,
         "alt": np.round(1000 * (altitude - down)) * has_fix,
-        "eph": np.where(has_fix, 80, 9999),
-        "epv": np.where(has_fix, 120, 9999),
+        "eph": np.round(100 * np.where(has_fix, HORIZONTAL_DILUTION, DILUTION_WITHOUT_FIX)),
+        "epv": np.round(100 * np.where(has_fix, VERTICAL_DILUTION, DILUTION_WITHOUT_FIX)),
         "vel": np.round(100 * np.hypot(north_speed, east_speed)) * has_fix,
         "cog": np.round(100 * course) % 36000,
         "satellites_visible": motion.satellites,
@@ -196,7 +220,7 @@ def charge_share(motion: InstrumentedMotion, battery: int) -> NDArray[Any]:
     return ((cell - EMPTY_CELL) / (FULL_CELL - EMPTY_CELL)).clip(0.0, 1.0)
 
 
-def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fields:
+def _battery_fields(motion: InstrumentedMotion, boot_microseconds: NDArray[np.int64]) -> Fields:
     """Returns the fields of BATTERY_STATUS; two batteries are reported in turn, every other second.
 
     Units are those of the message: mV, A / 100, mAh and percent. An autopilot that does not know the voltage of single
@@ -204,17 +228,19 @@ def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fiel
 
     Args:
         motion: N samples of the flight.
-        boot: (N,) times since boot, µs.
+        boot_microseconds: (N,) times of the rows since boot, µs.
 
     Returns:
         Columns (N,), or one number for all samples, by field.
     """
-    is_second = ~np.isnan(motion.battery_voltage[:, 1]) & (boot // 1_000_000 % 2 == 1)
+    seconds = boot_microseconds // 1_000_000
+    has_second_battery = ~np.isnan(motion.battery_voltage[:, 1])
+    is_second = has_second_battery & (seconds % 2 == 1)
     battery = is_second.astype(int)
-    rows = np.arange(len(boot))
-    voltages = np.full((len(boot), 10), float(UNKNOWN_VOLTAGE))
-    voltages[:, 0] = np.round(1000 * motion.battery_voltage[rows, battery])
-    share = np.where(is_second, charge_share(motion, 1), charge_share(motion, 0))
+    row_numbers = np.arange(len(boot_microseconds))
+    voltages = np.full((len(boot_microseconds), CELLS_OF_MESSAGE), float(UNKNOWN_VOLTAGE))
+    voltages[:, 0] = np.round(1000 * motion.battery_voltage[row_numbers, battery])
+    charge = np.where(is_second, charge_share(motion, 1), charge_share(motion, 0))
     current_shares = np.where(is_second, SECOND_BATTERY_SHARE, 1.0)
     return {
         "id": battery,
@@ -223,9 +249,9 @@ def _battery_fields(motion: InstrumentedMotion, boot: NDArray[np.int64]) -> Fiel
         "temperature": np.iinfo(np.int16).max,
         "voltages": voltages,
         "current_battery": np.round(100 * motion.battery_current * current_shares),
-        "current_consumed": np.round(BATTERY_CAPACITY * (1 - share)),
+        "current_consumed": np.round(BATTERY_CAPACITY * (1 - charge)),
         "energy_consumed": -1,
-        "battery_remaining": np.round(100 * share),
+        "battery_remaining": np.round(100 * charge),
     }
 
 
@@ -267,7 +293,8 @@ def flight_modes(motion: InstrumentedMotion, autopilot: Autopilot) -> NDArray[An
     Returns:
         Base and custom mode (N, 2).
     """
-    # The row of mode 0 is never used: there the mode of the plan is taken.
-    planned = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
-    others = np.array([(0, 0), *autopilot.manual_modes])
-    return np.where(motion.mode[:, None] > 0, others[motion.mode], planned)
+    planned_modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
+    # Row 0 only fills a place: with mode 0 the mode of the plan is taken.
+    manual_modes = np.array([(0, 0), *autopilot.manual_modes])
+    is_planned = motion.mode == 0
+    return np.where(is_planned[:, None], planned_modes, manual_modes[motion.mode])

@@ -76,29 +76,29 @@ STICK_CHANNELS = ((1, 0), (2, 1), (4, 2))
 
 
 def message_payloads(
-    name: str, motion: Motion, boot: NDArray[np.int64], autopilot: Autopilot
+    name: str, motion: Motion, boot_microseconds: NDArray[np.int64], autopilot: Autopilot
 ) -> Payloads:
     """Returns the payloads of one message for rows of a motion.
 
     Args:
         name: Name of the message.
         motion: N rows of the flight.
-        boot: Their times since boot, µs; (N,).
+        boot_microseconds: (N,) times of the rows since boot, µs.
         autopilot: Autopilot that sends the message.
 
     Returns:
         (N,) payloads of the message's wire type.
     """
-    fields: dict[str, Any] = {"time_boot_ms": boot // 1000 % 2**32}
+    fields: dict[str, Any] = {"time_boot_ms": boot_microseconds // 1000 % 2**32}
     if isinstance(motion, InstrumentedMotion):
-        instrument = instrument_fields(name, motion, boot, autopilot)
-        if instrument is not None:
-            return filled_payloads(name, len(boot), **instrument)
+        measured_fields = instrument_fields(name, motion, boot_microseconds, autopilot)
+        if measured_fields is not None:
+            return filled_payloads(name, len(boot_microseconds), **measured_fields)
         modes = flight_modes(motion, autopilot)
     else:
         modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
-    base = modes[:, 0] + ARMED * motion.armed
-    custom = modes[:, 1]
+    base_mode = modes[:, 0] + ARMED * motion.armed
+    custom_mode = modes[:, 1]
     rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
     rotors = motion.outputs.shape[1]
@@ -111,8 +111,8 @@ def message_payloads(
             fields = {
                 "type": VEHICLE_TYPES[rotors],
                 "autopilot": autopilot.number,
-                "base_mode": base,
-                "custom_mode": custom,
+                "base_mode": base_mode,
+                "custom_mode": custom_mode,
                 "system_status": status,
                 "mavlink_version": MAVLINK_VERSION,
             }
@@ -134,15 +134,16 @@ def message_payloads(
         case "ATTITUDE_QUATERNION":
             fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
-            # What hover feels: the simulation has no accelerometer.
-            turning = by_column("xgyro ygyro zgyro", motion.gyro)
-            fields = {"time_usec": boot, "zacc": -GRAVITY, **turning}
+            # This simulation has no accelerometer: its specific force is always that of hover.
+            fields = {"time_usec": boot_microseconds, "zacc": -GRAVITY}
+            fields |= by_column("xgyro ygyro zgyro", motion.gyro)
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
             fields["q"] = quaternion(*motion.attitude_setpoint.T)
-            asked = "body_roll_rate body_pitch_rate body_yaw_rate"
-            fields |= by_column(asked, motion.rates_setpoint) | {"thrust": motion.demands[:, 3]}
+            rate_names = "body_roll_rate body_pitch_rate body_yaw_rate"
+            fields |= by_column(rate_names, motion.rates_setpoint)
+            fields["thrust"] = motion.demands[:, 3]
         case "RC_CHANNELS":
             fields |= _stick_channels(motion)
         case "LOCAL_POSITION_NED":
@@ -153,10 +154,10 @@ def message_payloads(
         case "SERVO_OUTPUT_RAW":
             # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
             fields = {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
-            fields["time_usec"] = boot % 2**32
+            fields["time_usec"] = boot_microseconds % 2**32
         case "ACTUATOR_OUTPUT_STATUS":
             fields = {
-                "time_usec": boot,
+                "time_usec": boot_microseconds,
                 "active": CHANNELS,
                 "actuator": np.pad(outputs, ((0, 0), (0, CHANNELS))),
             }
@@ -164,8 +165,8 @@ def message_payloads(
             # A motor that is stopped has less than the lowest pulse, and no negative command.
             commands = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
             controls = np.pad(commands, ((0, 0), (0, CHANNELS - rotors)))
-            fields = {"time_usec": boot, "controls": controls, "mode": base}
-    return filled_payloads(name, len(boot), **fields)
+            fields = {"time_usec": boot_microseconds, "controls": controls, "mode": base_mode}
+    return filled_payloads(name, len(boot_microseconds), **fields)
 
 
 def _stick_channels(motion: Motion) -> dict[str, Any]:

@@ -205,14 +205,14 @@ class Transmitter:
         frames: list[TimedFrame] = []
         next_row = 0
         while self._events:
-            after_arming, happen = self._events[0]
+            after_arming, trigger_fault = self._events[0]
             # Before arming the time is infinite, and no row reaches it.
             event_row = int(np.searchsorted(motion.time, self._arming_time + after_arming))
             if event_row == len(motion):
                 # This fault, and all after it, come in a later block.
                 break
             frames += self._block_frames(motion[next_row:event_row])
-            happen(float(motion.time[event_row]))
+            trigger_fault(float(motion.time[event_row]))
             next_row = event_row
             del self._events[0]
         return frames + self._block_frames(motion[next_row:])
@@ -362,8 +362,8 @@ class Transmitter:
         if isinstance(motion, InstrumentedMotion):
             for row in np.flatnonzero(motion.text != "").tolist():
                 text = str(motion.text[row]).encode()
-                said = filled_payloads("STATUSTEXT", severity=motion.severity[row], text=text)
-                yield OutgoingMessage(row, "STATUSTEXT", said.tobytes())
+                payload = filled_payloads("STATUSTEXT", severity=motion.severity[row], text=text)
+                yield OutgoingMessage(row, "STATUSTEXT", payload.tobytes())
         for name in self._rates:
             rows = self.schedule.due(name, clock)
             if len(rows):
@@ -393,7 +393,7 @@ class LossyLink:
         sequence = np.random.SeedSequence(scenario.seed, spawn_key=(LINK_KEY,))
         self._random = default_rng(sequence)
         self._latest = -np.inf
-        self._held: TimedFrame | None = None
+        self._overtaken_frame: TimedFrame | None = None
 
     def pass_on(self, sent: list[TimedFrame]) -> Iterator[TimedFrame]:
         """Passes frames over the link: some are lost, all are late, and some are overtaken by the next one.
@@ -417,13 +417,13 @@ class LossyLink:
                 continue
             # A link keeps its order: a frame cannot arrive before the one that was sent before it.
             self._latest = max(time + delay + max_jitter * jitter, self._latest)
-            if self._held is not None:
-                held_arrival, held_frame = self._held
-                self._held = None
-                yield held_arrival, frame
-                yield self._latest, held_frame
+            if self._overtaken_frame is not None:
+                earlier_arrival, overtaken_frame = self._overtaken_frame
+                self._overtaken_frame = None
+                yield earlier_arrival, frame
+                yield self._latest, overtaken_frame
             elif order < faults.reordered:
-                self._held = self._latest, frame
+                self._overtaken_frame = self._latest, frame
             else:
                 yield self._latest, frame
 
@@ -434,7 +434,7 @@ class LossyLink:
 
     def held_frames(self) -> list[TimedFrame]:
         """Returns the frame that waits to be overtaken at the end of the flight, if there is one."""
-        return [] if self._held is None else [self._held]
+        return [] if self._overtaken_frame is None else [self._overtaken_frame]
 
 
 def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[TimedFrame]:
@@ -452,8 +452,8 @@ def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[T
     """
     mishap = scenario.mishap
     if isinstance(mishap, SecondLink):
-        again = [(time + mishap.delay, frame) for time, frame in received]
-        return sorted(received + again, key=itemgetter(0))
+        delayed_copies = [(time + mishap.delay, frame) for time, frame in received]
+        return sorted(received + delayed_copies, key=itemgetter(0))
     if isinstance(mishap, SecondVehicle):
         second_scenario = scenario.model_copy(update={"seed": scenario.seed + 1})
         motion = fly(second_scenario)
@@ -468,8 +468,8 @@ def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[T
             moved = replace(moved, fix=moved.fix + east)
         second = Transmitter(scenario).send(moved)
         shift = SECOND_VEHICLE_SECONDS - mishap.boot
-        others = [(time + shift, frame) for time, frame in second]
-        return sorted(received + others, key=itemgetter(0))
+        frames_of_second = [(time + shift, frame) for time, frame in second]
+        return sorted(received + frames_of_second, key=itemgetter(0))
     return received
 
 

@@ -41,14 +41,14 @@ SETTLING_SECONDS = 0.15
 STOPPING_SECONDS = 0.015
 """Time in which the ground stops a vehicle, s: a centimetre or two of what bends."""
 
-KNOCK_SECONDS = 0.03
-"""Time constant with which a knock dies away in what bends, s; a choice."""
+IMPACT_SECONDS = 0.03
+"""Time constant with which the acceleration of an impact dies away in what bends, s; a choice."""
 
-MAX_KNOCK = 150.0
-"""Greatest knock that accelerometers feel, m/s²: their range is 16 g."""
+MAX_IMPACT = 150.0
+"""Greatest acceleration of an impact that accelerometers feel, m/s²: their range is 16 g."""
 
-TOPPLE_KNOCK = 35.0
-"""Knock of rotors and hull on the ground of a vehicle that tips over, m/s²; a choice."""
+TOPPLE_IMPACT = 35.0
+"""Acceleration by the impact of rotors and hull on the ground of a vehicle that tips over, m/s²; a choice."""
 
 
 @dataclass
@@ -67,7 +67,7 @@ class GroundContact:
     """Rate of the lean, rad/s."""
     is_toppling: bool = False
     """Whether it tips over from its feet, rather than having hit the ground."""
-    knock: float = 0.0
+    impact: float = 0.0
     """What the ground's blow adds to the accelerometers, m/s²."""
 
     @property
@@ -85,7 +85,7 @@ class GroundContact:
         Args:
             seconds: Time step, s.
         """
-        self.knock *= exp(-seconds / KNOCK_SECONDS)
+        self.impact *= exp(-seconds / IMPACT_SECONDS)
         if not self.is_toppling:
             change = (self.rest_lean - self.lean) * (1.0 - exp(-seconds / SETTLING_SECONDS))
             self.lean += change
@@ -97,7 +97,7 @@ class GroundContact:
             self.lean = self.rest_lean
             self.rate = 0.0
             self.is_toppling = False
-            self.knock = TOPPLE_KNOCK
+            self.impact = TOPPLE_IMPACT
 
     def state(self, state: State) -> State:
         """Computes the state of the vehicle on the ground from the present lean and its rate.
@@ -111,7 +111,7 @@ class GroundContact:
         half = self.lean / 2
         north, east = self.axis
         tilt = (cos(half), sin(half) * north, sin(half) * east, 0.0)
-        attitude = normalised(product(tilt, self.heading))
+        attitude = normalised(quaternion_product(tilt, self.heading))
         rows = rotation_matrix(attitude)
         rates = tuple(
             self.rate * (north * x + east * y) for x, y in zip(rows[0], rows[1], strict=True)
@@ -120,7 +120,7 @@ class GroundContact:
         return State(position, attitude=attitude, rates=rates, rotors=state.rotors)
 
 
-def product(a: Quaternion, b: Quaternion) -> Quaternion:
+def quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:
     """Multiplies two quaternions: the rotation ``b``, followed by ``a`` about the axes of the world.
 
     Args:
@@ -173,9 +173,9 @@ def impact(state: State) -> GroundContact:
     elif lean > MAX_LANDING_LEAN or state.velocity[2] > MAX_UPRIGHT_SINK:
         rest_lean = SIDE_ANGLE
     speed = sqrt(sum(part * part for part in state.velocity))
-    knock = min(speed / STOPPING_SECONDS, MAX_KNOCK)
-    heading = normalised(product(upright, state.attitude))
-    return GroundContact(heading, axis, lean, rest_lean, knock=knock)
+    impact = min(speed / STOPPING_SECONDS, MAX_IMPACT)
+    heading = normalised(quaternion_product(upright, state.attitude))
+    return GroundContact(heading, axis, lean, rest_lean, impact=impact)
 
 
 def topple(state: State, bearing: float) -> GroundContact:

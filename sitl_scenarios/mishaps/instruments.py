@@ -32,8 +32,8 @@ CLIPPING_LEVEL = 45.0
 CLIPS_PER_VIBRATION = 3.0
 """Clipped samples per second and m/s² of vibration above that."""
 
-KNOCK_CLIP = 140.0
-"""Knock, m/s², from which on the accelerometer clips."""
+CLIPPING_IMPACT = 140.0
+"""Acceleration of an impact, m/s², from which on the accelerometer clips."""
 
 BAROMETER_NOISE = 0.12
 """Standard deviation of the barometer's height, m."""
@@ -77,14 +77,14 @@ SOUND_RATIO_SPREAD = 0.2
 FORCE_NOISE_PER_VIBRATION = 0.1
 """Standard deviation of the accelerometer, m/s², for each m/s² of added vibration; a choice."""
 
-KNOCK_DIRECTION = (0.5, -0.4, -0.7)
-"""Share of a knock of the ground that each body axis of the accelerometer feels; a choice.
+IMPACT_DIRECTION = (0.5, -0.4, -0.7)
+"""Share of the acceleration of an impact on the ground that each body axis of the accelerometer feels; a choice.
 
 The ground pushes upwards against the vehicle, and turns it, so that no axis feels all of it.
 """
 
-KNOCK_CLIPS = 2
-"""Samples beyond the range of the accelerometer in each cycle of a strong knock; a choice."""
+IMPACT_CLIPS = 2
+"""Samples beyond the range of the accelerometer in each cycle of a strong impact; a choice."""
 
 USED_CELL_VOLTAGE = 3.5
 """Voltage without load, V, with which each cell of a second battery that will be empty begins the flight; a choice."""
@@ -166,7 +166,7 @@ class Instruments:
         state: State,
         remaining_voltage: float,
         readings: Readings,
-        knock: float,
+        impact: float,
     ) -> dict[str, Any]:
         """Returns what the instruments measure in this cycle, by the names of the fields of ``InstrumentedMotion``.
 
@@ -178,7 +178,7 @@ class Instruments:
             state: True state, with the accelerations of the last step.
             remaining_voltage: Share of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to 1.
             readings: Errors of the sensors.
-            knock: Acceleration of an impact on the ground, m/s².
+            impact: Acceleration of an impact on the ground, m/s².
         """
         noise = next(self._noise)
         board_noise = noise[8]
@@ -188,13 +188,15 @@ class Instruments:
         current = HOVER_CURRENT * self._rotors * power_ratio
         vibration = thrust_ratio * (SOUND_VIBRATION + readings.vibration)
         self._clips += max(vibration - CLIPPING_LEVEL, 0.0) * CLIPS_PER_VIBRATION * self._cycle
-        if knock > KNOCK_CLIP:
-            self._clips += KNOCK_CLIPS
+        if impact > CLIPPING_IMPACT:
+            self._clips += IMPACT_CLIPS
         north, east, down = state.position
         north_noise, east_noise, down_noise = (FIX_NOISE * number for number in noise[4:7])
         usual = SOUND_RATIO * (1.0 + SOUND_RATIO_SPREAD * noise[7])
         return {
-            "specific_force": self._specific_force(state, readings, knock, thrust_ratio, noise[:3]),
+            "specific_force": self._specific_force(
+                state, readings, impact, thrust_ratio, noise[:3]
+            ),
             "vibration": vibration,
             "clips": int(self._clips),
             "barometer_height": self._barometer_height(down, readings, thrust_ratio, noise[3]),
@@ -248,7 +250,7 @@ class Instruments:
         self,
         state: State,
         readings: Readings,
-        knock: float,
+        impact: float,
         thrust_ratio: float,
         noise: list[float],
     ) -> tuple[float, ...]:
@@ -257,7 +259,7 @@ class Instruments:
         Args:
             state: True state; its linear accelerations are in NED, m/s².
             readings: Errors of the sensors.
-            knock: Acceleration of an impact on the ground, m/s².
+            impact: Acceleration of an impact on the ground, m/s².
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover; the noise grows with it.
             noise: Three random numbers of unit variance, one for each axis.
 
@@ -271,8 +273,8 @@ class Instruments:
         force = [dot(column, without_gravity) for column in zip(*rows, strict=True)]
         spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * readings.vibration)
         x, y, z = (part + spread * number for part, number in zip(force, noise, strict=True))
-        knock_x, knock_y, knock_z = (share * knock for share in KNOCK_DIRECTION)
-        return x + knock_x, y + knock_y, z + readings.force_bias + knock_z
+        impact_x, impact_y, impact_z = (share * impact for share in IMPACT_DIRECTION)
+        return x + impact_x, y + impact_y, z + readings.force_bias + impact_z
 
     def _battery_voltages(
         self, time: float, current: float, remaining_voltage: float

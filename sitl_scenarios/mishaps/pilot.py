@@ -235,18 +235,18 @@ class Pilot:
             self.is_caught = True
         return self._level(estimate, CATCH_THRUST)
 
-    def _flip(self, since: float, estimate: State) -> ControlOutput | None:
+    def _flip(self, flip_time: float, estimate: State) -> ControlOutput | None:
         """Climbs for a moment, and then rolls to the right until the whole turn is complete.
 
         Args:
-            since: Time since the beginning of the flip, s.
+            flip_time: Time since the beginning of the flip, s.
             estimate: The estimated state.
 
         Returns:
             Output of the flip; None when it is complete, and the attitude is controlled again.
         """
         self.mode = "flip"
-        if since < FLIP_CLIMB_SECONDS:
+        if flip_time < FLIP_CLIMB_SECONDS:
             return self._level(estimate, FLIP_CLIMB_THRUST)
         self.rolled += estimate.rates[0] * self.cycle
         if self.rolled >= FLIP_END:

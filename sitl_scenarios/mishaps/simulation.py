@@ -192,9 +192,9 @@ class InstrumentedSimulation(Simulation):
             Values by field.
         """
         row = super()._row(air, battery, estimate, reference, control)
-        knock = 0.0 if self._contact is None else self._contact.knock
+        impact = 0.0 if self._contact is None else self._contact.impact
         row |= self._instruments.row(
-            self._flight_time, self._state, battery, self._sensor_faults.readings, knock
+            self._flight_time, self._state, battery, self._sensor_faults.readings, impact
         )
         text, severity = "", 0
         if self._announcements and self._flight_time >= self._announcements[0].time:

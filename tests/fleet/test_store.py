@@ -410,7 +410,9 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
 
 def test_a_missing_package_that_was_stored_as_an_error_is_tried_again(tmp_path):
     def rows_of_earlier_version(path, key, page):
-        raise KeyError("MissingExtra: The log needs mcap") if "0" in path.name else KeyError("a bug")
+        raise (
+            KeyError("MissingExtra: The log needs mcap") if "0" in path.name else KeyError("a bug")
+        )
 
     logs = tmp_path / "logs"
     make_logs(logs, 2)
