@@ -278,6 +278,9 @@ def _unzipped(path: Path, limit: int | None) -> bytes:
         path: The archive.
         limit: Number of bytes to read at most; None for the whole log.
 
+    Returns:
+        The bytes of the only log in the archive, or its first ``limit`` bytes.
+
     Raises:
         Unreadable: The archive is damaged or needs a password, contains several logs or none, or its log is too large.
     """

@@ -13,6 +13,15 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.telemetry import Columns
 
+MAIN_MODE_SHIFT = 16
+"""First bit of PX4's main mode in a custom mode, one byte (union px4_custom_mode)."""
+
+SUB_MODE_SHIFT = 24
+"""First bit of PX4's sub mode in a custom mode, one byte."""
+
+BYTE_MASK = 0xFF
+"""The lowest byte of a number."""
+
 
 class Px4Mode(NamedTuple):
     """One flight mode of PX4, a row of ``flight_modes.toml``."""
@@ -34,7 +43,7 @@ class Px4Mode(NamedTuple):
         """
         if self.main_mode == 0:
             return self.navigation_state
-        return self.main_mode << 16 | self.sub_mode << 24
+        return self.main_mode << MAIN_MODE_SHIFT | self.sub_mode << SUB_MODE_SHIFT
 
 
 AUTO_MODE = 4
@@ -121,8 +130,9 @@ def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
     Returns:
         The name ("Position"), otherwise that of the main mode, otherwise "mode 4:19" by main and sub mode.
     """
-    main_mode = number >> 16 & 0xFF
-    sub_mode = number >> 24 & 0xFF
+    # The third and the fourth byte from the lowest (union px4_custom_mode).
+    main_mode = number >> MAIN_MODE_SHIFT & BYTE_MASK
+    sub_mode = number >> SUB_MODE_SHIFT & BYTE_MASK
     is_external = main_mode == AUTO_MODE and sub_mode in EXTERNAL_SUB_MODES
     is_listed = number in _NAME_OF_CUSTOM_MODE
     if number in announced and (is_external or not is_listed):
@@ -132,7 +142,7 @@ def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
     if not main_mode:
         return f"mode {number}"
     # Sub modes of the other main modes are varieties of them.
-    name_of_main_mode = _NAME_OF_CUSTOM_MODE.get(main_mode << 16)
+    name_of_main_mode = _NAME_OF_CUSTOM_MODE.get(main_mode << MAIN_MODE_SHIFT)
     if name_of_main_mode is not None and main_mode != AUTO_MODE:
         return name_of_main_mode
     return f"mode {main_mode}:{sub_mode}"

@@ -16,6 +16,7 @@ from mavdem.arrays import Array
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import Repair, Separation, Source
 from mavdem.ingest.telemetry import (
+    MICROSECONDS,
     Columns,
     Component,
     Log,
@@ -60,9 +61,6 @@ MAX_CHANGED_PARAMETERS = 0.15
 
 A choice: of logs of one board on different days at most 7 % differ, such as calibrations and counters.
 """
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 MIN_UTC = 1e9
 """UNIX time, s, from which on UTC counts as known: of the year 2001. Before its first fix a receiver counts from 0."""

@@ -78,7 +78,9 @@ def motor_geometry(
     # With fewer channels than the vehicle has motors, some of the parameters did not arrive. Then the channels are
     # assumed from those whose outputs change, and numbered as motors 1, 2, … in their order.
     if len(channel_of_motor) < MOTOR_COUNTS.get(vehicle, 1):
-        candidates = [n for n in moving_channels if n not in wiring.non_motor_channels]
+        candidates = [
+            channel for channel in moving_channels if channel not in wiring.non_motor_channels
+        ]
         channels, channel_source = _assumed_channels(
             vehicle, candidates, bank_size, wiring.non_motor_channels
         )

@@ -215,12 +215,12 @@ def blocks_of_other_recordings(
     # Each run is compared with all others, which would take too long.
     if len(runs) > MAX_RUNS:
         return []
-    kept: list[_Chain] = []
+    kept_chains: list[_Chain] = []
     chains = _chains(runs, max_gap, rules)
     for chain in sorted(chains, key=_importance, reverse=True):
-        if all(_agree(chain, other, rules) for other in kept):
-            kept.append(chain)
-    kept_runs = {id(run) for chain in kept for run in chain.runs}
+        if all(_agree(chain, kept_chain, rules) for kept_chain in kept_chains):
+            kept_chains.append(chain)
+    kept_runs = {id(run) for chain in kept_chains for run in chain.runs}
     blocks = []
     for row, run in enumerate(runs):
         if id(run) in kept_runs:
@@ -309,14 +309,15 @@ def _runs(
         earliest_head = positions[first] - MAX_HEAD_BYTES
         if runs:
             earliest_head = max(earliest_head, positions[runs[-1].end - 1])
-        heads = np.searchsorted(log_starts, [earliest_head, positions[first] + MAX_HEAD_BYTES])
+        latest_head = positions[first] + MAX_HEAD_BYTES
+        first_start, end_start = np.searchsorted(log_starts, [earliest_head, latest_head])
         runs.append(
             _Run(
                 first,
                 end,
                 start_time=float(time[first]),
                 end_time=float(time[first:end].max()),
-                begins_log=bool(heads[0] < heads[1]),
+                begins_log=bool(first_start < end_start),
                 utc_at_boot=float(np.median(utc)) if len(utc) >= MIN_UTC_READINGS else None,
                 is_repeated=first in repeated_blocks,
             )
@@ -340,16 +341,16 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
         return blocks
     for row in falls[:MAX_COMPARED_BLOCKS].tolist():
         start = int(positions[row])
-        earlier = content.find(content[start : start + COMPARED_BYTES], 0, start)
-        if earlier < 0:
+        earlier_start = content.find(content[start : start + COMPARED_BYTES], 0, start)
+        if earlier_start < 0:
             continue
         # The end of the repeated bytes, which may be within a message.
-        size = min(start - earlier, len(content) - start)
-        first = np.frombuffer(content, np.uint8, size, earlier)
-        second = np.frombuffer(content, np.uint8, size, start)
-        differences = np.flatnonzero(first != second)
-        end = start + (int(differences[0]) if len(differences) else size)
-        blocks[row] = int(np.searchsorted(positions, end))
+        max_size = min(start - earlier_start, len(content) - start)
+        earlier_bytes = np.frombuffer(content, np.uint8, max_size, earlier_start)
+        repeated_bytes = np.frombuffer(content, np.uint8, max_size, start)
+        differences = np.flatnonzero(earlier_bytes != repeated_bytes)
+        repeated_size = int(differences[0]) if len(differences) else max_size
+        blocks[row] = int(np.searchsorted(positions, start + repeated_size))
     return blocks
 
 
@@ -401,7 +402,7 @@ def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
         chain, kept: The chains: runs of messages, each of which continues the clock of the one before.
         rules: Limits of what the clock may do.
     """
-    first, second = sorted((chain, kept), key=lambda each: each.runs[0].first)
+    first, second = sorted((chain, kept), key=lambda either: either.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:
         return False
     later_begins = second.runs[0].start_time

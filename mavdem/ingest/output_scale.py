@@ -58,6 +58,9 @@ MAX_NORMALISED = 1.05
 MAX_IDLE_DSHOT = 10.0
 """Outputs up to this one, and above ``MAX_NORMALISED``, are DShot commands hardly above idle."""
 
+PER_MILLE = 1000.0
+"""Unit of THR_MIN: a thousandth of the range."""
+
 MAX_SIMULATED = 1000.0
 """Full throttle of PX4's simulators, which send 150 to 1000."""
 
@@ -267,7 +270,7 @@ def _ardupilot_stop(parameters: Parameters) -> float:
         The share, 0.5 to 1; 1 without such a parameter.
     """
     stop = 1.0
-    idle = parameters.get("THR_MIN", 0.0) / 1000
+    idle = parameters.get("THR_MIN", 0.0) / PER_MILLE
     if "MOT_SPIN_MAX" in parameters:
         stop = parameters["MOT_SPIN_MAX"]
     elif "MOT_THST_MAX" in parameters:
@@ -295,5 +298,5 @@ def _ardupilot_lower_stop(parameters: Parameters) -> float:
     if "MOT_SPIN_MIN" in parameters:
         return parameters["MOT_SPIN_MIN"]
     if "THR_MIN" in parameters:
-        return parameters["THR_MIN"] / 1000
+        return parameters["THR_MIN"] / PER_MILLE
     return DEFAULT_LOWER_STOP

@@ -236,13 +236,14 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
                 continue
             sample_time = topic["time"][rows]
             ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
-            # The first sample after the time before, and the one behind the last at this time.
+            # Of each time: the row of the first sample after the time before, and the row after its own last sample.
             ends = np.searchsorted(sample_time, time, side="right")
             starts = np.minimum(np.r_[ends[:1] - 1, ends[:-1]], ends - 1)
             is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
             if is_recent.any():
                 windows = np.column_stack([starts, ends])[is_recent]
-                # Every second part that ``reduceat`` takes is a window; the 0 behind all ends the last one.
+                # ``reduceat`` also takes the maxima between windows, which are every second part. The appended 0 is
+                # there since the end of the last window may be the end of the samples.
                 parts = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
                 largest[is_recent] = np.fmax(largest[is_recent], parts[::2])
     return largest

@@ -27,6 +27,7 @@ from mavdem.ingest.px4_topics import (
 )
 from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
+    MICROSECONDS,
     Columns,
     Fields,
     Parameters,
@@ -121,25 +122,25 @@ def interpolated_rotations(
         query_time: Times (M,), s, at which rotations are wanted.
         time: Times (N,) of the rotations, s, ascending.
         quaternions: The rotations (N, 4), of any length but 0.
-        next_rows: Rows (M,) of the rotation behind each time, 1 or more.
+        next_rows: Rows (M,) of the rotation after each time, 1 or more.
 
     Returns:
         Unit quaternions (M, 4).
     """
     unit = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
     before = unit[next_rows - 1]
-    behind = unit[next_rows]
-    cosine = np.sum(before * behind, axis=1)
+    after = unit[next_rows]
+    cosine = np.sum(before * after, axis=1)
     # The negative of a quaternion is the same rotation.
-    behind = behind * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
+    after = after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    start = time[next_rows - 1]
-    share = (query_time - start) / (time[next_rows] - start)
+    time_before = time[next_rows - 1]
+    share = (query_time - time_before) / (time[next_rows] - time_before)
     # sinc keeps neighbours that are equal from a division by zero.
     weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
-    weight_behind = share * np.sinc(share * angle / np.pi)
-    total = weight_before[:, np.newaxis] * before + weight_behind[:, np.newaxis] * behind
-    return total / np.sinc(angle / np.pi)[:, np.newaxis]
+    weight_after = share * np.sinc(share * angle / np.pi)
+    weighted_sum = weight_before[:, np.newaxis] * before + weight_after[:, np.newaxis] * after
+    return weighted_sum / np.sinc(angle / np.pi)[:, np.newaxis]
 
 
 MIN_TURNS_PER_DRIVER = 2
@@ -454,8 +455,9 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     sample_count = fifo["samples"][:, None]
     is_sample = sample_number < sample_count
     delay = fifo["timestamp"] - fifo["timestamp_sample"].astype(np.float64)
-    last_sample_time = fifo["time"] - delay / 1e6
-    time_before_last = (sample_count - 1 - sample_number) * fifo["dt"][:, None] / 1e6
+    last_sample_time = fifo["time"] - delay / MICROSECONDS
+    samples_before_last = sample_count - 1 - sample_number
+    time_before_last = samples_before_last * fifo["dt"][:, None] / MICROSECONDS
     axes = {}
     for axis in "xyz":
         values = array_field(fifo, axis, MAX_FIFO_SAMPLES) * fifo["scale"][:, None]

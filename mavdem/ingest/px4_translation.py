@@ -98,6 +98,10 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
     Args:
         topics: The logged topics.
         parameters: The autopilot's parameters by name.
+
+    Returns:
+        The vehicle's type, the messages with data, and the topic of each message; no messages without any of
+        ``FLIGHT_MESSAGES``.
     """
     vehicle_type = mav_type(topics, parameters)
     vehicle = UNNAMED if vehicle_type is None else enum_name("MAV_TYPE", vehicle_type)

@@ -34,6 +34,9 @@ Beside the fields of the message definition, in the units of the definition, two
 Tables = Mapping[str, Columns]
 """The columns of each message type by its name."""
 
+MICROSECONDS = 1e6
+"""Microseconds in a second."""
+
 MIN_PREFERRED_SHARE = 0.9
 """A preferred message gives way to another only where it comes less often than this share of the other's count.
 
@@ -188,7 +191,7 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int3
         is_first = np.ones(len(part), dtype=np.bool_)
         is_first[1:] = sorted_values[1:] != sorted_values[:-1]
         first_rows = np.flatnonzero(is_first)
-        # What lies before the first row of the first value is empty.
+        # The part before the first row of the first value is empty.
         groups = np.split(order + np.int32(begin), first_rows)[1:]
         for value, rows in zip(sorted_values[first_rows].tolist(), groups, strict=True):
             parts.setdefault(value, []).append(rows)

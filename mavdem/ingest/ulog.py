@@ -25,6 +25,7 @@ from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.px4_topics import Topics
 from mavdem.ingest.px4_translation import attitude_repairs, messages_of_topics
 from mavdem.ingest.telemetry import (
+    MICROSECONDS,
     Columns,
     Fields,
     Log,
@@ -35,13 +36,16 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     selected_rows,
 )
-from mavdem.ingest.ulog_records import MICROSECONDS, RecordLoss, sound_records
+from mavdem.ingest.ulog_records import RecordLoss, sound_records
 from mavdem.ingest.ulog_topics import LoggedTopic, parse_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
 MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 """First bytes of a ULog file."""
+
+MILLISECONDS = 1e3
+"""Milliseconds in a second: the unit of pyulog's dropouts."""
 
 DEFAULT_ID = 1
 """PX4's default of the parameters MAV_SYS_ID and MAV_COMP_ID."""
@@ -69,6 +73,9 @@ class ParameterSetting(NamedTuple):
 
 def read_ulog(path: PathName) -> Log:
     """Reads a ULog file, a damaged one as far as possible.
+
+    Args:
+        path: The file.
 
     Returns:
         The log of one vehicle, PX4's. Its ``frames`` are the file's data messages and texts. There are no receive
@@ -330,7 +337,7 @@ def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
         duration=loss.lost_seconds,
     )
     # How long the logger was interrupted, s; what it missed in that time is not known.
-    durations = np.array([dropout.duration for dropout in log.dropouts]) / 1e3
+    durations = np.array([dropout.duration for dropout in log.dropouts]) / MILLISECONDS
     return (
         *damage,
         *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP),

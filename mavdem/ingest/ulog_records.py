@@ -20,6 +20,7 @@ import numpy as np
 from mavdem.ingest.byte_rows import Offsets
 from mavdem.ingest.contents import FileContent
 from mavdem.ingest.record_runs import RecordRuns
+from mavdem.ingest.telemetry import MICROSECONDS
 from mavdem.ingest.ulog_definitions import (
     DATA,
     DATA_HEADER,
@@ -36,9 +37,6 @@ from mavdem.ingest.ulog_definitions import (
 
 FILE_HEADER_BYTES = 16
 """Number of bytes before the first record: the magic, the version of the format and the time of the start."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 TYPE_BYTES = re.compile(b"[BFIMPQARDLCSO]")
 """Any type of a record."""

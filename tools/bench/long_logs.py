@@ -21,7 +21,7 @@ import numpy as np
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.mavlink.checksums import frame_checksum
 from mavdem.ingest.mavlink.dialect import definitions_by_id
-from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream
+from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import (
     CHECKSUM_BYTES,
     CHECKSUM_MATCHES,
@@ -31,6 +31,7 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_V1,
 )
 from mavdem.ingest.mavlink.vehicles import BOOT_CLOCK_UNITS
+from mavdem.ingest.telemetry import MICROSECONDS
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 from mavdem.report.blocks import Table, markdown
 

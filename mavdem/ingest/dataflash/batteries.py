@@ -83,7 +83,7 @@ def battery_status(tables: Tables) -> NamedMessage:
                 id_column = np.full(len(voltage), battery_id, np.uint8)
                 fields |= {"id": id_column, "voltages": voltage[:, None]}
                 parts.append(with_stamps(rows, fields))
-        # The second name is that of older versions.
+        # The second name is that of older versions, which do not log the first.
         if parts:
             break
     has_other_than_first = bool(ids - {0})
@@ -121,16 +121,16 @@ def _measurements(logged: Columns) -> tuple[Array, Fields]:
         logged: Messages (N,) with ``Volt``.
 
     Returns:
-        Voltage (N,), mV; and, as far as logged, ``current_battery`` (N,), cA, and ``battery_remaining`` (N,), percent.
+        Voltage (N,), mV; and ``current_battery`` (N,), cA, if it was logged.
     """
     voltage = float_table(logged, ("Volt",))[:, 0]
     is_positive = voltage > 0
     is_in_hundredths = np.any(is_positive) and np.nanmedian(voltage[is_positive]) > MAX_VOLTS
     millivolts_per_unit = 10.0 if is_in_hundredths else 1000.0
+    centiamperes_per_unit = millivolts_per_unit / 10
     fields: Fields = {}
     if "Curr" in logged:
         # The current is in hundredths of an ampere where the voltage is in those of a volt.
-        fields["current_battery"] = float_table(logged, ("Curr",))[:, 0] * (
-            millivolts_per_unit / 10
-        )
+        current = float_table(logged, ("Curr",))[:, 0]
+        fields["current_battery"] = current * centiamperes_per_unit
     return voltage * millivolts_per_unit, fields

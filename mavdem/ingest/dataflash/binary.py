@@ -179,9 +179,9 @@ def parse_definition(values: FormatFields) -> tuple[int, FormatDefinition] | Non
     Returns:
         The message id and the definition; None if the name is not one, or a text is not printable ASCII: damage.
     """
-    name, characters, field_names = (
-        _padded_text(value) for value in (values.name, values.characters, values.field_names)
-    )
+    name = _padded_text(values.name)
+    characters = _padded_text(values.characters)
+    field_names = _padded_text(values.field_names)
     for text in (name, characters, field_names):
         if not text.isascii() or not text.isprintable():
             return None
@@ -390,9 +390,11 @@ class _MessageScan:
         if message_id not in self.sharing_definitions:
             yield self.definitions[message_id], starts
             return
-        definitions = [self._definition_of_message(offset) for offset in starts.tolist()]
-        for definition in dict.fromkeys(definitions):
-            rows = [row for row, other in enumerate(definitions) if other == definition]
+        rows_by_definition: dict[FormatDefinition, list[int]] = {}
+        for row, offset in enumerate(starts.tolist()):
+            definition = self._definition_of_message(offset)
+            rows_by_definition.setdefault(definition, []).append(row)
+        for definition, rows in rows_by_definition.items():
             yield definition, starts[rows]
 
     def _definition_of_message(self, offset: int) -> FormatDefinition:

@@ -86,7 +86,7 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
     Returns:
         All messages, those of filters (EKF) only of the core that flew; and separately the messages of all cores.
     """
-    flown: dict[str, Columns] = dict(tables)
+    flown_messages: dict[str, Columns] = dict(tables)
     all_cores: dict[str, Columns] = {}
     primary_cores: dict[str, NDArray[np.integer]] = {}
     names: dict[str, str] = {}
@@ -102,14 +102,14 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
             is_flown = core == primary
             if not is_flown.any():
                 cores, counts = np.unique(core, return_counts=True)
-                other_core = int(cores[counts.argmax()])
-                is_flown = core == other_core
-                names[name] = f"{name}[{other_core}]"
-            flown[name] = selected_rows(logged, is_flown)
+                most_logged_core = int(cores[counts.argmax()])
+                is_flown = core == most_logged_core
+                names[name] = f"{name}[{most_logged_core}]"
+            flown_messages[name] = selected_rows(logged, is_flown)
             all_cores[name] = logged
             primary_cores[name] = primary
     return FlownEstimates(
-        flown,
+        flown_messages,
         all_cores,
         primary_cores,
         names,

@@ -220,21 +220,15 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
     )
     tables, clock_repairs = _on_boot_clock(logged, clock)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
-        if "StartTime" in recording.decode("TIME").columns:
-            raise Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
-        names = sorted(recording.counts)
-        undefined = recording.undefined_messages
-        # Two bytes of random data are a header now and then, but not in every few hundred bytes.
-        if undefined * MAX_MESSAGE_BYTES > recording.bytes_skipped and undefined > len(names):
-            code = Source.DATAFLASH_WITHOUT_DEFINITIONS
-            raise Unreadable(code, path=source, count=undefined)
-        code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
-        raise Unreadable(code, path=source, names=names)
+        raise _error_without_flight(recording, source)
     texts = field_texts(logged["MSG"].columns, "Message")
     settings = _parameter_settings(logged["PARM"].columns)
     # Of several values of one parameter a dictionary keeps the last: of the reversed list the first.
     parameters = dict(settings)
     first_values = dict(reversed(settings))
+    initial_parameters = {
+        name: value for name, value in first_values.items() if value != parameters[name]
+    }
     kind = _mav_type(texts, parameters)
     messages, source_names, unit_repairs = translated(
         tables, mavlink_constant(f"MAV_TYPE_{kind}"), parameters
@@ -270,11 +264,32 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         source_names=source_names,
         board=board_number_in_texts(texts),
         hardware=board_name_in_texts(texts),
-        initial_parameters={
-            name: value for name, value in first_values.items() if value != parameters[name]
-        },
+        initial_parameters=initial_parameters,
         default_parameters=_default_parameters(logged["PARM"].columns),
     )
+
+
+def _error_without_flight(recording: DataflashRecording, source: str) -> Unreadable:
+    """Explains why a log has no message of a flight.
+
+    It is of a PX4 before ULog, or most of its messages have no definition, or it has other messages or none.
+
+    Args:
+        recording: The log, which has none of ``FLIGHT_MESSAGES``.
+        source: Name of the file.
+
+    Returns:
+        The error to raise.
+    """
+    if "StartTime" in recording.decode("TIME").columns:
+        return Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
+    names = sorted(recording.counts)
+    undefined = recording.undefined_messages
+    # Two bytes of random data are a header now and then, but not in every few hundred bytes.
+    if undefined * MAX_MESSAGE_BYTES > recording.bytes_skipped and undefined > len(names):
+        return Unreadable(Source.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined)
+    code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
+    return Unreadable(code, path=source, names=names)
 
 
 def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
@@ -294,8 +309,8 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     # IMU has by far the most messages: only what is used of each stays in memory.
     imu = logged["IMU"]
     used_fields = {*CLOCK_FIELDS, "I", "T", "Temp", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
-    columns = {name: values for name, values in imu.columns.items() if name in used_fields}
-    logged["IMU"] = imu._replace(columns=columns)
+    used_columns = {name: values for name, values in imu.columns.items() if name in used_fields}
+    logged["IMU"] = imu._replace(columns=used_columns)
     return logged
 
 
@@ -379,16 +394,17 @@ def _without_old_blocks(
         columns = {field: values[is_kept] for field, values in table.columns.items()}
         return table._replace(position=table.position[is_kept], columns=columns)
 
-    kept = recording._replace(decode=decode)
-    end = int(clock.positions.max())
+    recording_without_blocks = recording._replace(decode=decode)
+    # The last block may reach to the end of the file, whose offset is not a real one (``END_OF_FILE``).
+    last_position = int(clock.positions.max())
     repairs = repair_facts(
         Repair.OLD_BLOCKS_LEFT_OUT,
         count=len(blocks),
-        size=sum(min(block.end, end) - block.start for block in blocks),
+        size=sum(min(block.end, last_position) - block.start for block in blocks),
         duration=sum(block.duration for block in blocks),
     )
-    kept_messages = _logged_messages(kept)
-    return _KeptMessages(kept, kept_messages, _log_clock(kept_messages), repairs)
+    messages = _logged_messages(recording_without_blocks)
+    return _KeptMessages(recording_without_blocks, messages, _log_clock(messages), repairs)
 
 
 def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:

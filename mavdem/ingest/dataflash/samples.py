@@ -14,6 +14,7 @@ from mavdem.arrays import Array
 from mavdem.containers import Names
 from mavdem.ingest.dataflash.tables import messages_with_fields, rows_of_instance
 from mavdem.ingest.telemetry import (
+    MICROSECONDS,
     Columns,
     Parameters,
     Tables,
@@ -64,9 +65,6 @@ BATCH_OPTION = StageOption("INS_LOG_BAT_OPT", filtered_flag=1 << 1, both_flag=1 
 """The option of batches, ISBH and ISBD."""
 SAMPLE_OPTION = StageOption("INS_RAW_LOG_OPT", filtered_flag=1 << 2, both_flag=1 << 3)
 """The option of single samples, GYR and ACC."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 
 def raw_samples(tables: Tables, parameters: Parameters) -> dict[str, tuple[str, Columns]]:

@@ -4,7 +4,7 @@ Each is an instance of a message (``I``) or, in old versions, has a message of i
 becomes the message that MAVLink has for it, the others GPS2_RAW, SCALED_PRESSURE2, SCALED_IMU2 and so on.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +76,13 @@ INSTANCE_FIELD = "I"
 """Field with the number of the sensor, from 0."""
 
 
+MAVLINK_UNITS_PER_DEGREE = 1e7
+"""Latitude and longitude of MAVLink's positions are in 1e-7 degrees."""
+
+MILLIMETRES_PER_METRE = 1000.0
+"""MAVLink's altitudes and accuracies of positions are in mm."""
+
+
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
     """Returns the messages of one sensor.
 
@@ -117,11 +124,7 @@ def further_sensors(
                 fields = fields_by_rule(logged, rule)
             except KeyError:
                 continue
-            name = (
-                f"{sensor.name}[{number}]"
-                if INSTANCE_FIELD in logged
-                else sensor.old_names[number - 1]
-            )
+            name = _name_in_log(logged, sensor.name, sensor.old_names, number)
             messages[message] = NamedMessage(name, with_stamps(logged, fields))
     return messages
 
@@ -165,6 +168,25 @@ STATUS_3D_FIX = 3
 """Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
 
 
+def _name_in_log(logged: Columns, name: str, old_names: Sequence[str], number: int) -> str:
+    """Returns what a log calls the messages of one of several sensors.
+
+    Args:
+        logged: The messages of this sensor.
+        name: Name of the first sensor's messages, "BARO".
+        old_names: Names of those of the second, third, … where they have no field with the number of the sensor.
+        number: Number of the sensor, from 0.
+
+    Returns:
+        "BARO", "BARO[1]", or "BAR2" in old logs.
+    """
+    if number == 0:
+        return name
+    if INSTANCE_FIELD in logged:
+        return f"{name}[{number}]"
+    return old_names[number - 1]
+
+
 def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
 
@@ -181,12 +203,12 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """
     fields = ("Status", "NSats", "HDop", "Lat", "Lng")
     logged = rows_of_sensor(tables, "GPS", ("GPS2",), number)
-    name = f"GPS[{number}]" if INSTANCE_FIELD in logged and number else "GPS2" if number else "GPS"
+    name = _name_in_log(logged, "GPS", ("GPS2",), number)
     logged = messages_with_fields({"GPS": logged}, "GPS", fields)
     if not logged:
         return NamedMessage(name, {})
     status, satellites, dilution, latitude, longitude = float_table(logged, fields).T
-    units_per_degree = np.where(status >= STATUS_3D_FIX, 1e7, 0.0)
+    units_per_degree = np.where(status >= STATUS_3D_FIX, MAVLINK_UNITS_PER_DEGREE, 0.0)
     columns = {
         "fix_type": status,
         "satellites_visible": satellites,
@@ -195,11 +217,12 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
         "lon": units_per_degree * longitude,
     }
     if "Alt" in logged:
-        columns["alt"] = 1000.0 * logged["Alt"].astype(float)
+        columns["alt"] = MILLIMETRES_PER_METRE * logged["Alt"].astype(float)
     accuracy = rows_of_sensor(tables, "GPA", ("GPA2",), number)
-    columns |= _last_values_at(logged, accuracy, ACCURACY_FIELDS, 1000.0)
+    columns |= _last_values_at(logged, accuracy, ACCURACY_FIELDS, MILLIMETRES_PER_METRE)
     noise = tables.get("UBX1", {})
-    noise = rows_of_instance(noise, "Instance", number) if noise else noise
+    if noise:
+        noise = rows_of_instance(noise, "Instance", number)
     columns |= _last_values_at(logged, noise, NOISE_FIELDS)
     return NamedMessage(name, with_stamps(logged, columns))
 

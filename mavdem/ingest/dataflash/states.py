@@ -8,6 +8,7 @@ logged, and the landed state is undefined, as it is after the last. A boot witho
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, partial
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +54,15 @@ LANDED_EVENTS = {
 
 ARM_STATES = {0: StateChange(ARMED, DISARMED), 1: StateChange(DISARMED, ARMED)}
 """HEARTBEAT.base_mode before and after a message ARM, by its ArmState."""
+
+
+class _DatedChange(NamedTuple):
+    """One change of a state, at a time of a boot, s; ``_StateChanges`` has its fields as columns."""
+
+    boot: int
+    time: float
+    before: int
+    after: int
 
 
 @dataclass(frozen=True)
@@ -119,7 +129,7 @@ def _changes(
         The changes in the order of boot and time.
     """
     logged = tables.get(message, {})
-    changes: list[tuple[int, float, int, int]] = []
+    changes: list[_DatedChange] = []
     if field in logged:
         boots_seen = set()
         events = zip(
@@ -132,11 +142,11 @@ def _changes(
             if boot not in boots_seen:
                 boots_seen.add(boot)
                 first_stamp = float(boot_stamps(boot)[0])
-                changes.append((boot, first_stamp, change.before, change.before))
-            changes.append((boot, time, change.before, change.after))
-    changes.sort(key=lambda change: (change[0], change[1]))
-    boot_column, time_column, before, after = np.array(changes, np.float64).reshape(-1, 4).T
-    return _StateChanges(boot_column, time_column, before, after)
+                changes.append(_DatedChange(boot, first_stamp, change.before, change.before))
+            changes.append(_DatedChange(boot, time, change.before, change.after))
+    changes.sort(key=attrgetter("boot", "time"))
+    columns = np.array(changes, np.float64).reshape(-1, len(_DatedChange._fields)).T
+    return _StateChanges(*columns)
 
 
 def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStamps) -> Columns:

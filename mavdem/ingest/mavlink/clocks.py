@@ -162,7 +162,7 @@ def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTi
     boot_times = {}
     for message_type in message_types:
         count = len(message_type.positions)
-        # The number of the only boot takes no memory.
+        # The number of the only boot takes no memory: a broadcast array, which cannot be written to.
         boot_times[message_type.message] = BootTimes(
             np.full(count, np.nan), np.broadcast_to(np.int64(0), count)
         )
@@ -233,9 +233,8 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
             stamp_counts[message_type.message] = len(positions)
     if not stamp_counts:
         return None
-    most_stamped = max(
-        stamp_counts, key=lambda name: (np.isfinite(by_name[name].period), stamp_counts[name])
-    )
+    wrapping_names = [name for name in stamp_counts if np.isfinite(by_name[name].period)]
+    most_stamped = max(wrapping_names or stamp_counts, key=stamp_counts.__getitem__)
     return by_name[most_stamped]
 
 
@@ -253,7 +252,8 @@ def _fill_unstamped(
 
     Args:
         message_types: The messages of a component by type.
-        boot_times: Their times and boots, which are changed in place; NaN where there is no time yet.
+        boot_times: Their times and boots, which are changed in place; NaN where there is no time yet. Boots that cannot
+            be written to are those of a log with one boot (:func:`boot_clock`), and stay.
     """
     timed_types = []
     for message_type in message_types:
@@ -320,15 +320,14 @@ def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator
     first = min(int(readings.positions[0]) for readings in timed_types)
     end = max(int(readings.positions[-1]) for readings in timed_types) + 1
     for part_number in range(part_count):
-        part_bounds = [
-            first + (end - first) * number // part_count
-            for number in (part_number, part_number + 1)
-        ]
+        part_start = first + (end - first) * part_number // part_count
+        part_end = first + (end - first) * (part_number + 1) // part_count
         parts = []
         for readings in timed_types:
             # Bounds of the type of the positions: otherwise these would be converted, and take much memory.
-            bounds = np.array(part_bounds, dtype=readings.positions.dtype)
-            rows = slice(*np.searchsorted(readings.positions, bounds).tolist())
+            bounds = np.array([part_start, part_end], dtype=readings.positions.dtype)
+            first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
+            rows = slice(first_row, end_row)
             parts.append(
                 _ClockReadings(readings.positions[rows], readings.time[rows], readings.boot[rows])
             )

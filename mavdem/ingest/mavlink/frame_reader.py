@@ -167,15 +167,17 @@ def parse_frame(content: bytes) -> Frame:
     system = content[sequence_offset + 1]
     component = content[sequence_offset + 2]
     message_id = int.from_bytes(content[sequence_offset + 3 : header_length], "little")
-    payload_length = content[1]
+    payload_length = content[framing.LENGTH_BYTE]
     payload_end = header_length + payload_length
     definition = definitions_by_id().get(message_id)
     checksum = framing.MESSAGE_UNKNOWN
     if definition is not None:
-        sent = int.from_bytes(content[payload_end : payload_end + framing.CHECKSUM_BYTES], "little")
+        sent_checksum = int.from_bytes(
+            content[payload_end : payload_end + framing.CHECKSUM_BYTES], "little"
+        )
         # The marker is not part of what the checksum covers.
-        expected = frame_checksum(content[1:payload_end], definition.crc_extra)
-        matches = sent == expected
+        expected_checksum = frame_checksum(content[1:payload_end], definition.crc_extra)
+        matches = sent_checksum == expected_checksum
         checksum = framing.CHECKSUM_MATCHES if matches else framing.CHECKSUM_FAILED
     payload = content[header_length:payload_end]
     return Frame(message_id, system, component, sequence, checksum, payload, content)

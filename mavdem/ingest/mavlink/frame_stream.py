@@ -12,6 +12,7 @@ from mavdem.facts import Facts
 from mavdem.ingest.byte_rows import Bytes, Offsets
 from mavdem.ingest.mavlink.clocks import Rows, deviates_from_median
 from mavdem.ingest.mavlink.framing import Frames, concatenated_frames
+from mavdem.ingest.telemetry import MICROSECONDS
 
 MAX_STAMP_JUMP = 3600.0
 """Deviation of a receive stamp from the median of those around it, s, beyond which it is wrong: a choice."""
@@ -24,9 +25,6 @@ STAMPS_AT_ONCE = 1 << 20
 
 MAX_NANOSECOND_STAMP = np.iinfo(np.uint64).max // 1000 - 1
 """The last receive stamp, µs, that 64 bits of nanoseconds hold, as in MCAP recordings: in the year 2554."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -169,14 +169,12 @@ def concatenated_frames(tables: Sequence[Frames]) -> Frames:
     Returns:
         A table with as many rows as all tables together.
     """
-    # ``vars`` of a table are its columns by name, in the order in which ``Frames`` takes them.
-    columns_of_tables = [vars(table) for table in tables]
-    return Frames(
-        *(
-            np.concatenate([columns[name] for columns in columns_of_tables])
-            for name in columns_of_tables[0]
+    joined_columns = {}
+    for field in fields(Frames):
+        joined_columns[field.name] = np.concatenate(
+            [getattr(table, field.name) for table in tables]
         )
-    )
+    return Frames(**joined_columns)
 
 
 def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
@@ -310,10 +308,10 @@ class _FrameBlock:
         checksum_start = start + _bytes_before_checksum(self._headers[rows[is_known]])
         low_byte = self._bytes[checksum_start]
         high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
-        sent = low_byte | high_byte << 8
+        sent_checksum = low_byte | high_byte << 8
         # The checksum covers header and payload, but not the marker, which is one byte.
-        without_extra = self._checksums.checksums(start + 1, checksum_start)
-        return frames[sent == registers_after(without_extra, crc_extras)]
+        checksum_without_extra = self._checksums.checksums(start + 1, checksum_start)
+        return frames[sent_checksum == registers_after(checksum_without_extra, crc_extras)]
 
 
 def _bytes_before_checksum(headers: Bytes) -> Offsets:

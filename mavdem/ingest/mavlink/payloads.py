@@ -163,13 +163,13 @@ def latest_parameters(sent: Columns, autopilot: str) -> Parameters:
     return parameters
 
 
-def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]:
+def decoded_parameters(parameter_values: Columns, autopilot: str) -> list[tuple[str, float]]:
     """Decodes parameters, which travel in a float32: ArduPilot casts integers to it, PX4 copies their bits.
 
     Source: https://mavlink.io/en/services/parameter.html#parameter-encoding.
 
     Args:
-        sent: Columns of PARAM_VALUE (N,).
+        parameter_values: Columns of PARAM_VALUE (N,).
         autopilot: MAV_AUTOPILOT of the sender, without its prefix.
 
     Returns:
@@ -177,16 +177,16 @@ def decoded_parameters(sent: Columns, autopilot: str) -> list[tuple[str, float]]
     """
     # A conversion of a signalling NaN would warn; it stays NaN.
     with np.errstate(invalid="ignore"):
-        values = sent["param_value"].astype(np.float64)
+        values = parameter_values["param_value"].astype(np.float64)
     if autopilot == "PX4":
         # An integer of any width is in the first bytes of the little-endian float32.
-        bits = np.ascontiguousarray(sent["param_value"], dtype="<f4").view("<u4")
+        bits = np.ascontiguousarray(parameter_values["param_value"], dtype="<f4").view("<u4")
         for integer_type in INTEGER_TYPES:
             type_number = mavlink_constant(f"MAV_PARAM_TYPE_{integer_type.upper()}")
-            rows = sent["param_type"] == type_number
+            rows = parameter_values["param_type"] == type_number
             values[rows] = bits[rows].astype(integer_type)
     names = []
-    for name in sent["param_id"].tolist():
+    for name in parameter_values["param_id"].tolist():
         text, _, _ = name.partition(b"\0")
         names.append(text.decode("ascii", errors="replace"))
     return list(zip(names, values.tolist(), strict=True))

@@ -6,9 +6,10 @@ The mark is an ordinary STATUSTEXT of a logger, so that every program reads the 
 import numpy as np
 
 from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
-from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream
+from mavdem.ingest.mavlink.frame_stream import FrameStream
 from mavdem.ingest.mavlink.framing import frame_content
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
+from mavdem.ingest.telemetry import MICROSECONDS
 
 RECORDER = FrameSender(255, mavlink_constant("MAV_COMP_ID_LOG"))
 """Sender of the mark: the logger of a ground station."""

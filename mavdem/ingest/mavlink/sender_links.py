@@ -377,11 +377,18 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
     if not clock:
         return None
     if layout is ATTITUDE_LAYOUT:
-        pitch, heading = values[2:]
-        return Reading(clock, heading=heading if abs(pitch) <= MAX_HEADING_PITCH else nan)
-    if layout is POSITION_LAYOUT and (values[1] or values[2]):
-        latitude, longitude = (value * DEGREES_PER_UNIT for value in values[1:])
-        return Reading(clock, latitude=latitude, longitude=longitude)
+        _, _, pitch, yaw = values
+        # Near the vertical, yaw is no heading.
+        return Reading(clock, heading=yaw if abs(pitch) <= MAX_HEADING_PITCH else nan)
+    if layout is POSITION_LAYOUT:
+        _, latitude, longitude = values
+        # Both are 0 while the position is not known.
+        if latitude or longitude:
+            return Reading(
+                clock,
+                latitude=latitude * DEGREES_PER_UNIT,
+                longitude=longitude * DEGREES_PER_UNIT,
+            )
     return Reading(clock)
 
 

@@ -106,7 +106,14 @@ class _SequenceSteps(NamedTuple):
 
 
 def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
-    """Counts irregular steps and missing frames by the sequence numbers (n,) of a sender, in stream order."""
+    """Counts irregular steps and missing frames of a sender.
+
+    Args:
+        sequence: Sequence numbers (n,) of its frames, in stream order.
+
+    Returns:
+        Number of steps that are 0 or go back, as copies and late frames make them, and number of missing frames.
+    """
     irregular = missing = 0
     for first in range(0, len(sequence), ROWS_AT_ONCE):
         # With the first number of the next part. Signed numbers, so that their differences may be negative.
@@ -295,10 +302,10 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
         return False
     contents = set[bytes]()
     for first in range(0, len(rows), ROWS_AT_ONCE):
-        part = keys[first : first + ROWS_AT_ONCE]
+        part_keys = keys[first : first + ROWS_AT_ONCE]
         # The repeated keys are sorted.
-        places = np.searchsorted(repeated_keys, part)
-        is_repeated = repeated_keys.take(places, mode="clip") == part
+        key_rows = np.searchsorted(repeated_keys, part_keys)
+        is_repeated = repeated_keys.take(key_rows, mode="clip") == part_keys
         for row in rows[first : first + ROWS_AT_ONCE][is_repeated].tolist():
             frame = frame_content(data, all_frames, row)
             is_copy = frame in contents

@@ -29,7 +29,7 @@ from mavdem.ingest.mavlink.dialect import (
     mavlink_constant,
 )
 from mavdem.ingest.mavlink.frame_columns import DecodedColumns, FrameColumns
-from mavdem.ingest.mavlink.frame_stream import MICROSECONDS, FrameStream, receive_interval
+from mavdem.ingest.mavlink.frame_stream import FrameStream, receive_interval
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MESSAGE_UNKNOWN, Frames
 from mavdem.ingest.mavlink.payloads import FrameSender, decoded_field, latest_parameters
 from mavdem.ingest.mavlink.recording_end import is_ended_on_purpose
@@ -44,6 +44,7 @@ from mavdem.ingest.other_recordings import (
     outside_blocks,
 )
 from mavdem.ingest.telemetry import (
+    MICROSECONDS,
     Columns,
     Component,
     Log,

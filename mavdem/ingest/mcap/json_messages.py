@@ -199,6 +199,9 @@ def _text_bytes(value: Any) -> bytes:
 
     Args:
         value: The text in JSON: a string, an array of its characters or of their codes, a byte each, or None.
+
+    Returns:
+        The text in UTF-8, or the bytes of the array; none for None.
     """
     if value is None:
         return b""

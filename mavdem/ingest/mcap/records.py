@@ -123,17 +123,21 @@ class McapRecording:
                 yield record
 
     def repairs(self) -> Facts:
-        """Reports each kind of damage that was found while the messages were read."""
-        return (
-            *repair_facts(
-                Repair.CHUNKS_DAMAGED,
-                count=self.damaged,
-                size=self.lost_bytes,
-                duration=self.lost_seconds,
-            ),
-            *repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording"),
-            *(repair_facts(Repair.RECORDING_CUT) if self.cut else ()),
+        """Reports each kind of damage that was found while the messages were read.
+
+        Returns:
+            A repair for damaged chunks, one for skipped bytes, and one if the recording was cut; those that apply.
+        """
+        repairs = repair_facts(
+            Repair.CHUNKS_DAMAGED,
+            count=self.damaged,
+            size=self.lost_bytes,
+            duration=self.lost_seconds,
         )
+        repairs += repair_facts(Repair.BYTES_SKIPPED, count=self.skipped, part="recording")
+        if self.cut:
+            repairs += repair_facts(Repair.RECORDING_CUT)
+        return repairs
 
     def _record_locations(self) -> Iterator[RecordLocation]:
         """Yields the records with one of ``READ_OPCODES``, and counts the bytes of damage between records.

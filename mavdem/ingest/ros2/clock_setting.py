@@ -55,34 +55,38 @@ def with_joined_clocks(
         return dict(stamps), ()
     all_positions = np.concatenate([positions[name] for name in names])
     all_stamps = np.concatenate([stamps[name] for name in names])
-    order = np.argsort(all_positions, kind="stable")
-    order = order[all_stamps[order] > 0]
-    received = np.array([receive_times[position] for position in all_positions[order].tolist()])
-    ordered_stamps = all_stamps[order]
-    if not len(order):
+    stamped_rows = np.argsort(all_positions, kind="stable")
+    stamped_rows = stamped_rows[all_stamps[stamped_rows] > 0]
+    receive_stamps = np.array(
+        [receive_times[position] for position in all_positions[stamped_rows].tolist()]
+    )
+    ordered_stamps = all_stamps[stamped_rows]
+    if not len(stamped_rows):
         return dict(stamps), ()
     # Offsets are taken from the first one, so that floats resolve them to a microsecond.
-    offsets = (ordered_stamps - received) - (ordered_stamps[0] - received[0])
-    seconds = offsets / NANOSECONDS
-    typical = median_filter(seconds, OFFSET_WINDOW, mode="mirror")
-    shifts = np.zeros(len(order), dtype=np.int64)
-    count = 0
-    for row in (1 + np.flatnonzero(abs(np.diff(typical)) > MAX_STAMP_DEVIATION)).tolist():
-        before = np.median(seconds[max(row - EDGE_MESSAGES, 0) : row])
-        after = np.median(seconds[row : row + EDGE_MESSAGES])
+    offsets = (ordered_stamps - receive_stamps) - (ordered_stamps[0] - receive_stamps[0])
+    offset_seconds = offsets / NANOSECONDS
+    typical_offsets = median_filter(offset_seconds, OFFSET_WINDOW, mode="mirror")
+    shifts = np.zeros(len(stamped_rows), dtype=np.int64)
+    settings_count = 0
+    for row in (1 + np.flatnonzero(abs(np.diff(typical_offsets)) > MAX_STAMP_DEVIATION)).tolist():
+        offset_before = np.median(offset_seconds[max(row - EDGE_MESSAGES, 0) : row])
+        offset_after = np.median(offset_seconds[row : row + EDGE_MESSAGES])
         reads_nearly_zero = ordered_stamps[row] / NANOSECONDS <= MAX_RESTART_TIME
         max_silence = MAX_SILENCE_BEFORE_ZERO if reads_nearly_zero else MAX_SILENCE
-        if (received[row] - received[row - 1]) / NANOSECONDS > max_silence:
+        if (receive_stamps[row] - receive_stamps[row - 1]) / NANOSECONDS > max_silence:
             continue
-        jump = round((after - before) * NANOSECONDS)
+        jump = round((offset_after - offset_before) * NANOSECONDS)
         # Around the setting a message may have been stamped before it and recorded after it.
-        is_after = np.arange(len(order)) >= row
+        is_after = np.arange(len(stamped_rows)) >= row
         near_rows = slice(max(row - EDGE_MESSAGES, 0), row + EDGE_MESSAGES)
-        is_after[near_rows] = abs(seconds[near_rows] - after) < abs(seconds[near_rows] - before)
+        is_after[near_rows] = abs(offset_seconds[near_rows] - offset_after) < abs(
+            offset_seconds[near_rows] - offset_before
+        )
         shifts[is_after] -= jump
-        count += 1
-    joined = all_stamps.copy()
-    joined[order] += shifts
-    parts = np.split(joined, np.cumsum([len(stamps[name]) for name in names])[:-1])
-    repairs = repair_facts(Repair.CLOCK_SET, count=count)
+        settings_count += 1
+    joined_stamps = all_stamps.copy()
+    joined_stamps[stamped_rows] += shifts
+    parts = np.split(joined_stamps, np.cumsum([len(stamps[name]) for name in names])[:-1])
+    repairs = repair_facts(Repair.CLOCK_SET, count=settings_count)
     return dict(stamps) | dict(zip(names, parts, strict=True)), repairs

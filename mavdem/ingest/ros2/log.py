@@ -182,10 +182,12 @@ def _telemetry(
     """
     px4_tables: dict[str, TopicColumns] = {}
     mavros_tables: dict[str, TopicColumns] = {}
-    # Topics to the autopilot come first, so that those from it take their place where there are any.
-    for topic, table in sorted(topics.items(), key=lambda item: not item[0].incoming):
+    # A topic may be logged on its way to the autopilot and from it. The latter takes the place of the former.
+    to_autopilot = [topic for topic in topics if topic.incoming]
+    from_autopilot = [topic for topic in topics if not topic.incoming]
+    for topic in to_autopilot + from_autopilot:
         tables = px4_tables if topic.bridge == PX4_BRIDGE else mavros_tables
-        tables[topic.name] = table
+        tables[topic.name] = topics[topic]
     telemetry = _px4_telemetry(px4_tables, receive_times, source)
     if telemetry is None:
         return _mavros_telemetry(mavros_tables, receive_times, source)

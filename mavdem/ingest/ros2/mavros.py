@@ -112,7 +112,7 @@ def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[st
 
 
 def _mavlink_quaternion(numbers: TopicNumbers) -> Array:
-    """Returns attitudes (4, N), w, x, y, z, from forward-right-down in the body to north-east-down.
+    """Converts attitudes of ROS to those of MAVLink, from forward-right-down in the body to north-east-down.
 
     MAVROS's attitude is q_ENU,FLU = q_n q_NED,FRD q_b, of two half turns: q_n = (i + j)/√2 swaps north and east and
     turns down up, q_b = i turns right left and down up. Both are their own inverses but for the sign, which an
@@ -120,6 +120,9 @@ def _mavlink_quaternion(numbers: TopicNumbers) -> Array:
 
     Args:
         numbers: Columns (N,) with the field ``orientation``.
+
+    Returns:
+        Unit quaternions (4, N): w, x, y, z.
     """
     w, x, y, z = (numbers[f"orientation.{component}"] for component in "wxyz")
     return np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
