@@ -42,6 +42,10 @@ MAX_LANDING_REPORT_SECONDS = 2.0
 Autopilots send them at 1 Hz. With slower ones a vehicle that somebody lifts after the landing would count as lost.
 """
 
+CARRYING_OUTPUT_RATIO = 0.5
+"""Mean output of all motors, relative to its median in the flight, that carries the vehicle: on the ground it needs
+less."""
+
 ALOFT_HEIGHT = 5.0
 """Height, m, above the take-off from which on a knock alone shows no contact; slopes, bushes and the error of a
 barometer are lower."""
@@ -280,21 +284,24 @@ class _AttitudeLoss(NamedTuple):
     def _is_recovered(self) -> bool:
         """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.
 
-        The record must go on for so long within the flight. The motors must have worked with more than half of their
-        median output of the flight: a vehicle on the ground does not need that. And the vehicle must be off the ground
-        at the end of that time, as far as its height is known.
+        The record must go on for so long within the flight. The motors must have worked with more than
+        ``CARRYING_OUTPUT_RATIO`` of their median output of the flight. And the vehicle must be off the ground at the
+        end of that time, as far as its height is known.
         """
         # Mean command of all motors; a vehicle that lies on the ground has it at idle.
         collective = series_of_boot(self.sensors.signals.collective, self.sensors.boot)
-        recovered_at = self.end + RECOVERY_SECONDS
-        if collective is None or min(self.flight[1], collective.time[-1]) < recovered_at:
+        recovery_end = self.end + RECOVERY_SECONDS
+        _, flight_end = self.flight
+        if collective is None or min(flight_end, collective.time[-1]) < recovery_end:
             return False
-        later_outputs = collective.values[in_intervals(collective.time, [(self.end, recovered_at)])]
-        if not len(later_outputs):
+        is_recovery = in_intervals(collective.time, [(self.end, recovery_end)])
+        if not is_recovery.any():
             return False
-        usual_output = np.median(collective.values[in_intervals(collective.time, [self.flight])])
-        motors_carry_vehicle = bool(later_outputs.mean() > usual_output / 2)
-        height = self.sensors.height_at(recovered_at)
+        is_flight = in_intervals(collective.time, [self.flight])
+        usual_output = np.median(collective.values[is_flight])
+        later_output = collective.values[is_recovery].mean()
+        motors_carry_vehicle = bool(later_output > CARRYING_OUTPUT_RATIO * usual_output)
+        height = self.sensors.height_at(recovery_end)
         may_be_off_ground = height is None or height > MAX_GROUND_HEIGHT
         return motors_carry_vehicle and may_be_off_ground
 

@@ -6,7 +6,7 @@ and EV. ``message_patterns.toml`` has the meaning of each.
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
@@ -70,6 +70,19 @@ class StatusText(NamedTuple):
     """MAV_SEVERITY, 0 for an emergency to 7 for debugging; 255 if it is not known."""
     text: str
     """The text without surrounding blanks."""
+
+
+class _ErrorMessage(NamedTuple):
+    """One ERR message of a DataFlash log."""
+
+    time: float
+    """Time on the boot clock, s."""
+    boot: int
+    """Number of the boot."""
+    subsystem: int
+    """Number of the subsystem, from 1."""
+    error_code: int
+    """Number of the error; 0 when the subsystem is without error again."""
 
 
 def status_texts(telemetry: Telemetry) -> list[StatusText]:
@@ -199,23 +212,35 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
             # The text reports the end of a problem.
             return None
         groups = match.groupdict()
-        # An expression has a group for the words of the subject, or for the number of a motor, EKF lane or battery.
-        subject = groups.get("subject") or ""
-        for name in ("motor", "lane", "battery"):
-            if not subject and groups.get(name):
-                subject = f"{name} {groups[name]}"
-        if groups.get("watchdog"):
-            subject = "watchdog"
         return Fact(
             Reported(pattern.code),
             pattern.level,
             time=message.time,
-            subject=subject.lower(),
+            subject=_subject_of_text(groups),
             text=groups.get("text", message.text),
         )
     if warns:
         return Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
     return None
+
+
+def _subject_of_text(groups: Mapping[str, str | None]) -> str:
+    """Returns what a text is about, such as "motor 2" or "watchdog", in lower case; empty if it does not say it.
+
+    Args:
+        groups: named groups of the pattern that fits the text (:attr:`TextPattern.expression`); None for a group that
+            was not found in it.
+    """
+    if groups.get("watchdog"):
+        return "watchdog"
+    subject = groups.get("subject")
+    if subject:
+        return subject.lower()
+    for numbered_part in ("motor", "lane", "battery"):
+        number = groups.get(numbered_part)
+        if number:
+            return f"{numbered_part} {number}".lower()
+    return ""
 
 
 def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
@@ -228,31 +253,44 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
     Args:
         telemetry: messages of the vehicle.
     """
-    rows = list(_rows_of_message(telemetry, "ERR", "Subsys", "ECode"))
-    for time, boot, subsystem, error_code in rows:
-        is_lane_change = subsystem == PRIMARY_FILTER_SUBSYSTEM
-        if error_code == 0 and not is_lane_change:
+    rows = _rows_of_message(telemetry, "ERR", "Subsys", "ECode")
+    messages = [_ErrorMessage(*row) for row in rows]
+    for message in messages:
+        is_lane_change = message.subsystem == PRIMARY_FILTER_SUBSYSTEM
+        if message.error_code == 0 and not is_lane_change:
             continue
-        end_times = [
-            later_time
-            for later_time, later_boot, later_subsystem, later_code in rows
-            if later_time > time
-            and (later_boot, later_subsystem, later_code) == (boot, subsystem, 0)
-        ]
         # Subsystems are numbered from 1. One that is not in the list is reported by its number.
-        code, subject = Reported.AUTOPILOT_ERROR, f"{subsystem}"
-        if 1 <= subsystem <= len(_MEANINGS["subsystems"]):
-            code, subject = _MEANINGS["subsystems"][subsystem - 1]
+        code, subject = Reported.AUTOPILOT_ERROR, f"{message.subsystem}"
+        if 1 <= message.subsystem <= len(_MEANINGS["subsystems"]):
+            code, subject = _MEANINGS["subsystems"][message.subsystem - 1]
         yield Fact(
             Reported(code),
-            time=time,
-            until=min(end_times) if end_times and not is_lane_change else None,
-            subject=f"lane {error_code}" if is_lane_change else subject,
-            error_code=error_code,
-            boot=boot,
+            time=message.time,
+            until=None if is_lane_change else _end_of_error(message, messages),
+            subject=f"lane {message.error_code}" if is_lane_change else subject,
+            error_code=message.error_code,
+            boot=message.boot,
             basis=("ERR",),
             severity=ERROR_SEVERITY,
         )
+
+
+def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> float | None:
+    """Returns when an error was over, s on the boot clock; None if the log does not show it.
+
+    Args:
+        error: the message that reported it.
+        messages: all ERR messages of the log, in any order.
+    """
+    end_times = [
+        message.time
+        for message in messages
+        if message.error_code == 0
+        and message.subsystem == error.subsystem
+        and message.boot == error.boot
+        and message.time > error.time
+    ]
+    return min(end_times, default=None)
 
 
 def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
@@ -314,18 +352,18 @@ def merge_repeats(facts: Iterable[Fact]) -> list[Fact]:
         The remaining facts in time order, each with its ``count``, 1 for a report without repetitions.
     """
     merged: list[Fact] = []
-    # The positions in ``merged`` of facts with the same boot, code and quoted text.
-    positions_of_kind = defaultdict[tuple[Any, ...], list[int]](list)
+    # The indices in ``merged`` of facts with the same boot, code and quoted text.
+    indices_by_kind = defaultdict[tuple[Any, ...], list[int]](list)
     for fact in in_time_order(facts):
         quoted_text = fact.figures["text"] if fact.code in CODES_WITH_TEXT else ""
-        positions = positions_of_kind[fact.figures["boot"], fact.code, quoted_text]
+        indices = indices_by_kind[fact.figures["boot"], fact.code, quoted_text]
         # The latest report of the kind comes first: it is the one that is repeated, if any.
-        for position in reversed(positions):
-            if _is_repetition(merged[position], fact):
-                merged[position] = _merged_pair(merged[position], fact)
+        for index in reversed(indices):
+            if _is_repetition(merged[index], fact):
+                merged[index] = _merged_pair(merged[index], fact)
                 break
         else:
-            positions.append(len(merged))
+            indices.append(len(merged))
             merged.append(fact.replace(count=1))
     return merged
 

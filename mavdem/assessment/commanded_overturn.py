@@ -10,6 +10,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_losses import LOST_ANGLE
+from mavdem.dataset.attitude import down_in_body
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import AttitudeTracking, attitude_tracking
@@ -82,12 +83,6 @@ def _tracking_error(tracking: AttitudeTracking, sample: int) -> float:
     """
     vehicle_roll, vehicle_pitch = tracking.angles[sample, :2]
     commanded_roll, commanded_pitch = tracking.setpoints[sample]
-    vehicle_down = _down_in_body(vehicle_roll, vehicle_pitch)
-    commanded_down = _down_in_body(commanded_roll, commanded_pitch)
+    vehicle_down = down_in_body(vehicle_roll, vehicle_pitch)
+    commanded_down = down_in_body(commanded_roll, commanded_pitch)
     return float(np.arccos(np.clip(vehicle_down @ commanded_down, -1.0, 1.0)))
-
-
-def _down_in_body(roll: float, pitch: float) -> Array:
-    """Returns the direction of gravity in the body frame, a unit vector (3,), for roll and pitch in rad."""
-    # It is the third row of the rotation from body to earth.
-    return np.array([-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)])

@@ -20,6 +20,9 @@ from mavdem.witnesses.statements import supporting_statement, supporting_stateme
 SINK_AGREEMENT = 0.7
 """Share of the integrated speed of a fall by which the height must decrease: otherwise the estimated speed diverged."""
 
+BAROMETER_LAG = 1.0
+"""Seconds by which the descent that a barometer shows may be late: its altitude is averaged over that time."""
+
 DIVE_SPEED = 3.5
 """Speed downward, m/s, of a dive: faster than autopilots descend with power."""
 
@@ -52,35 +55,50 @@ def falls(sensors: BootSensors, interval: Interval) -> Iterator[Fact]:
     is_falling = in_intervals(climb_rate.time, [interval]) & (climb_rate.values < -FALL_SPEED)
     if not is_falling.any():
         return
-    start, end = climb_rate.time[is_falling][[0, -1]].tolist()
-    window = (start - 1, end + 1)
+    fall_times = climb_rate.time[is_falling]
+    start, end = float(fall_times[0]), float(fall_times[-1])
+    window = (start - BAROMETER_LAG, end + BAROMETER_LAG)
     speed = sensors.sink_rate(window)
     # After an impact the estimate may be wrong, but until then it may be right.
-    window_until_end = (start - 1, end)
+    window_until_end = (start - BAROMETER_LAG, end)
     speed_until_end = sensors.sink_rate(window_until_end)
     if speed is not None and speed_until_end is not None and speed_until_end > speed:
         speed, window = speed_until_end, window_until_end
     if speed is None or speed < FALL_SPEED:
         return
-    height = sensors.height_above_take_off
-    if height is not None:
-        expected_change = SINK_AGREEMENT * climb_rate.values[is_falling].mean() * (end - start)
-        before, after = np.interp([start, end], height.time, height.values)
-        # Both changes are negative: the vehicle must have sunk by at least the expected change.
-        if after - before > expected_change:
-            return
+    mean_climb_rate = float(climb_rate.values[is_falling].mean())
+    if _height_contradicts_fall(sensors, (start, end), mean_climb_rate):
+        return
     witnesses = supporting_statements(sensors.sinking(window))
     yield Fact(
         MotionEvent.FELL, time=start, until=end, speed=speed, boot=sensors.boot, witnesses=witnesses
     )
 
 
+def _height_contradicts_fall(sensors: BootSensors, fall: Interval, mean_climb_rate: float) -> bool:
+    """Returns whether the vehicle lost less height than a fall takes; false if no height was recorded.
+
+    Args:
+        sensors: sensors of the boot.
+        fall: start and end of the fall, s since boot.
+        mean_climb_rate: mean of the estimated climb in it, m/s, which is negative.
+    """
+    height = sensors.height_above_take_off
+    if height is None:
+        return False
+    start, end = fall
+    start_height, end_height = np.interp([start, end], height.time, height.values)
+    # Both changes are negative: the vehicle must have sunk by at least the expected change.
+    expected_change = SINK_AGREEMENT * mean_climb_rate * (end - start)
+    return bool(end_height - start_height > expected_change)
+
+
 def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
-    """Yields dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
+    """Yields the dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
 
     A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for
-    ``MIN_DIVE_SECONDS`` and reach ``DIVE_SPEED`` by all height sensors, up to 1 s after the throttle was opened again:
-    the vehicle and the barometer's averages lag behind.
+    ``MIN_DIVE_SECONDS`` and reach ``DIVE_SPEED`` by all height sensors, up to ``BAROMETER_LAG`` after the throttle was
+    opened again.
 
     Args:
         sensors: sensors of the boot.
@@ -97,7 +115,7 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
         end = min(end, flight_end, closed.time[-1])
         if end - start < MIN_DIVE_SECONDS:
             continue
-        window = (start, end + 1)
+        window = (start, end + BAROMETER_LAG)
         speed = sensors.sink_rate(window)
         if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight, end):
             continue

@@ -14,6 +14,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
 from mavdem.confidence import Interval
+from mavdem.dataset.attitude import down_in_body
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
 from mavdem.facts import Fact
@@ -226,24 +227,24 @@ def _force_error(
         The error, m/s²; None if barometer or attitude are not known, or there are no samples.
     """
     climb = sensors.height.barometer_climb
+    divergence_start, end = interval
+    start = divergence_start - CONTEXT_SECONDS
+    is_inside = in_intervals(accelerometer.time, [(start, end)])
+    time = accelerometer.time[is_inside]
     angles = []
     for tilt in sensors.signals.tilts:
         angle = series_of_boot(tilt.angle_series, sensors.boot)
         if angle is not None:
-            angles.append(np.interp(accelerometer.time, angle.time, angle.values))
-    divergence_start, end = interval
-    start = divergence_start - CONTEXT_SECONDS
-    rows = in_intervals(accelerometer.time, [(start, end)])
-    if len(angles) < 2 or not rows.any() or climb is None:
+            angles.append(np.interp(time, angle.time, angle.values))
+    if len(angles) < 2 or not len(time) or climb is None:
         return None
     roll, pitch = angles
-    x, y, z = accelerometer.force.T
-    # The third row of the rotation from body to earth, which points down.
-    down = -np.sin(pitch) * x + np.cos(pitch) * (np.sin(roll) * y + np.cos(roll) * z)
-    upward = float(-down[rows].mean())
-    before, after = np.interp([start, end], climb.time, climb.values)
-    expected = GRAVITY + (after - before) / (end - start)
-    return upward - expected
+    # The component along gravity is the scalar product of each sample with the direction of gravity in the body.
+    downward_force = np.sum(accelerometer.force[is_inside] * down_in_body(roll, pitch), axis=1)
+    measured_force = float(-downward_force.mean())
+    start_climb, end_climb = np.interp([start, end], climb.time, climb.values)
+    expected_force = GRAVITY + (end_climb - start_climb) / (end - start)
+    return measured_force - expected_force
 
 
 def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:

@@ -66,6 +66,21 @@ class SamplesAround(NamedTuple):
     """(M,) from the beginning on."""
 
 
+class CommandChange(NamedTuple):
+    """Command of one motor before a loss of thrust and in it, as shares of the motor's range."""
+
+    before: float
+    """Median before the loss."""
+
+    later: float
+    """Quantile in the loss."""
+
+    @property
+    def rise(self) -> float:
+        """By how much the later command is higher; negative if it fell."""
+        return self.later - self.before
+
+
 def standing_motors(
     sensors: BootSensors, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
@@ -215,25 +230,53 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
     Returns:
         One statement; none without a command in the interval, or in twice ``RECOVERY_SECONDS`` before it.
     """
-    before, after = samples_around(command.time, command.values, interval)
-    if not len(after) or not len(before):
+    change = command_change(command.time, command.values, interval, HIGHEST_COMMAND_QUANTILE)
+    if change is None:
         return ()
-    usual_command = float(np.median(before))
-    highest_command = float(np.quantile(after, HIGHEST_COMMAND_QUANTILE))
+    if change.rise > MIN_COMMAND_RISE:
+        return (rise_statement(change, interval),)
     start, end = interval
-    if highest_command - usual_command > MIN_COMMAND_RISE:
-        statement = supporting_statement(
-            Witness.COMMAND_ROSE,
-            share=highest_command,
-            share_before=usual_command,
-            time=start,
-            until=end,
-        )
-    else:
-        statement = contradicting_statement(
-            Witness.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
-        )
-    return (statement,)
+    unchanged = contradicting_statement(
+        Witness.COMMAND_UNCHANGED, share=change.before, time=start, until=end
+    )
+    return (unchanged,)
+
+
+def command_change(
+    time: Array, commands: Array, interval: Interval, later_quantile: float
+) -> CommandChange | None:
+    """Compares the commands of a motor in an interval with those before.
+
+    Args:
+        time: time of the commands (N,), s since boot.
+        commands: commands of the motor (N,), as shares of its range.
+        interval: start and end of a loss of the motor, s since boot.
+        later_quantile: quantile of the commands in the interval that stands for them: 0.5 is the usual one.
+
+    Returns:
+        The commands before and in the interval; None without a sample in either (:func:`samples_around`).
+    """
+    before, after = samples_around(time, commands, interval)
+    if not len(before) or not len(after):
+        return None
+    return CommandChange(float(np.median(before)), float(np.quantile(after, later_quantile)))
+
+
+def rise_statement(change: CommandChange, interval: Interval) -> Fact:
+    """Returns the witness that the command of a motor rose, which supports that it lost thrust.
+
+    Args:
+        change: its commands before and in the interval.
+        interval: start and end of the loss, s since boot.
+    """
+    start, end = interval
+    return supporting_statement(
+        Witness.COMMAND_ROSE,
+        share=change.later,
+        share_before=change.before,
+        time=start,
+        until=end,
+    )
 
 
 def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
@@ -341,29 +384,58 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
     boot = loss.figures["boot"]
     motor = motors.geometry.names.index(loss.subject)
     end = loss.time + 2 * RECOVERY_SECONDS if loss.until is None else loss.until
+    interval = (loss.time, end)
     for controller in speed_controllers(signals):
-        speed = series_of_boot(controller.speed, boot)
-        if speed is None or controller.motor_index(motors.geometry) != motor:
+        if controller.motor_index(motors.geometry) != motor:
             continue
-        before, after = samples_around(speed.time, speed.values, (loss.time, end))
-        if len(before) < MIN_USUAL_SAMPLES or len(after) < MIN_USUAL_SAMPLES:
+        change = _speed_change(series_of_boot(controller.speed, boot), interval)
+        if change is None:
             continue
-        usual, later = float(np.median(before)), float(np.median(after))
-        if usual <= 0:
-            continue
-        speeds = {
+        figures = {
             "time": loss.time,
             "until": loss.until,
             "name": controller.name,
-            "rotation": later,
-            "rotation_before": usual,
+            "rotation": change.later,
+            "rotation_before": change.before,
         }
-        if later < (1 - MIN_SPEED_CHANGE) * usual:
-            if _command_fell(motors, boot, motor, (loss.time, end)):
-                return ()
-            return (supporting_statement(Witness.MOTOR_SLOWED, **speeds),)
-        return (contradicting_statement(Witness.MOTOR_TURNED, **speeds),)
+        if not change.has_slowed:
+            return (contradicting_statement(Witness.MOTOR_TURNED, **figures),)
+        if _command_fell(motors, boot, motor, interval):
+            return ()
+        return (supporting_statement(Witness.MOTOR_SLOWED, **figures),)
     return ()
+
+
+class _SpeedChange(NamedTuple):
+    """Median speed of a motor before a loss of thrust and in it, 1/min."""
+
+    before: float
+    later: float
+
+    @property
+    def has_slowed(self) -> bool:
+        """Whether the speed fell by more than ``MIN_SPEED_CHANGE``."""
+        return self.later < (1 - MIN_SPEED_CHANGE) * self.before
+
+
+def _speed_change(speed: TimeSeries | None, interval: Interval) -> _SpeedChange | None:
+    """Compares the speeds of a motor in an interval with those before.
+
+    Args:
+        speed: speed of the motor (N,) in one boot, 1/min; None if it was not measured.
+        interval: start and end of a loss of the motor, s since boot.
+
+    Returns:
+        The median speeds; None without ``MIN_USUAL_SAMPLES`` before and in the interval, or if the motor stood still
+        before it.
+    """
+    if speed is None:
+        return None
+    before, after = samples_around(speed.time, speed.values, interval)
+    if min(len(before), len(after)) < MIN_USUAL_SAMPLES:
+        return None
+    change = _SpeedChange(float(np.median(before)), float(np.median(after)))
+    return change if change.before > 0 else None
 
 
 def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAround:
@@ -385,7 +457,7 @@ def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAro
 
 
 def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: Interval) -> bool:
-    """Returns whether the median command of a motor fell at a loss of thrust, by ``MIN_SPEED_CHANGE``.
+    """Returns whether the median command of a motor fell at a loss of thrust, by the share ``MIN_SPEED_CHANGE``.
 
     Args:
         motors: all motors.
@@ -394,8 +466,5 @@ def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: Interva
         interval: start and end of the loss, s since boot.
     """
     commands = motors.range_fractions(boot)
-    before, after = samples_around(commands.time, commands.values[:, motor], interval)
-    if not len(before) or not len(after):
-        return False
-    usual, later = np.median(before), np.median(after)
-    return bool(later < (1 - MIN_SPEED_CHANGE) * usual)
+    change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
+    return change is not None and change.later < (1 - MIN_SPEED_CHANGE) * change.before

@@ -5,15 +5,14 @@ The loss itself is found by the commands of all motors; these statements show wh
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from mavdem.assessment.attitude_error import attitude_error, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.motor_speeds import (
     MIN_COMMAND_RISE,
     MIN_LEAN_ERROR,
+    command_change,
     reports_on_motor,
-    samples_around,
+    rise_statement,
     speed_statements,
 )
 from mavdem.confidence import Interval
@@ -23,6 +22,10 @@ from mavdem.facts import Fact, Facts
 from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
+
+MIN_MEDIAN_RISE = MIN_COMMAND_RISE / 2
+"""Rise of a motor's median command, as a share of the range, that supports its loss: a slow loss has most of its rise
+later, and a rise as small as the trims of sound motors is no witness."""
 
 
 def with_motor_witnesses(
@@ -93,24 +96,11 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
         )
         return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])
-    command = commands.values[:, motors.geometry.names.index(loss.subject)]
-    before, after = samples_around(commands.time, command, interval)
-    if not len(before) or not len(after):
+    motor = motors.geometry.names.index(loss.subject)
+    change = command_change(commands.time, commands.values[:, motor], interval, later_quantile=0.5)
+    if change is None or change.rise < MIN_MEDIAN_RISE:
         return ()
-    usual_command = float(np.median(before))
-    later_command = float(np.median(after))
-    # A slow loss has most of its rise later. A rise as small as the trims of sound motors is no witness.
-    if later_command - usual_command < MIN_COMMAND_RISE / 2:
-        return ()
-    start, end = interval
-    rose = supporting_statement(
-        Witness.COMMAND_ROSE,
-        time=start,
-        until=end,
-        share=later_command,
-        share_before=usual_command,
-    )
-    return (rose,)
+    return (rise_statement(change, interval),)
 
 
 def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:

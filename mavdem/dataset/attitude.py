@@ -217,6 +217,20 @@ def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Arr
     return roll, pitch, yaw
 
 
+def down_in_body(roll: Array, pitch: Array) -> Array:
+    """Returns the direction of gravity in the body frame: the third row of the rotation from body to earth.
+
+    Args:
+        roll: (…,) rad.
+        pitch: (…,) rad.
+
+    Returns:
+        Unit vectors (…, 3), along body x, y and z.
+    """
+    components = (-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch))
+    return np.stack(components, axis=-1)
+
+
 def _exceeds(quantities: list[Array], limit: float) -> Flags:
     """Returns flags of the rows (N,) in which any of several quantities (N,) is finite and by size beyond a limit."""
     exceeds = np.zeros(len(quantities[0]), dtype=np.bool_)

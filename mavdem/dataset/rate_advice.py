@@ -9,7 +9,7 @@ from mavdem.facts import Fact
 from mavdem.facts.learnability import Remedy
 from mavdem.ingest import Component
 from mavdem.ingest.mavlink.dialect import mavlink_constant
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry, firmware_version
 
 RATE_REQUEST_MESSAGE = "REQUEST_DATA_STREAM"
 """Message by which a ground station asks for the rates of groups of messages."""
@@ -35,8 +35,6 @@ ALL_LOG_BACKENDS = 7
 FAST_ATTITUDE_BIT = 1
 """Bit of ArduPilot's LOG_BITMASK that logs the attitude at the rate of the main loop."""
 
-FIRMWARE_VERSION = re.compile(r"V(\d+)\.(\d+)")
-"""Major and minor version in the name that ArduPilot gives its firmware, such as "ArduCopter V4.4.4"."""
 
 FIRST_VERSION_WITH_DEMAND = (3, 3)
 """First version of ArduCopter that logs the demands (RATE); some development builds of it did not yet."""
@@ -158,11 +156,11 @@ def _dataflash_advice(telemetry: Telemetry) -> Fact:
     firmware = telemetry.firmware
     bitmask = int(parameters["LOG_BITMASK"]) if "LOG_BITMASK" in parameters else None
     is_fast = bitmask is not None and bool(bitmask & FAST_ATTITUDE_BIT)
-    match = FIRMWARE_VERSION.search(firmware)
-    version = (int(match[1]), int(match[2])) if match else ()
+    # An empty version, of a firmware without one in its name, is before every other.
+    version = firmware_version(telemetry) or ()
     is_first_version = version == FIRST_VERSION_WITH_DEMAND
     can_log = version > FIRST_VERSION_WITH_DEMAND or (is_first_version and "-dev" not in firmware)
-    is_demand_expected = is_fast or (match is not None and not can_log)
+    is_demand_expected = is_fast or (bool(version) and not can_log)
     if DEMAND_MESSAGE not in telemetry.messages and is_demand_expected:
         return Fact(
             Remedy.DEMAND_NOT_LOGGED,

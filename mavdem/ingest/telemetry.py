@@ -1,5 +1,6 @@
 """Telemetry and Log: what one vehicle sent, as columns on its boot clock, and all contents of a recording."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isclose, nan
@@ -118,6 +119,20 @@ class Telemetry(ImmutableResult):
             if not isclose(value, default, rel_tol=FLOAT32_TOLERANCE):
                 changed[name] = default
         return changed
+
+
+def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:
+    """Returns major and minor version of the firmware, by its name; None if the name has none.
+
+    PX4 writes a small v ("PX4 v1.15.0-beta"), ArduPilot a capital one ("ArduCopter V4.4.4"). Only the autopilot's own
+    letter counts, since what else stands in a name, such as that of a board, may have a number after the other one.
+
+    Args:
+        telemetry: autopilot and firmware of the vehicle.
+    """
+    letter = "v" if telemetry.autopilot == "PX4" else "V"
+    version = re.search(letter + r"(\d+)\.(\d+)", telemetry.firmware)
+    return None if version is None else (int(version[1]), int(version[2]))
 
 
 MAX_USUAL_STEP_RATIO = 3.0

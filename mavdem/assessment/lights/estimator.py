@@ -1,6 +1,5 @@
 """Light on the estimator: innovations in flight against what the filter accepts, GPS quality, and the compass."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -36,7 +35,7 @@ from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.px4_instances import RATIO_FIELDS, UNFILTERED_ENDING
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry, firmware_version
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.witnesses.position import position_fix, position_validity
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
@@ -79,8 +78,6 @@ FAILSAFE_SECONDS = 1.0
 FIRST_FILTERING_VERSION = (1, 15)
 """First version of PX4 whose estimator_status has low-passed ratios (``test_ratio_filtered`` of the aiding sources)."""
 
-PX4_VERSION = re.compile(r"v(\d+)\.(\d+)")
-"""Major and minor version in the name of PX4's firmware, such as "PX4 v1.15.0-beta"."""
 
 MAX_DILUTION = 2.5
 """HDOP above which PX4's filter does not start with GPS: the default of EKF2_REQ_HDOP."""
@@ -276,10 +273,10 @@ def _is_filtered(telemetry: Telemetry, name: EstimatorRatio) -> bool:
 
     PX4's are, from ``FIRST_FILTERING_VERSION`` on, where the log has no samples of the aiding sources.
     """
-    version = PX4_VERSION.search(telemetry.firmware)
-    if telemetry.autopilot != "PX4" or version is None:
+    if telemetry.autopilot != "PX4":
         return False
-    if (int(version[1]), int(version[2])) < FIRST_FILTERING_VERSION:
+    version = firmware_version(telemetry)
+    if version is None or version < FIRST_FILTERING_VERSION:
         return False
     columns = telemetry.messages.get("ESTIMATOR_STATUS", {})
     is_unfiltered = columns.get(RATIO_FIELDS[name] + UNFILTERED_ENDING)
