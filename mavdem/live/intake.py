@@ -92,8 +92,8 @@ class LinkIntake:
             self._emptied_time = start_time
         batches = []
         for stamp, frames in stamped_frames:
-            arrival_time = min(max(now - wall_time + stamp, emptied_time), now)
-            batches.append(FrameBatch(arrival_time, stamp, frames))
+            arrival_time = now - (wall_time - stamp)
+            batches.append(FrameBatch(min(max(arrival_time, emptied_time), now), stamp, frames))
         return batches
 
     def _reopen(self, timeout: float) -> bool:
@@ -125,9 +125,10 @@ class LinkIntake:
             self._record(self._link.receive_rest())
 
     def _record(self, pieces: list[tuple[float, bytes]]) -> list[tuple[float, list[Frame]]]:
-        """Records frames before anything else is done with them, so that no error of the analysis loses any.
+        """Finds the frames in received bytes, and records them before anything else is done with them.
 
-        A recording that fails, for example on a full disk, is reported and ends; the session goes on.
+        So no error of the analysis loses a frame. A recording that fails, for example on a full disk, is reported and
+        ends; the session goes on.
 
         Args:
             pieces: arrival, UNIX s, and bytes of each piece of the link.

@@ -285,32 +285,14 @@ class LiveStream:
     def _take_frame(self, frame: Frame) -> Iterator[AlignedRow]:
         """Processes a frame of any component on the link, and yields the rows that it completes.
 
-        Each step passes fewer frames on to the next:
-
-        1. The frame is counted by its sequence number, which shows lost messages, and copies, as some links send.
-           Copies and frames whose checksum does not match end here.
-        2. The message shows what its sender is, by which the vehicle to follow is chosen. Messages of all other senders
-           end here.
-        3. Replies to requests for rates are kept for ``drain_replies``.
-        4. Other messages get their time on the vehicle's boot clock. A reboot is detected here, before the message is
-           used: all data with times of the former boot are then discarded.
+        Only messages of the followed vehicle are used. They get their time on the vehicle's boot clock here. A reboot
+        is detected before the message is used: all data with times of the former boot are then discarded.
 
         Args:
             frame: the next frame, intact or not.
         """
-        sender = self._vehicles.sender(frame)
-        is_intact = frame.checksum == CHECKSUM_MATCHES
-        message = decode_message(frame) if is_intact else None
-        is_new = sender.count_frame(frame, self._stamp)
-        if not is_new or not is_intact:
-            return
-        if message is not None:
-            sender.take_message(message)
-            if message.name in STATUS_MESSAGES:
-                # Some of them have the stamp of another clock.
-                message = message._replace(stamp=0.0)
-        self._vehicles.update(sender)
-        if message is None or sender is not self._vehicles.followed:
+        message = self._message_of_followed_vehicle(frame)
+        if message is None:
             return
         if message.name in REPLY_MESSAGES:
             self._replies.append(message)
@@ -321,6 +303,36 @@ class LiveStream:
         if timed.boot != self.boot:
             self._restart(timed.boot)
         yield from self._take_message(timed)
+
+    def _message_of_followed_vehicle(self, frame: Frame) -> Message | None:
+        """Counts a frame, lets it show what its sender is, and decodes it if the followed vehicle sent it.
+
+        1. The frame is counted by its sequence number, which shows lost messages, and copies, as some links send.
+           Copies and frames whose checksum does not match end here.
+        2. The message shows what its sender is, by which the vehicle to follow is chosen, maybe with this very message.
+
+        Args:
+            frame: the next frame, intact or not.
+
+        Returns:
+            The message; None for a frame that ends here, one that cannot be decoded, or one of another sender. The
+            ``STATUS_MESSAGES`` are without their stamp.
+        """
+        sender = self._vehicles.sender(frame)
+        is_intact = frame.checksum == CHECKSUM_MATCHES
+        message = decode_message(frame) if is_intact else None
+        is_new = sender.count_frame(frame, self._stamp)
+        if not is_new or not is_intact:
+            return None
+        if message is not None:
+            sender.take_message(message)
+        self._vehicles.update(sender)
+        if message is None or sender is not self._vehicles.followed:
+            return None
+        if message.name in STATUS_MESSAGES:
+            # Some of them have the stamp of another clock.
+            return message._replace(stamp=0.0)
+        return message
 
     def _take_message(self, timed: TimedMessage) -> Iterator[AlignedRow]:
         """Passes a message of the followed vehicle to the parts that need it, and yields the rows that it completes.

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from pathlib import PurePath
 
 from mavdem.containers import JsonValues, group_by
@@ -23,6 +24,9 @@ TIER_WORDS = {
     "": "of unknown tier",
 }
 """Names shown for the tiers."""
+
+SECONDS_PER_HOUR = 3600
+"""Seconds of an hour."""
 
 MAX_REASONS = 8
 """Reasons why logs were not used that are shown, the most frequent ones."""
@@ -184,19 +188,23 @@ def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | N
     Returns:
         Values by name; None without a flight.
     """
-    flown = [summary.flown for summary in summaries if summary.flown.flights]
-    if not flown:
-        return None
+    flight_count = 0
+    seconds = 0.0
     tiers: Counter[str] = Counter()
-    for one in flown:
-        tiers.update(one.tiers)
+    dates: list[datetime] = []
+    for summary in summaries:
+        flown = summary.flown
+        flight_count += flown.flights
+        seconds += flown.seconds
+        tiers.update(flown.tiers)
+        dates += [date for date in (flown.first_date, flown.last_date) if date is not None]
+    if not flight_count:
+        return None
     kinds = [f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier]]
-    first_dates = [one.first_date for one in flown if one.first_date is not None]
-    last_dates = [one.last_date for one in flown if one.last_date is not None]
     return {
-        "flights": sum(one.flights for one in flown),
-        "hours": sum(one.seconds for one in flown) / 3600,
-        "dates": [min(first_dates), max(last_dates)] if first_dates else [],
+        "flights": flight_count,
+        "hours": seconds / SECONDS_PER_HOUR,
+        "dates": [min(dates), max(dates)] if dates else [],
         "kinds": listed(kinds),
     }
 

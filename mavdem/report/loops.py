@@ -116,29 +116,40 @@ def tune_details(tuning: Tuning) -> Blocks:
 
 
 def _unchecked(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence on what advised gains are not checked against; none where no gains are advised."""
-    has_gains = any(
-        isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
-    )
-    return render_section("loop_not_checked", named=has_gains)
-
-
-def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
-    """Returns the axes of a tuning in groups: axes without a loop for the same reason and with the same advice.
+    """Returns the sentence on what advised gains are not checked against; none where no gains are advised.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.
     """
+    has_gains = any(
+        isinstance(advice, Advice) and bool(advice.gains) for advice in tuning.axes.values()
+    )
+    # The template makes its sentence only where ``named`` is true.
+    return render_section("loop_not_checked", named=has_gains)
 
-    def key(axis: str) -> tuple[str, ...]:
+
+def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
+    """Groups the axes of a tuning whose reports say the same, so that they are reported together.
+
+    An axis with an identified loop has a table of its own and is alone. Axes without one are together if the reason and
+    the remedies are the same.
+
+    Args:
+        tuning: advice on the gains of each axis, or the fact why there is none.
+
+    Returns:
+        The axes of each group, in the order of ``tuning.axes``.
+    """
+
+    def what_is_reported(axis: str) -> tuple[str, ...]:
         advice = tuning.axes[axis]
         if isinstance(advice, Advice):
-            # The loops of each axis have a table of their own.
             return (axis,)
         remedies = _remedies_besides_tuning(tuning.judgement.loop_decisions.get(axis))
+        # No axis is called "", so that this differs from all axes with a loop.
         return ("", advice.advised, *remedies)
 
-    return list(group_by(tuning.axes, key).values())
+    return list(group_by(tuning.axes, what_is_reported).values())
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
@@ -277,16 +288,18 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
 
 def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
     """Returns the sentences of :func:`gain_limits`, each with the axes that share it."""
-    axes_and_cautions = []
+    # Cautions are compared without the axis that they name.
+    axes_by_caution: dict[Fact, list[str]] = {}
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
-            for fact in advice.before.cautions:
-                axes_and_cautions.append((axis, fact))
+            for caution_of_loop in advice.before.cautions:
+                axes_by_caution.setdefault(caution_of_loop.replace(axis=""), []).append(axis)
     limits = []
-    for pairs in group_by(axes_and_cautions, lambda pair: pair[1].replace(axis="")).values():
-        (sentence,) = sentences_by_axes(pairs, attrgetter("advised"))
-        axes = tuple(axis for axis, _ in pairs)
-        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(pairs[0][1])))
+    for caution_of_loop, axes in axes_by_caution.items():
+        facts_on_axes = [(axis, caution_of_loop) for axis in axes]
+        (sentence,) = sentences_by_axes(facts_on_axes, attrgetter("advised"))
+        is_about_gains = is_about_gains_to_set(caution_of_loop)
+        limits.append(_GainLimit(tuple(axes), sentence, is_about_gains))
     return limits
 
 

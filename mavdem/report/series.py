@@ -85,21 +85,22 @@ def series_of(
     Raises:
         ValueError: the model was learned from other flights.
     """
-    first = flights[0]
+    output_names = flights[0].output_names
+    input_names = flights[0].input_names
     time = np.concatenate([flight.time for flight in flights])
     outputs = np.vstack([flight.outputs for flight in flights])
     inputs = np.vstack([flight.inputs for flight in flights])
     series = {
-        OUTPUTS: Series(time, first.output_names, outputs),
-        INPUTS: Series(time, first.input_names, inputs),
+        OUTPUTS: Series(time, output_names, outputs),
+        INPUTS: Series(time, input_names, inputs),
     }
     if learned is not None:
         if len(learned.record) != len(time):
             count = len(learned.record)
             raise ValueError(f"the model was learned from {count} samples, not these {len(time)}")
-        series |= dict(_model_series(first.output_names, time, learned))
+        series |= dict(_model_series(output_names, time, learned))
     if held_out is not None:
-        series |= dict(_held_out_series(first.output_names, held_out))
+        series |= dict(_held_out_series(output_names, held_out))
     if wind is not None:
         series[WIND_VELOCITY] = Series(wind.time, ("north", "east"), wind.velocity)
         series[WIND_BAND] = Series(wind.time, ("north", "east"), wind.band)

@@ -245,30 +245,38 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     Returns:
         Counts, total duration and dates.
     """
-    counted: Flights = flights
+    distinct: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):
-        counted = distinct_flights([list(flight) for flight in flights])
-    dates = sorted(flight[0].date for flight in counted if flight[0].date)
+        distinct = distinct_flights([list(flight) for flight in flights])
+    dates = sorted(flight[0].date for flight in distinct if flight[0].date)
+    durations = [max(row.duration or 0.0 for row in flight) for flight in distinct]
     return FlownFlights(
-        flights=len(counted),
-        duplicates=len(flights) - len(counted),
-        seconds=sum(max(row.duration or 0.0 for row in flight) for flight in counted),
+        flights=len(distinct),
+        duplicates=len(flights) - len(distinct),
+        seconds=sum(durations),
         first_date=dates[0] if dates else None,
         last_date=dates[-1] if dates else None,
-        tiers=Counter(best_tier(flight) for flight in counted),
-        healths=Counter(worst_health(flight) for flight in counted),
+        tiers=Counter(best_tier(flight) for flight in distinct),
+        healths=Counter(worst_health(flight) for flight in distinct),
     )
 
 
 def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
-    """Returns what is known of a vehicle from its flights, at least one, in order of date.
+    """Summarizes what the flights of a vehicle show of it.
 
     Args:
         name: name of the vehicle.
-        flights: rows of its flights.
+        flights: rows of its flights, in the order of date; at least one flight.
+
+    Returns:
+        How urgent a look at it is, the health of its motors, the words on it, the levels of its latest ``MAX_BARS``
+        flights, and what its last flight shows.
     """
-    last = flights[-1][0]
-    word = badge(flights)
+    # The rows of one flight differ only in what depends on the axis.
+    last_flight = flights[-1][0]
+    badge_word = badge(flights)
+    is_used = badge_word != NOT_USED
+    has_warning = last_flight.headline_level in WARNING_LEVELS
     return VehicleFlights(
         is_one_vehicle=is_one_vehicle(name, flights),
         urgency=urgency(flights),
@@ -278,12 +286,12 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         levels=[badge_level([flight]) for flight in flights[-MAX_BARS:]],
         flight_count=len(flights),
         last=LastFlight(
-            date=last.date,
-            frame=last.frame or "",
-            firmware=last.firmware or "",
-            badge=str(word),
-            badge_level=badge_level(flights) if word != NOT_USED else Level.UNKNOWN,
-            headline=(last.headline or "") if last.headline_level in WARNING_LEVELS else "",
+            date=last_flight.date,
+            frame=last_flight.frame or "",
+            firmware=last_flight.firmware or "",
+            badge=str(badge_word),
+            badge_level=badge_level(flights) if is_used else Level.UNKNOWN,
+            headline=(last_flight.headline or "") if has_warning else "",
             lights={light: light_level(flights[-1], light) for light in Light},
         ),
     )

@@ -150,9 +150,10 @@ def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
         Names of the other motors whose trim deviates from the mean by at least ``ALIKE_RATIO`` of the limited motors'
         deviation. All other motors if the limited ones do not exceed the mean.
     """
-    deviations = dict(zip(hover.motors, hover.imbalance, strict=True))
-    limited_deviation = max(deviations[name] for name in limited)
-    others = [name for name in hover.motors if name not in limited]
+    deviation_by_motor = dict(zip(hover.motors, hover.imbalance, strict=True))
+    limited_deviation = max(deviation_by_motor[motor] for motor in limited)
+    unlimited = [motor for motor in hover.motors if motor not in limited]
     if limited_deviation <= 0:
-        return tuple(others)
-    return tuple(name for name in others if deviations[name] >= ALIKE_RATIO * limited_deviation)
+        return tuple(unlimited)
+    min_deviation = ALIKE_RATIO * limited_deviation
+    return tuple(motor for motor in unlimited if deviation_by_motor[motor] >= min_deviation)

@@ -1,6 +1,6 @@
 """Tuning of an assessed vehicle: gains to set for each axis, a notch filter, and what to do with them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -149,7 +149,7 @@ def tuned(
         )
     if not advice_on_loops:
         reasons = [headline] if is_headline_reason else []
-        raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_grouped_refusals(refusals)])
+        raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
     # The axes that were not asked for, and whose gains are to be changed.
     other_axes = tuple(
         axis
@@ -305,17 +305,23 @@ def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
     return {margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected}
 
 
-def _grouped_refusals(refusals: dict[str, Fact]) -> list[Fact]:
-    """Returns the reasons why the loops of several axes are not known, each reason once.
+def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
+    """Returns the reasons why the loops of several axes are not known, with axes of the same reason joined.
+
+    Reasons are the same if they advise the same text (``Fact.advised``): their figures, such as intervals, differ from
+    axis to axis.
 
     Args:
-        refusals: the reason of each axis.
+        reason_by_axis: the reason of each axis, at least one.
 
     Returns:
-        The one reason that all axes share; otherwise each reason, with the ``names`` of its axes.
+        The first axis' fact of each reason, with the ``names`` of all axes that share it; without names if all axes
+        have one reason.
     """
-    # Two axes have different figures of the same reason, such as their own intervals, which the words need not show.
-    groups = group_by(refusals, lambda axis: refusals[axis].advised).values()
-    if len(groups) == 1:
-        return [next(iter(refusals.values()))]
-    return [refusals[axes[0]].replace(names=axes) for axes in groups]
+    axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].advised)
+    reasons = []
+    for axes in axes_by_advice.values():
+        reason = reason_by_axis[axes[0]]
+        has_all_axes = len(axes) == len(reason_by_axis)
+        reasons.append(reason if has_all_axes else reason.replace(names=axes))
+    return reasons

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -233,7 +234,8 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
     exceeded the limit without a break. Of a filter that only the failsafe doubts, the duration is the failsafe's, and
     the fact has its ``failsafe_limit``. If the log has several instances, the subject is the one that flew. Where only
-    others were logged, one of them stands in for it: the fact is then a ``spare``, and never bad.
+    others were logged, one of them stands in for it: the fact then has ``is_spare``, and is never bad. Low-passed
+    ratios, which single samples may have exceeded, have ``is_filtered``.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -241,30 +243,34 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     telemetry = evidence.signals.telemetry
     failsafe_limit = failsafe_limit_of(telemetry)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
+    is_spare = bool(instances) and not instances["is_primary"].any()
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
         rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
-        is_spare = bool(instances) and not instances["is_primary"].any()
-        code = EstimatorLight.FILTER_AGREED
+        is_doubted = rejection.is_doubted or rejection.is_bad
+        level = None
+        if rejection.is_bad and not is_spare:
+            level = Level.BAD
+        elif rejection.ratio >= WATCHED_RATIO:
+            level = Level.WATCH
+        # Figures that a fact has only where they say something.
+        remarks: dict[str, Any] = {}
         duration = rejection.duration
-        failsafe_figures = {}
-        level = Level.WATCH if rejection.ratio >= WATCHED_RATIO else None
-        if rejection.is_doubted:
-            code = EstimatorLight.FILTER_DOUBTED
-        elif rejection.is_bad:
-            code = EstimatorLight.FILTER_DOUBTED
+        if rejection.is_bad and not rejection.is_doubted:
             duration = rejection.failsafe_duration
-            failsafe_figures["failsafe_limit"] = failsafe_limit
+            remarks["failsafe_limit"] = failsafe_limit
+        if is_spare:
+            remarks["is_spare"] = True
+        if _is_filtered(telemetry, rejection.name):
+            remarks["is_filtered"] = True
         yield Fact(
-            code,
-            Level.BAD if rejection.is_bad and not is_spare else level,
+            EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
+            level,
             time=rejection.time,
             subject=_instance_in_flight(telemetry, flight) if instances else "",
             name=rejection.name,
             ratio=rejection.ratio,
             duration=duration,
-            **failsafe_figures,
-            **({"is_spare": True} if is_spare else {}),
-            **({"is_filtered": True} if _is_filtered(telemetry, rejection.name) else {}),
+            **remarks,
         )
 
 

@@ -70,21 +70,23 @@ class FreeEnergyMonitor(NamedTuple):
         outputs = learned.record.outputs.shape[1]
         # An affine map is known by its values at 0 and, less these, at each unit vector.
         unit_vectors = np.eye(window * (outputs + inputs))
-        windows = np.vstack([np.zeros_like(unit_vectors[:1]), unit_vectors])
-        values = _generalized_data(
+        zeros = np.zeros((1, len(unit_vectors)))
+        windows = np.vstack([zeros, unit_vectors])
+        generalized_data = _generalized_data(
             learned,
-            windows[:, : window * outputs].reshape(-1, window, outputs),
-            windows[:, window * outputs :].reshape(-1, window, inputs),
+            outputs=windows[:, : window * outputs].reshape(-1, window, outputs),
+            inputs=windows[:, window * outputs :].reshape(-1, window, inputs),
         )
-        at_zero = values[0]
-        to_errors_and_states = learned.sample_free_energy.error_and_state_map
+        data_at_zero = generalized_data[0]
+        data_per_sample = (generalized_data[1:] - data_at_zero).T
+        errors_and_states_per_data = learned.sample_free_energy.error_and_state_map
         return cls(
             learned=learned,
             end_time=end_time,
             free_energy=learned.sample_free_energy,
             past_values=learned.free_energy_of_samples[-round(SURPRISE_SECONDS / learned.dt) :],
-            window_map=to_errors_and_states @ (values[1:] - at_zero).T,
-            window_constants=to_errors_and_states @ at_zero,
+            window_map=errors_and_states_per_data @ data_per_sample,
+            window_constants=errors_and_states_per_data @ data_at_zero,
         )
 
     @property
@@ -185,10 +187,10 @@ class Surprise:
         """
         if len(self._past_values) < MIN_PAST_VALUES:
             return
-        # The 5 % quantile, the lower quartile and the median.
-        low, quartile, self._median = np.quantile(
-            self._past_values, [INTERVAL_QUANTILES[0], 0.25, 0.5]
-        )
-        unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
+        # The lower end of the 90 % interval is the 5 % quantile.
+        low_share, _ = INTERVAL_QUANTILES
+        low, lower_quartile, median = np.quantile(self._past_values, [low_share, 0.25, 0.5])
+        unit = min(median - low, MAX_QUARTILES * (median - lower_quartile))
+        self._median = median
         # Where F(t) did not vary, this floor keeps the surprise of a drop finite.
         self._unit = max(unit, ROUNDING_TOLERANCE)
