@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Sequence
+from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -154,13 +155,17 @@ def samples(
     """
     telemetry = _telemetry(log, vehicle)
     time, values = _samples(telemetry, log, message, field, instance, boot)
-    first = 0 if start is None else int(np.searchsorted(time, start))
-    last = len(time) if end is None else int(np.searchsorted(time, end, side="right"))
-    is_known = np.isfinite(values[first:last])
-    time, values = time[first:last][is_known], values[first:last][is_known]
+    is_wanted = np.isfinite(values)
+    if start is not None:
+        is_wanted &= time >= start
+    if end is not None:
+        is_wanted &= time <= end
+    time = time[is_wanted]
+    values = values[is_wanted]
     if not values.size:
         raise ToolError(f"{message}.{field} has no values then: `messages` says from when to when.")
-    stride = -(-len(time) // MAX_SAMPLES)
+    # The smallest stride with which at most MAX_SAMPLES remain.
+    stride = ceil(len(time) / MAX_SAMPLES)
     return {
         "message": message,
         "field": field,

@@ -38,19 +38,22 @@ def _days(context: click.Context, parameter: click.Parameter, text: str | None) 
 
     Raises:
         click.BadParameter: They are no dates, or the last one is before the first.
+
+    Returns:
+        The days, both included; None without the option.
     """
     if text is None:
         return None
     first_text, separator, last_text = text.partition("..")
     try:
-        first = date.fromisoformat(first_text)
-        last = date.fromisoformat(last_text) if separator else first
+        first_day = date.fromisoformat(first_text)
+        last_day = date.fromisoformat(last_text) if separator else first_day
     except ValueError:
         message = f"{text} is not like 2026-01-05..2026-01-11."
         raise click.BadParameter(message, context, parameter) from None
-    if last < first:
-        raise click.BadParameter(f"{last} is before {first}.", context, parameter)
-    return Days(first, last)
+    if last_day < first_day:
+        raise click.BadParameter(f"{last_day} is before {first_day}.", context, parameter)
+    return Days(first_day, last_day)
 
 
 def _days_option(side: str) -> Callable[[Command], Command]:

@@ -1,6 +1,6 @@
 """``mavdem order``: the choice of the model order (number of states) by the free energy (extended DEM)."""
 
-from collections.abc import Callable
+from dataclasses import dataclass
 from time import perf_counter
 
 import click
@@ -66,7 +66,7 @@ def order_command(
     """
     start_time = perf_counter()
     known_inputs = not unknown_inputs
-    flights = map_flights(sources, axis, vehicle, inputs, _same_input_count())
+    flights = map_flights(sources, axis, vehicle, inputs, _InputCountCheck())
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
     with progress(title) as show_fraction:
         free_energies, errors = free_energy_of_flights(
@@ -90,30 +90,31 @@ def order_command(
     print_to_stderr(f"Took {seconds:.1f} s.")
 
 
-def _same_input_count() -> Callable[[str, Flight], Flight]:
-    """Returns a function that passes on flights with as many inputs as the first flight has.
+@dataclass
+class _InputCountCheck:
+    """Lets flights pass that have as many inputs as the first one.
 
-    The free energies of several flights are averaged, so their models must have the same inputs. The function takes
-    the name of a flight, which it does not use, and the flight. It raises ``NotLearnable`` for a flight with another
-    number of inputs.
+    The free energies of several flights are averaged, so their models must have the same inputs.
     """
-    required_count: int | None = None
 
-    def checked_flight(name: str, flight: Flight) -> Flight:
-        """Returns the flight if it has as many inputs as the first one that this function was given.
+    required_count: int | None = None
+    """Number of inputs of the first flight; None before it."""
+
+    def __call__(self, name: str, flight: Flight) -> Flight:
+        """Returns the flight unchanged.
 
         Args:
-            name: name of the log, for the error.
+            name: name of the log, which :func:`map_flights` gives to every function; it is not used.
             flight: the flight of that log.
+
+        Raises:
+            NotLearnable: the flight has another number of inputs than the first one.
         """
-        nonlocal required_count
         count = flight.inputs.shape[1]
-        if required_count is None:
-            required_count = count
-        if count != required_count:
+        if self.required_count is None:
+            self.required_count = count
+        if count != self.required_count:
             raise NotLearnable(
-                NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=required_count
+                NamedSource.AS_MANY_INPUTS_NEEDED, count=count, needed=self.required_count
             )
         return flight
-
-    return checked_flight

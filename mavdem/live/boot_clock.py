@@ -179,13 +179,14 @@ class BootClock:
             return False
         if self._has_come_back(stamps[-1]):
             return True
-        first = stamps[0]
-        is_restart = first <= MAX_RESTART_TIME and first < self.now - MAX_LATE_SECONDS
+        first_stamp = stamps[0]
+        fell_far = first_stamp < self.now - MAX_LATE_SECONDS
+        is_restart = fell_far and first_stamp <= MAX_RESTART_TIME
         # Before the first attitude the clock is NaN, which no number is less than: then any stamps begin it.
-        is_ahead = not first < self.now
+        is_ahead = not first_stamp < self.now
         if is_restart or is_ahead:
             return True
-        return stamps[-1] - first >= MAX_LATE_SECONDS
+        return stamps[-1] - first_stamp >= MAX_LATE_SECONDS
 
     def _restart(self, first_stamp: float) -> None:
         """Starts the clock again, and reports why: a reboot, a clock that was set back, or a jump ahead.

@@ -17,6 +17,7 @@ import socket
 import struct
 import sys
 import time
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, NamedTuple, NoReturn
 
@@ -481,15 +482,11 @@ class Link:
             datagram: the latest piece; its sender is ``_piece_address``. Only its first frame is looked at. Frames of
                 other components than autopilots are always accepted.
         """
-        now = time.monotonic()
-        if len(datagram) < HEADER_BYTES_V1 or self._piece_address is None:
-            return True
-        offset = SEQUENCE_OFFSET_V1 if datagram[0] == MARKER_V1 else SEQUENCE_OFFSET_V2
-        # System and component id follow the sequence number.
-        ids = datagram[offset + 1 : offset + 3]
-        if ids[1:] != bytes([AUTOPILOT_COMPONENT]):
-            return True
         address = self._piece_address
+        ids = _ids_of_autopilot(datagram)
+        if ids is None or address is None:
+            return True
+        now = time.monotonic()
         first_sender = self._sender_addresses.get(ids, _SenderAddress(address, now))
         is_first = first_sender.address == address
         if not is_first and now - first_sender.heard_time <= SILENCE_SECONDS:
@@ -499,13 +496,23 @@ class Link:
         # The first address sends after another was refused. So both send, and it is no restart from another port.
         if is_first and ids in self._refused_addresses and ids not in self._reported_ids:
             self._reported_ids.add(ids)
-            names = []
-            for each in (address, self._refused_addresses[ids]):
-                host, port = each[:2]
-                names.append(f"{host}:{port}")
-            subject = f"{ids[0]}:{ids[1]}"
-            self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=names))
+            self._report_two_addresses(ids, [address, self._refused_addresses[ids]])
         return True
+
+    def _report_two_addresses(self, ids: bytes, addresses: Sequence[Any]) -> None:
+        """Reports that two network addresses send as the same autopilot.
+
+        Args:
+            ids: system and component id of the autopilot.
+            addresses: the two addresses, as a socket has them: host and port first.
+        """
+        names = []
+        for address in addresses:
+            host, port = address[:2]
+            names.append(f"{host}:{port}")
+        system, component = ids
+        subject = f"{system}:{component}"
+        self._events.append(Fact(LinkFact.TWO_ADDRESSES, subject=subject, names=names))
 
     def _raise_lost(self, cause: LinkError, error: OSError | None = None) -> NoReturn:
         """Closes the lost connection and raises ``LinkLost``.
@@ -564,6 +571,20 @@ CAUSES_BY_ERRNO = {
     errno.ENOENT: LinkError.NO_PORT,
 }
 """Why a link cannot be opened, by the system's error number."""
+
+
+def _ids_of_autopilot(datagram: bytes) -> bytes | None:
+    """Returns system and component id of the first frame of a datagram, two bytes; None if no autopilot sent it.
+
+    Args:
+        datagram: bytes of one or more MAVLink frames, of version 1 or 2.
+    """
+    if len(datagram) < HEADER_BYTES_V1:
+        return None
+    sequence_offset = SEQUENCE_OFFSET_V1 if datagram[0] == MARKER_V1 else SEQUENCE_OFFSET_V2
+    # System and component id follow the sequence number.
+    ids = datagram[sequence_offset + 1 : sequence_offset + 3]
+    return ids if ids[1:] == bytes([AUTOPILOT_COMPONENT]) else None
 
 
 def _parse_name(name: str) -> _LinkAddress:

@@ -29,6 +29,11 @@ MESSAGE_FIELDS: dict[str, Names] = {
 } | {name: form.fields for name, form in MOTOR_MESSAGES.items()}
 """Fields that are decoded, by message name; of messages with a vertical speed that is the first field."""
 
+BITS_PER_BYTE = 8
+"""Bits of a byte of a payload."""
+
+BITS_WITHOUT_WRAP = 64
+"""Bits of a time stamp that never wraps in practice: counted in nanoseconds, such a counter lasts 580 years."""
 
 STATUS_MESSAGES = (
     "HEARTBEAT",
@@ -116,15 +121,13 @@ def message_readers() -> dict[int, _MessageReader]:
         names = list(MESSAGE_FIELDS[definition.name])
         units_per_second = 0.0
         wrap_period = inf
-        for stamp_field, units in BOOT_CLOCK_UNITS.items():
-            if stamp_field in wire.fields:
-                names.append(stamp_field)
-                units_per_second = units
-                bits = 8 * wire[stamp_field].itemsize
-                # A counter of 64 bits never wraps in practice.
-                if bits < 64:
-                    wrap_period = 2.0**bits / units
-                break
+        stamp_field = next((name for name in BOOT_CLOCK_UNITS if name in wire.fields), None)
+        if stamp_field is not None:
+            names.append(stamp_field)
+            units_per_second = BOOT_CLOCK_UNITS[stamp_field]
+            bits = BITS_PER_BYTE * wire[stamp_field].itemsize
+            if bits < BITS_WITHOUT_WRAP:
+                wrap_period = 2.0**bits / units_per_second
         # A view of some fields keeps the offsets and the size of the whole payload.
         readers[definition.message_id] = _MessageReader(
             definition.name, wire[names], units_per_second, wrap_period
@@ -168,14 +171,13 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
     Returns:
         The attitude; None if it is not finite or impossible.
     """
-    if message.name == "ATTITUDE":
-        roll, pitch, yaw, roll_rate, pitch_rate, yaw_rate = message.values
-    else:
-        quaternion = message.values[:4]
-        roll_rate, pitch_rate, yaw_rate = message.values[4:]
-        if not all(map(isfinite, quaternion)):
+    # The values are in the order of ``MESSAGE_FIELDS``: the angles or the quaternion, then the body rates.
+    *attitude, roll_rate, pitch_rate, yaw_rate = message.values
+    if message.name == "ATTITUDE_QUATERNION":
+        if not all(map(isfinite, attitude)):
             return None
-        roll, pitch, yaw = map(float, euler_angles(np.array(quaternion)))
+        attitude = [float(angle) for angle in euler_angles(np.array(attitude))]
+    roll, pitch, yaw = attitude
     # NaN fails every comparison, so values that are not finite count as impossible, too.
     angles_are_possible = abs(roll) <= MAX_ANGLE and abs(pitch) <= MAX_ANGLE
     rates_are_possible = (

@@ -127,15 +127,8 @@ class Milestones:
             return
         self._reported_rows = learning.learned_rows
         margins = status.overall_judgement.lights.get(Light.MARGINS)
-        if margins is not None:
-            is_of_loop = margins.code is MarginsLight.LOOP_MARGINS
-            # Figures that the measured response contradicts are not reported.
-            if not is_of_loop or margins.figures["because"] is not None:
-                margins = None
-        figures: dict[str, Any] = dict.fromkeys(MARGIN_FIGURES)
-        if margins is not None:
-            figures = {name: margins.figures[name] for name in MARGIN_FIGURES}
         wind = status.mean_wind
+        delay = status.latency.longest
         self._log(
             Fact(
                 Session.FLIGHT_LEARNED,
@@ -144,12 +137,25 @@ class Milestones:
                 is_flying=status.is_flying,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
-                **figures,
+                **_margin_figures(margins),
                 because=() if wind is None else wind.facts,
-                delay=status.latency.longest if isfinite(status.latency.longest) else None,
+                delay=delay if isfinite(delay) else None,
                 **_parameter_figures(learning, physical),
             )
         )
+
+
+def _margin_figures(margins: Fact | None) -> dict[str, Any]:
+    """Returns the ``MARGIN_FIGURES`` of the light on margins; all None where it has none to report.
+
+    Args:
+        margins: the light; None without a judgement. Its figures are not reported if the measured response contradicts
+            them, which is then the reason that the light has.
+    """
+    is_of_loop = margins is not None and margins.code is MarginsLight.LOOP_MARGINS
+    if margins is None or not is_of_loop or margins.figures["because"] is not None:
+        return dict.fromkeys(MARGIN_FIGURES)
+    return {name: margins.figures[name] for name in MARGIN_FIGURES}
 
 
 def _latest_physical(learning: FlightLearning) -> Physical | None:

@@ -397,14 +397,13 @@ class RateRequest:
             interval.fall_count += 1
         if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
-        # All messages whose count is at the limit. If this is the only one, it is the first that reached the limit, and
-        # the fact has not been reported yet.
-        contested_intervals = [
-            other
-            for other in self._intervals
-            if other.fall_count == MAX_TRIES and other.is_reported
+        contested = [
+            message
+            for message in self._intervals
+            if message.fall_count == MAX_TRIES and message.is_reported
         ]
-        if contested_intervals == [interval]:
+        # If this message is the only one at the limit, it is the first there: the fact has not been reported yet.
+        if contested == [interval]:
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
     def _report(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:

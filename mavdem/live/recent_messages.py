@@ -93,14 +93,16 @@ def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple
     """
     fields = MESSAGE_FIELDS[name]
     id_field = fields.index("id") if name == "BATTERY_STATUS" else None
-    kept = []
-    counts: dict[float, int] = {}
-    for time, values in rows[: MAX_ROWS // 2]:
+    older_half = rows[: MAX_ROWS // 2]
+    newer_half = rows[MAX_ROWS // 2 :]
+    thinned_half = []
+    count_by_battery: Counter[float] = Counter()
+    for time, values in older_half:
         battery_id = 0.0 if id_field is None else values[id_field]
-        counts[battery_id] = counts.get(battery_id, 0) + 1
-        if counts[battery_id] % 2 == 0:
-            kept.append((time, values))
-    return [*kept, *rows[MAX_ROWS // 2 :]]
+        count_by_battery[battery_id] += 1
+        if count_by_battery[battery_id] % 2 == 0:
+            thinned_half.append((time, values))
+    return [*thinned_half, *newer_half]
 
 
 def _columns_from(

@@ -141,18 +141,11 @@ class SessionStatus(ImmutableResult):
         light becomes the headline unless the headline is bad already, and in flight a bad headline makes landing the
         next step.
         """
-        weak_motors = [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
+        weak_motors = self._weak_motors
         judgement = self.model_judgement
         if judgement is None:
             judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)
-
-        # Lights that need no model: those of the watchdog, of the test of the motors, and of the wind.
-        lights_without_model = dict(self.worst_lights)
-        if weak_motors:
-            motors_light = lights_without_model.get(Light.MOTORS, weak_motors[0])
-            lights_without_model[Light.MOTORS] = worst_fact([*weak_motors, motors_light])
-        if self.mean_wind is not None:
-            lights_without_model[Light.WIND] = self.mean_wind.light
+        lights_without_model = self._lights_without_model
         lights = {}
         for name, light_by_model in judgement.lights.items():
             light_without_model = lights_without_model.get(name, light_by_model)
@@ -167,6 +160,23 @@ class SessionStatus(ImmutableResult):
         if self.is_flying and headline.is_bad:
             next_step = Fact(NextStep.LAND_NOW, because=headline)
         return Judgement(headline, next_step, lights)
+
+    @property
+    def _weak_motors(self) -> list[Fact]:
+        """The alarms of motors that are weak, as facts."""
+        return [alarm.fact for alarm in self.motor_alarms if alarm.is_weak]
+
+    @property
+    def _lights_without_model(self) -> dict[str, Fact]:
+        """The lights that need no model, by name: those of the watchdog, of the motors' alarms, and of the wind."""
+        lights = dict(self.worst_lights)
+        weak_motors = self._weak_motors
+        if weak_motors:
+            motors_light = lights.get(Light.MOTORS, weak_motors[0])
+            lights[Light.MOTORS] = worst_fact([*weak_motors, motors_light])
+        if self.mean_wind is not None:
+            lights[Light.WIND] = self.mean_wind.light
+        return lights
 
     @property
     def _reason_without_model(self) -> Fact:

@@ -71,6 +71,9 @@ DRAG_DRAWS = 16
 MAX_SPEED = 100.0
 """Speed over ground of no multirotor, m/s: a message with more is damaged."""
 
+MAX_DIRECTION_BAND = 180.0
+"""Half width of the band of a direction, degrees, with which it says nothing: half a turn."""
+
 PREFERRED_MESSAGE = "LOCAL_POSITION_NED"
 """Message whose velocity is used alone, while it comes: the others have the same, rounded to cm/s."""
 
@@ -140,7 +143,7 @@ class WindEstimate:
         speed = speeds[0]
         speed_band = speed_bands[0]
         heading_band = coverage_factor() * HEADING_SD
-        direction_band = min(np.hypot(direction_bands[0], heading_band), 180.0)
+        direction_band = min(np.hypot(direction_bands[0], heading_band), MAX_DIRECTION_BAND)
         return CompassWind(
             speed,
             max(speed - speed_band, 0.0),
@@ -160,22 +163,22 @@ class WindEstimate:
         """
         wind = self.compass
         # The lower end of the speed's interval, m/s; 0 where still air is likely as well.
-        low = lower_speed_bound(wind.speed_low, wind.speed_high)
-        strength = Fact(
+        lowest_speed = lower_speed_bound(wind.speed_low, wind.speed_high)
+        speed_fact = Fact(
             Session.WIND_SPEED,
-            speed=wind.speed if low else None,
-            speed_interval=(low, wind.speed_high),
+            speed=wind.speed if lowest_speed else None,
+            speed_interval=(lowest_speed, wind.speed_high),
             status=speed_status(wind.speed, wind.speed_low, wind.speed_high),
         )
-        if not low or wind.direction_half_width > MAX_DIRECTION_INTERVAL:
-            return (strength,)
-        origin = Fact(
+        if not lowest_speed or wind.direction_half_width > MAX_DIRECTION_INTERVAL:
+            return (speed_fact,)
+        direction_fact = Fact(
             Session.WIND_FROM,
             direction=wind.direction,
             point=compass_text(wind.direction),
             half_width=wind.direction_half_width,
         )
-        return strength, origin
+        return speed_fact, direction_fact
 
     @property
     def light(self) -> Fact:
@@ -185,19 +188,16 @@ class WindEstimate:
         the speed, the light says that the wind is not known, and why. Otherwise it gives the speed with its 90 %
         interval, m/s, and the direction that the wind comes from, degrees; None if that is not known.
         """
-        # The first fact is on the speed; a second one, on the direction, is there only where that is known.
-        facts = self.facts
-        strength = facts[0]
-        low, high = strength.figures["speed_interval"]
-        if strength.figures["status"] is Status.NOT_IDENTIFIABLE:
+        # A fact on the direction is there only where that is known.
+        speed_fact, *direction_facts = self.facts
+        low, high = speed_fact.figures["speed_interval"]
+        if speed_fact.figures["status"] is Status.NOT_IDENTIFIABLE:
             # As a rule the drag was never measured in a flight.
             doubt = Fact(
                 WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=low, high=high, by_drag=True
             )
             return Fact(WindLight.WIND_NOT_KNOWN, because=doubt)
-        direction = None
-        if len(facts) > 1:
-            direction = facts[1].figures["direction"]
+        direction = direction_facts[0].figures["direction"] if direction_facts else None
         return Fact(
             WindLight.WIND_BLEW,
             calm=not low,

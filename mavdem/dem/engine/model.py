@@ -150,18 +150,13 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     """
     if not forcing.size:
         return np.empty_like(forcing)
-    eigenvalues, V = np.linalg.eig(F)
-    if np.linalg.cond(V) > MAX_MODE_CONDITION:
-        states = []
-        state = x0
-        for term in forcing:
-            state = F @ state + term
-            states.append(state)
-        return np.array(states)
+    eigenvalues, eigenvectors = np.linalg.eig(F)
+    if np.linalg.cond(eigenvectors) > MAX_MODE_CONDITION:
+        return _sample_by_sample(F, forcing, x0)
     # Of a pair of conjugate eigenvalues one is enough: the other adds the same real part.
     is_used = eigenvalues.imag >= 0
     multiplicity = np.where(eigenvalues.imag[is_used] > 0, 2.0, 1.0)
-    to_modes = np.linalg.inv(V)[is_used]
+    to_modes = np.linalg.inv(eigenvectors)[is_used]
     modes_at_start = to_modes @ x0
     forcing_of_modes = to_modes @ forcing.T
     modes = []
@@ -169,7 +164,18 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
         eigenvalues[is_used], modes_at_start, forcing_of_modes, strict=True
     ):
         modes.append(scalar_recursion(eigenvalue, terms, start))
-    return (np.array(modes).T @ (multiplicity * V[:, is_used]).T).real
+    states_of_modes = multiplicity * eigenvectors[:, is_used]
+    return (np.array(modes).T @ states_of_modes.T).real
+
+
+def _sample_by_sample(F: Array, forcing: Array, x0: Array) -> Array:
+    """Runs the recursion of :func:`linear_recursion` step by step, which needs no eigenvectors; (T, n)."""
+    states = []
+    state = x0
+    for term in forcing:
+        state = F @ state + term
+        states.append(state)
+    return np.array(states)
 
 
 def scalar_recursion(factor: complex, forcing: NDArray[Any], start: complex) -> NDArray[Any]:

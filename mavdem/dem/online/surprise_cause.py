@@ -115,12 +115,14 @@ def explained_share(
     # Both accelerations are smoothed by the window that the measured derivative is taken from.
     center = window // 2
     m = outputs.shape[1]
+    # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
     derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
-    measured = derivatives[-latest:, 2 * m - 1]
+    acceleration = derivatives[-latest:, 2 * m - 1]
+    # Of the commands after each lag only the smoothed values are used, which come before their derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
-    by_command = embed(lagged_commands, settings.p, dt, window, center)
-    by_command = by_command[-latest:, : len(MOTOR_LAGS)]
-    covariance = np.cov(measured, by_command, rowvar=False)
+    smoothed = embed(lagged_commands, settings.p, dt, window, center)
+    commanded_acceleration = smoothed[-latest:, : len(MOTOR_LAGS)]
+    covariance = np.cov(acceleration, commanded_acceleration, rowvar=False)
     variances = covariance.diagonal()
     if not (variances > 0.0).all():
         return None
