@@ -23,7 +23,11 @@ from mavdem.assessment.motion import motion_events
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.record import Assessment
 from mavdem.assessment.reported import reported_events
-from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
+from mavdem.assessment.saturated_motor import (
+    saturation_losses,
+    with_motors_limited_before,
+    with_saturated_motor,
+)
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
@@ -247,6 +251,7 @@ def _evidence_without_loops(
     saturated = with_motor_witnesses(signals, saturated, reports)
     events += saturated
     ending = with_saturated_motor(ending, saturated, events)
+    ending = with_motors_limited_before(ending, events)
     if ending is not None:
         events.append(ending)
     evidence = Evidence(

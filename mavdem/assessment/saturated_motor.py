@@ -129,6 +129,41 @@ def with_saturated_motor(
     return ending.replace(subject=cause.subject, cause=cause)
 
 
+def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> Fact | None:
+    """Returns the event of a lost flight, with the motors that were at their limit before all thrust was used up.
+
+    A mean over all motors hides one that worked at its limit long before the others came near theirs.
+
+    Args:
+        ending: event with which the flight was lost, with its cause; None if it was not.
+        events: events of the log, with those of motors at their limit.
+
+    Returns:
+        The event, whose cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
+        when all thrust was used up, and ``limited_since``, the earliest of these times, s. Unchanged where there is no
+        such motor, or another cause.
+    """
+    cause = None if ending is None else ending.figures.get("cause")
+    if ending is None or cause is None or cause.code is not FailedFirst.THRUST_SPENT_FIRST:
+        return ending
+    limits = [
+        event
+        for event in events
+        if event.code is MotionEvent.MOTOR_AT_ITS_STOP
+        and event.figures["boot"] == ending.figures["boot"]
+        and event.time is not None
+        and event.time <= cause.time - MIN_LIMIT_SECONDS
+        and (event.until or inf) >= cause.time
+    ]
+    if not limits:
+        return ending
+    cause = cause.replace(
+        limited_names=tuple(event.subject for event in limits),
+        limited_since=min(event.time for event in limits),
+    )
+    return ending.replace(cause=cause)
+
+
 def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
     """Returns whether another motor was at its limit in the ``RECOVERY_SECONDS`` before a motor lost thrust.
 

@@ -216,8 +216,10 @@ def live_command(
         session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
         judgement = status.overall_judgement
-        print_to_stderr(headline(judgement.headline))
-        if judgement.next_step != judgement.headline:
+        headline_text = headline(judgement.headline)
+        print_to_stderr(headline_text)
+        # Where nothing can be done, the next step repeats what is the matter.
+        if str(judgement.next_step) not in headline_text:
             print_to_stderr(f"Next: {judgement.next_step}")
         dashboard.report(status)
         resources.close()

@@ -2,7 +2,8 @@
 
 BATTERY_STATUS has the number of the battery in ``id``, from 0, and those of several batteries come one after the other.
 SYS_STATUS has the voltage of one battery: of the first (ArduPilot), or of the connected one with the least charge
-(PX4). Batteries are numbered from 1 here, as in the autopilots' parameters (BATT2_LOW_VOLT, BAT2_N_CELLS) and texts.
+(PX4). BATTERY2, of ArduPilot before 4.0, has that of the second. Batteries are numbered from 1 here, as in the
+autopilots' parameters (BATT2_LOW_VOLT, BAT2_N_CELLS) and texts.
 """
 
 from collections.abc import Mapping
@@ -16,11 +17,14 @@ from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
 from mavdem.ingest.mavlink.clocks import deviates_from_median
 from mavdem.ingest.telemetry import Columns, Telemetry, selected_rows
 
-BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS", "BATTERY2")
 """Messages with the state of the battery."""
 
 FIRST_BATTERY = 1
 """Number of the battery of a message that does not say which it is."""
+
+SECOND_BATTERY = 2
+"""Number of the battery of the message BATTERY2."""
 
 UINT16_UNKNOWN = np.iinfo(np.uint16).max
 """Value of MAVLink's 16-bit fields for a voltage that is not known."""
@@ -71,7 +75,7 @@ class BatteryColumns(NamedTuple):
     number: int
     """Number of the battery, from 1."""
     message: str
-    """Name of the message: BATTERY_STATUS or SYS_STATUS."""
+    """Name of the message: BATTERY_STATUS, SYS_STATUS or BATTERY2."""
     columns: Columns
     """Its fields, N rows of this battery alone."""
 
@@ -91,6 +95,9 @@ def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
     if "SYS_STATUS" in telemetry.messages:
         sys_status = telemetry.messages["SYS_STATUS"]
         batteries.append(BatteryColumns(FIRST_BATTERY, "SYS_STATUS", sys_status))
+    if "BATTERY2" in telemetry.messages:
+        battery2 = telemetry.messages["BATTERY2"]
+        batteries.append(BatteryColumns(SECOND_BATTERY, "BATTERY2", battery2))
     columns = telemetry.messages.get("BATTERY_STATUS")
     if columns is None:
         return batteries
@@ -109,6 +116,7 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
 
     If BATTERY_STATUS has one battery, or none, SYS_STATUS measures the same one; it is preferred, since it comes more
     often. Of several batteries SYS_STATUS repeats one, and is used only for a first battery that BATTERY_STATUS lacks.
+    BATTERY2 is used for a second one that BATTERY_STATUS lacks.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -118,16 +126,21 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
     """
     batteries: dict[int, Battery] = {}
     sys_status_battery = None
+    second_battery = None
     for number, message, columns in battery_columns(telemetry):
         battery = _battery(number, columns)
         if battery is None:
             continue
         if message == "SYS_STATUS":
             sys_status_battery = battery
+        elif message == "BATTERY2":
+            second_battery = battery
         else:
             batteries[number] = battery
     if sys_status_battery is not None:
         _add_battery_of_sys_status(batteries, sys_status_battery, telemetry.autopilot)
+    if second_battery is not None:
+        batteries.setdefault(SECOND_BATTERY, second_battery)
     return tuple(batteries[number] for number in sorted(batteries))
 
 
@@ -171,7 +184,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
 
     Args:
         number: Number of the battery.
-        columns: Fields of SYS_STATUS, or of one battery's BATTERY_STATUS, N rows.
+        columns: Fields of SYS_STATUS or BATTERY2, or of one battery's BATTERY_STATUS, N rows.
 
     Returns:
         The battery, with current and charge if they were measured; None without a measured voltage.
@@ -191,7 +204,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
         return None
     current = load = charge = None
     if "current_battery" in columns:
-        # Both messages have units of 10 mA.
+        # All these messages have units of 10 mA.
         amperes = float_column(columns, "current_battery") / 1e2
         current = _series_or_none(columns, amperes)
         load = _series_or_none(columns, np.column_stack([volts, amperes]))
@@ -224,8 +237,10 @@ def _volts(columns: Columns) -> Array | None:
     Returns:
         Voltage (N,), V, NaN where it is not known; None if the message has no voltage.
     """
-    if "voltage_battery" in columns:
-        millivolts = float_column(columns, "voltage_battery")
+    # SYS_STATUS and BATTERY2 have one voltage.
+    voltage_name = "voltage" if "voltage" in columns else "voltage_battery"
+    if voltage_name in columns:
+        millivolts = float_column(columns, voltage_name)
         return np.where(millivolts == UINT16_UNKNOWN, np.nan, millivolts) / 1000
     if "voltages" not in columns:
         return None

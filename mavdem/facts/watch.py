@@ -23,6 +23,7 @@ class Watch(Code):
     WATCHED = "watched"
     NOT_WATCHED = "not_watched"
     MESSAGE_MISSING = "message_missing"
+    BATTERY_NOT_JUDGED = "battery_not_judged"
     REFERENCE_SHORT = "reference_short"
     ON_GROUND_NOW = "on_ground_now"
     ALARM_OVER = "alarm_over"

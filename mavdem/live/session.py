@@ -206,6 +206,7 @@ class LiveSession:
         self.history.advance(self.stream.now, self.stream.boot)
         self._withdraw_landing()
         motion_silence = self._silence.note_samples(self.stream.sample_count)
+        self._silence.note_attitudes(self.stream.attitude_count)
         silences = ((Missing.MESSAGES, silence), (Missing.MOTION, motion_silence))
         for missing, seconds in silences:
             fact = resumption(missing, seconds)

@@ -14,12 +14,15 @@ class SilenceMonitor:
     Attributes:
         message_time: when a message came last, s of the monotonic clock.
         motion_time: when a sample of attitude or motors came last, s of that clock.
+        attitude_time: when an attitude of any vehicle came last, followed or not, s of that clock.
     """
 
     def __init__(self) -> None:
         self.message_time = clock.monotonic()
         self.motion_time = -inf
+        self.attitude_time = -inf
         self._sample_count = 0
+        self._attitude_count = 0
         # Whether any message has come: before that nothing can resume.
         self._has_received = False
 
@@ -56,6 +59,24 @@ class SilenceMonitor:
         self._sample_count = sample_count
         self.motion_time = self.message_time
         return silence_before
+
+    def note_attitudes(self, attitude_count: int) -> None:
+        """Records whether the latest messages, passed to ``note_messages`` before, contained an attitude.
+
+        Args:
+            attitude_count: number of messages of attitude of all vehicles since the start.
+        """
+        if attitude_count != self._attitude_count:
+            self._attitude_count = attitude_count
+            self.attitude_time = self.message_time
+
+    def has_attitudes(self, now: float) -> bool:
+        """Returns whether an attitude of any vehicle has come in the last ``SILENCE_SECONDS``.
+
+        Args:
+            now: as for ``silence``.
+        """
+        return now - self.attitude_time <= SILENCE_SECONDS
 
     def silence(self, now: float) -> Fact | None:
         """Returns a fact if the link is silent: if messages or motion have not come for ``SILENCE_SECONDS``.

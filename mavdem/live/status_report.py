@@ -53,11 +53,16 @@ class StatusReport:
 
         ``obstacle`` is the first reason why there is no new model: the link is silent, no rows can be made of the
         messages, or the flight does not allow learning. Where no vehicle is followed any more, as since two send under
-        one id, that is why its motion is missing.
+        one id, that is why its motion is missing, as long as either still sends its attitude.
         """
         status = self.stream.status()
         silence = self._silence_fact()
-        if silence is not None and silence.subject == Missing.MOTION and status.vehicle is None:
+        is_motion_silent = silence is not None and silence.subject == Missing.MOTION
+        if (
+            is_motion_silent
+            and status.vehicle is None
+            and self.silence.has_attitudes(self.backlog.now)
+        ):
             silence = status.obstacle
         rates = status.rates
         watch_facts = status.watch_facts

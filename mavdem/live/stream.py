@@ -122,6 +122,11 @@ class LiveStream:
         return self._rows.sample_count
 
     @property
+    def attitude_count(self) -> int:
+        """Number of messages of attitude of all vehicles so far, followed or not."""
+        return sum(component.attitude_count for component in self._vehicles)
+
+    @property
     def pose(self) -> LatestPose | None:
         """The latest attitude with its setpoint; None before any."""
         return self._pose.pose

@@ -26,6 +26,7 @@ from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.power import PowerLight
 from mavdem.facts.session import Rows
 from mavdem.facts.watch import Watch, Watched
 from mavdem.ingest.telemetry import Telemetry
@@ -47,6 +48,11 @@ LIGHTS = {
     Watched.BATTERY: Light.POWER,
 }
 """The light that shows what is wrong with each thing that is watched."""
+
+UNWATCHED_BATTERIES = frozenset(
+    {PowerLight.POWER_UNMEASURED, PowerLight.SUPPLY_HELD, PowerLight.CELLS_UNKNOWN}
+)
+"""Lights on the power that say nothing of a battery: it was not measured, or has no limit."""
 
 ALARMING_SHARE = 0.7
 """Share of the last seconds in which a motor is at its upper limit: an alarm.
@@ -126,6 +132,8 @@ class Watchdog:
         # Times of the latest thorough review and of the latest search for reports, s of the boot clock, and the number
         # of changes of urgent messages until then.
         self._thorough_time = -inf
+        # Why the latest light on the power says nothing of the battery; None where it does, or before any.
+        self._battery_obstacle: Fact | None = None
         self._report_time = -inf
         self._change_count = 0
         # The review that has begun; None between reviews.
@@ -208,7 +216,9 @@ class Watchdog:
         assert review.recent_signals is not None
         all_signals = self._signals(review.vehicle, review.now, -inf)
         condition = Condition(duration=review.now - review.phase_start)
-        review.facts[Watched.BATTERY] = power_light(live_evidence(all_signals, condition))
+        power = power_light(live_evidence(all_signals, condition))
+        review.facts[Watched.BATTERY] = power
+        self._battery_obstacle = _battery_obstacle(power)
         if review.has_settled:
             evidence = live_evidence(review.recent_signals, condition)
             review.facts[Watched.VIBRATION] = vibration_light(evidence)
@@ -392,7 +402,7 @@ class Watchdog:
         Oscillation and motors at their limits are judged by attitude and motor outputs. To see an oscillation (a limit
         cycle), these must also come at half of ``MIN_STREAM_RATE`` at least; a motor at its limit shows at any rate.
         Vibration, battery and the autopilot's warnings each need a status message, which must have come within the last
-        ``MEMORY_SECONDS``.
+        ``MEMORY_SECONDS``. A battery that the light on the power cannot judge is not watched either.
 
         Args:
             now: present time on the boot clock, s.
@@ -420,6 +430,8 @@ class Watchdog:
         for kind, names in needed_messages.items():
             if not received.intersection(names):
                 obstacles[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
+        if self._battery_obstacle is not None:
+            obstacles.setdefault(Watched.BATTERY, self._battery_obstacle)
         return obstacles
 
     def note_motors_watched(self, now: float) -> None:
@@ -466,6 +478,23 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
     figures = dict(watch_fact.figures)
     figures["because"] = reason
     return Fact(Watch.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
+
+
+def _battery_obstacle(power: Fact) -> Fact | None:
+    """Returns why a light on the power says nothing of the battery; None if it judges one.
+
+    The reason has none of the light's measurements, so that it stays the same from review to review.
+
+    Args:
+        power: the light on the power.
+    """
+    if power.code not in UNWATCHED_BATTERIES:
+        return None
+    return Fact(
+        Watch.BATTERY_NOT_JUDGED,
+        cause=power.code,
+        is_constant=bool(power.figures.get("is_constant") and power.figures.get("voltage")),
+    )
 
 
 def _identity(fact: Fact) -> tuple[object, ...]:

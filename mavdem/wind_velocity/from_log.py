@@ -226,6 +226,10 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(
             NoWind.NO_FLIGHT_WITH_VELOCITY, airborne=_settled_seconds(signals, ground_motion)
         )
+    velocity_is_constant = np.ptp(motion.velocity[:, 0]) == 0
+    if velocity_is_constant and _lacks_fix(telemetry):
+        # Another sensor of velocity may be set up, but it did not measure either.
+        raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
     _require_usable(motion, _longest_stuck(signals.position, boot, motion))
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)

@@ -79,6 +79,17 @@ def test_sound_batteries_are_all_shown_with_their_voltage():
     assert others == ["battery 3", "battery 1"]
 
 
+def test_the_second_battery_of_old_firmware_is_the_second():
+    telemetry = HOVER.telemetry(20.0, 20.0)
+    telemetry = changed(telemetry, "SYS_STATUS", **columns(TIME, voltage_battery=1000 * FULL))
+    telemetry = changed(
+        telemetry, "BATTERY2", **columns(TIME, voltage=1000 * EMPTY, current_battery=-1)
+    )
+    fact = power_light(evidence(telemetry))
+    assert (fact.level, fact.subject) == ("bad", "battery 2")
+    assert [other.subject for other in fact.figures["batteries"]] == ["battery 1"]
+
+
 def test_a_single_battery_has_no_number():
     fact = power_light(evidence(with_batteries({0: FULL})))
     assert (fact.subject, fact.level) == ("", "good")

@@ -285,6 +285,12 @@ def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from
     assert "GPS had no fix in flight (2 satellites at most)" in fact.sentence
     fact = estimator_light(evidence(changed(telemetry, "LOCAL_POSITION_NED", valid=True)))
     assert fact.is_good and "Position without GPS (no fix, 2 satellites at most)" in fact.sentence
+    unlogged = {**telemetry.messages}
+    del unlogged["EKF_STATUS_REPORT"]
+    with_flow = {**telemetry.parameters, "FLOW_ENABLE": 1.0}
+    fact = estimator_light(evidence(replace(telemetry, messages=unlogged, parameters=with_flow)))
+    assert fact.code is EstimatorLight.ESTIMATOR_UNMEASURED
+    assert "GPS had no fix in flight (2 satellites at most)" in fact.sentence
     submarine = replace(telemetry, vehicle="SUBMARINE")
     assert estimator_light(evidence(submarine)).code is not EstimatorLight.FIX_MISSING
 

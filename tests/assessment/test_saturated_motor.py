@@ -6,7 +6,11 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, pulses, with_pulse
 from pytest import approx, mark
 
 from mavdem.assessment.motion import motion_events
-from mavdem.assessment.saturated_motor import saturation_losses, with_saturated_motor
+from mavdem.assessment.saturated_motor import (
+    saturation_losses,
+    with_motors_limited_before,
+    with_saturated_motor,
+)
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
@@ -142,6 +146,22 @@ def test_a_motor_was_not_at_its_limit_first_after_another_one():
     ending = with_saturated_motor(lost, losses_of_motor, [limit])
     assert ending.figures["cause"].code is FailedFirst.THRUST_MISSING_FIRST
     assert str(ending.figures["cause"]) == f"{NAMES[1].capitalize()} did not hold the vehicle."
+
+
+@mark.parametrize("since, is_named", [(35.0, True), (39.5, False)])
+def test_a_motor_at_its_limit_long_before_all_thrust_was_used_up_is_named(since, is_named):
+    spent = Fact(FailedFirst.THRUST_SPENT_FIRST, time=40.0, share=0.93)
+    crashed = Fact(Ending.CRASHED, time=42.0, subject="", cause=spent, word=None, boot=0)
+    limit = Fact(MotionEvent.MOTOR_AT_ITS_STOP, time=since, until=41.0, subject=NAMES[0], boot=0)
+    over = limit.replace(subject=NAMES[1], until=36.0)
+    other_boot = limit.replace(subject=NAMES[2], boot=1)
+    ending = with_motors_limited_before(crashed, [limit, over, other_boot])
+    text = f"{ending.figures['cause']}"
+    assert (
+        f"limit from 40.0 s on, {NAMES[0]} at its own limit from 35.0 s on." in text
+    ) == is_named
+    assert with_motors_limited_before(None, [limit]) is None
+    assert with_motors_limited_before(crashed.replace(cause=None), [limit]).figures["cause"] is None
 
 
 def test_a_known_cause_and_an_impact_stay():

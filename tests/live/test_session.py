@@ -318,8 +318,8 @@ def test_the_last_model_has_the_parameters_and_findings_of_the_flight():
     assert one.judging.judgement.lights["margins"].code is MarginsLight.OSCILLATES
 
 
-@mark.parametrize("vehicle", [None, "1:1"])
-def test_motion_is_not_missed_of_a_vehicle_that_is_no_longer_followed(now, vehicle):
+@mark.parametrize("vehicle, is_sending", [(None, True), (None, False), ("1:1", True)])
+def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, is_sending):
     two_vehicles = Fact(VehicleFact.TWO_VEHICLES_LIVE, subject="1:1")
     one, *_ = session_of([])
     silence = one._report.silence
@@ -327,10 +327,12 @@ def test_motion_is_not_missed_of_a_vehicle_that_is_no_longer_followed(now, vehic
     silence.note_samples(1)
     now[0] += 10.0
     silence.note_messages(now[0], now[0])
+    silence.note_attitudes(int(is_sending))
     status = SessionStatus(vehicle=vehicle, obstacle=two_vehicles)
     report = replace(one._report, stream=Mock(now=1.0, status=lambda: status))
     no_motion = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MOTION, duration=3.0)
-    assert report.status.obstacle == (no_motion if vehicle else two_vehicles)
+    is_named = vehicle is None and is_sending
+    assert report.status.obstacle == (two_vehicles if is_named else no_motion)
     assert report.status.overall_judgement.headline == report.status.obstacle
 
 

@@ -20,6 +20,7 @@ from mavdem.dataset.learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.events import Reported
+from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
@@ -225,6 +226,21 @@ def test_what_is_watched_is_always_shown():
         status.watch_facts
     ) and "battery" in watched_quantities(status.watch_facts)
     assert not watched_quantities([])
+
+
+@mark.parametrize(
+    "volts, code",
+    [(lambda at: 12.6 - 0.01 * at, Watch.WATCHED), (lambda at: 12.6, Watch.NOT_WATCHED)],
+)
+def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
+    seconds = np.arange(4.0, 20.0, 0.5).tolist()
+    made = told(
+        *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts(at))}) for at in seconds)
+    )
+    status = made.stream.status()
+    [battery] = [fact for fact in status.watch_facts if fact.subject == Watched.BATTERY]
+    assert battery.code is code
+    assert status.worst_lights[Light.POWER].is_good == (code is Watch.WATCHED)
 
 
 def test_rates_that_vary_are_no_news(capsys):

@@ -122,8 +122,10 @@ def estimator_light(evidence: Evidence) -> Fact:
         reverse=True,
     )
     missing_fix = _missing_fix(evidence)
+    lacks_fix = missing_fix is not None
+    satellites = 0
     if missing_fix is not None and _has_other_position_source(evidence):
-        # The light is good, but the pilot should know that GPS could not have taken over.
+        # The light may be good, but the pilot should know that GPS could not have taken over.
         satellites = missing_fix.figures["satellites"] or 0
         filter_facts = [fact.replace(satellites=satellites) for fact in filter_facts]
         missing_fix = None
@@ -139,7 +141,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     facts += _wrong_accelerometers(evidence)
     facts += evidence.warnings_in_flight(ESTIMATOR_EVENTS)
     if not facts:
-        return Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+        unmeasured = Fact(EstimatorLight.ESTIMATOR_UNMEASURED, airborne=evidence.was_in_air)
+        return unmeasured.replace(satellites=satellites) if lacks_fix else unmeasured
     return worst_fact(facts)
 
 

@@ -13,7 +13,7 @@ from mavdem.dataset.motor_outputs import motor_outputs_or_obstacle
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import InFlight, MotorsLight, Trim
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -140,15 +140,15 @@ def _obstacle_of_recorded_outputs(evidence: Evidence) -> Fact | None:
 def _events_of_motors(evidence: Evidence) -> list[Fact]:
     """Returns the events that show trouble with one motor of this vehicle, the most important first.
 
-    The order is: the loss of the flight, if that names a motor; warnings in flight without a figure of the lost thrust,
-    such as a motor that was off; losses of thrust, the largest first, equal ones by their duration; reports of the
-    autopilot about a motor; and, if no hover was measured, the longest moment at a limit.
+    The order is: the loss of the flight, if that names a motor or all thrust was used up; warnings in flight without a
+    figure of the lost thrust, such as a motor that was off; losses of thrust, the largest first, equal ones by their
+    duration; reports of the autopilot about a motor; and, if no hover was measured, the longest moment at a limit.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        Facts whose subject is a motor.
+        Facts whose subject is a motor, or, where all thrust was used up, all motors.
     """
     codes: list[Code] = [
         InFlight.MOTOR_LOST_THRUST,
@@ -167,12 +167,18 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         if fact.subject.partition(" (")[0] in numbered_names:
             facts.append(fact)
     ending = evidence.ending
-    if ending is not None and ending.subject in names:
+    if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
         facts.insert(0, ending)
     if evidence.condition.hover is None:
         # A hover would show the share of the time at the limit. Without one, single moments at the limit are reported.
         facts += _moments_at_limit(evidence, names)
     return facts
+
+
+def _is_thrust_spent(ending: Fact) -> bool:
+    """Returns whether a flight was lost because its motors had no thrust left."""
+    cause = ending.figures.get("cause")
+    return cause is not None and cause.code is FailedFirst.THRUST_SPENT_FIRST
 
 
 def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
