@@ -159,7 +159,7 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
         return ending
     cause = cause.replace(
         limited_names=tuple(event.subject for event in limits),
-        limited_since=min(event.time for event in limits),
+        limited_since=min(event.time or 0.0 for event in limits),
     )
     return ending.replace(cause=cause)
 
