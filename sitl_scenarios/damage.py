@@ -79,10 +79,10 @@ def _motor_failure_history(
     ):
         condition = sound_condition(rotors)
         if isinstance(mishap, LoosePropeller):
-            remaining = _reduced(mishap.motor, thrust, rotors)
+            remaining = _factors_by_rotor(mishap.motor, thrust, rotors)
             condition = condition._replace(thrust=remaining, torque=remaining)
         else:
-            speed = _reduced(mishap.motor, remaining_speed(thrust), rotors)
+            speed = _factors_by_rotor(mishap.motor, remaining_speed(thrust), rotors)
             condition = condition._replace(speed=speed)
         history.append((time, condition))
     return history
@@ -116,14 +116,14 @@ def _condition(scenario: Scenario, time: float) -> Damage:
         )
     return Damage(
         # A scenario gives the remaining thrust of a weak motor. Thrust goes with the square of the speed.
-        speed=_reduced(weak_motor, sqrt(vehicle.weak_thrust), rotors),
-        thrust=_reduced(chipped_motor, propeller.thrust, rotors),
-        torque=_reduced(chipped_motor, propeller.torque, rotors),
+        speed=_factors_by_rotor(weak_motor, sqrt(vehicle.weak_thrust), rotors),
+        thrust=_factors_by_rotor(chipped_motor, propeller.thrust, rotors),
+        torque=_factors_by_rotor(chipped_motor, propeller.torque, rotors),
         centre_of_mass=centre_of_mass,
     )
 
 
-def _reduced(motor: int, fraction: float, rotors: int) -> Vector4:
+def _factors_by_rotor(motor: int, fraction: float, rotors: int) -> Vector4:
     """Lists the factors of a quantity for all rotors, of which at most one is damaged.
 
     Args:

@@ -226,7 +226,7 @@ def with_parameters(scenario: Scenario, assignments: Iterable[str]) -> Scenario:
     return scenario_of(table)
 
 
-def in_toml(scenario: Scenario) -> str:
+def scenario_toml(scenario: Scenario) -> str:
     """Writes a scenario as TOML, with every value, and its meaning and range as a comment.
 
     Args:

@@ -134,16 +134,16 @@ def px4_thrusts(columns: Array, demands: Vector4) -> Array:
     """
     roll, pitch, yaw, thrust = demands
     roll_column, pitch_column, yaw_column = columns
-    thrusts = _lowered(thrust + (roll, pitch) @ columns[:2])
+    thrusts = _with_lower_collective(thrust + (roll, pitch) @ columns[:2])
     thrusts = _desaturated(thrusts, roll_column)
     thrusts = _desaturated(thrusts, pitch_column)
     # Yaw is added last, so that it never takes anything from roll and pitch. It may exceed the range by a margin, for
     # which the collective thrust is then lowered.
     thrusts = _desaturated(thrusts + yaw * yaw_column, yaw_column, 1 + YAW_MARGIN)
-    return _lowered(thrusts).clip(0.0, 1.0)
+    return _with_lower_collective(thrusts).clip(0.0, 1.0)
 
 
-def _lowered(thrusts: Array) -> Array:
+def _with_lower_collective(thrusts: Array) -> Array:
     """Returns thrusts moved down together to leave the limits, (n,); they are never moved up."""
     return _desaturated(thrusts, -1.0, only_positive=True)
 

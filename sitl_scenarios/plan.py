@@ -213,14 +213,14 @@ class FlightPlan:
         if time < landing:
             reference = Reference(IN_AIR, self._height, 0.0)
             if hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS:
-                return self._excited(reference, time - hover - SETTLE_SECONDS)
+                return self._with_excitation(reference, time - hover - SETTLE_SECONDS)
             return reference
         # The descent aims below the ground, and stays there until the vehicle has touched down.
         fraction, rate = _smooth_transition(min((time - landing) / descent, 1.0))
         depth = self._height + TOUCH_DOWN_DEPTH
         return Reference(LANDING, self._height - depth * fraction, -depth * rate / descent)
 
-    def _excited(self, hover: Reference, time: float) -> Reference:
+    def _with_excitation(self, hover: Reference, time: float) -> Reference:
         """Adds the scenario's excitation to the setpoints of the hover.
 
         Args:

@@ -33,7 +33,7 @@ MIN_UPRIGHT_COSINE = 0.5
 """Smallest cosine of the tilt by which the vertical thrust is divided: 60° of tilt."""
 
 
-def replayed(
+def replay_setpoints(
     scenario: Scenario, dt: float, setpoints: Array, torque: Array, *, is_estimated: bool = True
 ) -> Array:
     """Simulates how a vehicle follows setpoints of roll and pitch under a torque of the wind.

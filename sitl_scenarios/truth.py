@@ -92,7 +92,7 @@ class LinearModel:
         return LinearModel(tuple(states), self.A[np.ix_(indices, indices)], self.B[indices])
 
 
-def linearised(vehicle: VehicleSpec) -> LinearModel:
+def linearised_model(vehicle: VehicleSpec) -> LinearModel:
     """Linearises the simulated dynamics of a vehicle about hover in still air, without the lag of its rotors.
 
     States and commands are joined to one vector. The function of it that gives the derivatives of the states is
@@ -166,7 +166,7 @@ def axis_model(vehicle: VehicleSpec, axis: Axis = "roll") -> LinearModel:
         has no effect. Its inputs are PWM pulses of the four motors, µs from hover.
     """
     states = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
-    model = linearised(vehicle).subsystem(states)
+    model = linearised_model(vehicle).subsystem(states)
     command_per_microsecond = airframe(vehicle).full_command / (MAX_PULSE - MIN_PULSE)
     return replace(model, B=model.B * command_per_microsecond)
 
@@ -382,7 +382,7 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
     """
     rate = STATES.index(f"{axis} rate")
     identity = np.eye(len(STATES))
-    characteristic = s[:, None, None] * identity - linearised(vehicle).A
+    characteristic = s[:, None, None] * identity - linearised_model(vehicle).A
     responses = np.linalg.solve(characteristic, identity[:, [rate]])
     return responses[:, rate, 0]
 

@@ -215,7 +215,7 @@ def fits_once(once_in_a_run):
             (in_flight, "identify_axis"),
             (advice, "_next_step"),
             (step_response, "estimate_impulse_response"),
-            (twin_flight, "_simulated"),
+            (twin_flight, "_simulated_motion"),
         ):
             patch.setattr(module, name, once_in_a_run(getattr(module, name)))
         yield

@@ -16,7 +16,7 @@ from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.state import Days, VehicleState, of_common_vehicle, state_of
+from mavdem.fleet.state import Days, VehicleState, state_of, states_of_common_vehicle
 from mavdem.report.blocks import Sentence
 from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
@@ -121,7 +121,7 @@ def diff_command(
     state_a = _read_state(name_a, before, vehicle, days_a)
     state_b = _read_state(name_b, after, vehicle, days_b)
     if vehicle is None:
-        state_a, state_b = of_common_vehicle(state_a, state_b)
+        state_a, state_b = states_of_common_vehicle(state_a, state_b)
     difference = vehicle_difference(state_a.rows, state_b.rows)
     parameters = changed_parameters(state_a.parameters, state_b.parameters)
     names_without_gains = states_without_gains(state_a.parameters, state_b.parameters)

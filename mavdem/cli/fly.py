@@ -18,16 +18,16 @@ from mavdem.export.conversion import STREAM_WRITERS
 from mavdem.files import atomic_writes, reporting_write_errors
 from mavdem.ingest.parameter_file import read_parameters
 from sitl_scenarios.files import (
-    in_toml,
     load,
     names,
     scenario_of,
+    scenario_toml,
     with_parameters,
     with_vehicle,
 )
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, fly_live
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import total_seconds
 from sitl_scenarios.rotors import rotor_frame
@@ -187,7 +187,7 @@ def _describe_scenario(name: str, scenario: Scenario, as_json: bool) -> None:
     if as_json:
         print_json({"scenario": name, "values": scenario.model_dump(mode="json")})
     else:
-        print_to_stdout(in_toml(scenario))
+        print_to_stdout(scenario_toml(scenario))
 
 
 @contextmanager
@@ -291,7 +291,7 @@ def _fly_into_files(
         if out is not None and truth is not None:
             write_frames = STREAM_WRITERS[out.suffix.lower()]
             with temporary_path_of[out].open("wb") as file:
-                frame_count = write_frames(file, recorded(scenario, motion))
+                frame_count = write_frames(file, recorded_stream(scenario, motion))
             write_truth(temporary_path_of[truth], scenario, motion)
             report |= {"out": str(out), "frames": frame_count, "truth": str(truth)}
         if rrd is not None:

@@ -87,19 +87,19 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     Returns:
         The attitude; None if no attitude was recorded.
     """
-    sent = attitude_from_messages(telemetry, axis)
-    if sent is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
-        return sent
-    tuning = tuning_rates(telemetry, axis, sent)
+    sent_attitude = attitude_from_messages(telemetry, axis)
+    if sent_attitude is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
+        return sent_attitude
+    tuning = tuning_rates(telemetry, axis, sent_attitude)
     if tuning is None:
-        return sent
-    counts = {sent.message: len(sent.time), TUNING_MESSAGE: len(tuning.time)}
-    if preferred_message(counts) == sent.message:
-        return sent
-    integrated = _integrated_rates(sent, tuning)
+        return sent_attitude
+    counts = {sent_attitude.message: len(sent_attitude.time), TUNING_MESSAGE: len(tuning.time)}
+    if preferred_message(counts) == sent_attitude.message:
+        return sent_attitude
+    integrated = _integrated_rates(sent_attitude, tuning)
     # What was flown without these rates must not be lost.
-    if integrated.covered_count < MIN_PREFERRED_SHARE * len(sent.time):
-        return sent
+    if integrated.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
+        return sent_attitude
     rows = np.isfinite(integrated.angle)
     return Attitude(
         message=TUNING_MESSAGE,
@@ -110,7 +110,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
         euler_rate=integrated.euler_rate[rows],
         sent_count=tuning.sent_count,
         unused_count=tuning.unused_count,
-        impossible_count=sent.impossible_count,
+        impossible_count=sent_attitude.impossible_count,
     )
 
 
@@ -163,19 +163,21 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
         return None
     columns = telemetry.messages[message]
     roll, pitch, yaw = _euler_angles(columns, message, axis)
-    p = float_column(columns, "rollspeed")
-    q = float_column(columns, "pitchspeed")
-    r = float_column(columns, "yawspeed")
+    roll_rate = float_column(columns, "rollspeed")
+    pitch_rate = float_column(columns, "pitchspeed")
+    yaw_rate = float_column(columns, "yawspeed")
 
-    is_impossible = _exceeds([roll, pitch, yaw], MAX_ANGLE) | _exceeds([p, q, r], MAX_BODY_RATE)
+    is_impossible = _exceeds([roll, pitch, yaw], MAX_ANGLE) | _exceeds(
+        [roll_rate, pitch_rate, yaw_rate], MAX_BODY_RATE
+    )
     # Kinematics of Z-Y-X Euler angles (Stevens and Lewis, "Aircraft Control and Simulation", chapter 1).
-    heading_term = q * np.sin(roll) + r * np.cos(roll)
+    heading_term = pitch_rate * np.sin(roll) + yaw_rate * np.cos(roll)
     if axis == "roll":
-        motion = (roll, p, p + heading_term * np.tan(pitch))
+        motion = (roll, roll_rate, roll_rate + heading_term * np.tan(pitch))
     elif axis == "pitch":
-        motion = (pitch, q, q * np.cos(roll) - r * np.sin(roll))
+        motion = (pitch, pitch_rate, pitch_rate * np.cos(roll) - yaw_rate * np.sin(roll))
     else:
-        motion = (yaw, r, heading_term / np.cos(pitch))
+        motion = (yaw, yaw_rate, heading_term / np.cos(pitch))
     table = np.column_stack(motion)
     table[is_impossible] = np.nan
 

@@ -7,7 +7,7 @@ autopilots' parameters (BATT2_LOW_VOLT, BAT2_N_CELLS) and texts.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -156,23 +156,17 @@ def _add_battery_of_sys_status(
     """
     if not batteries:
         batteries[FIRST_BATTERY] = sys_status
-    elif len(batteries) == 1:
-        (only,) = batteries.values()
-        volts = np.median(only.voltage.values)
+        return
+    if len(batteries) == 1:
+        (only_battery,) = batteries.values()
+        volts = np.median(only_battery.voltage.values)
         difference = abs(np.median(sys_status.voltage.values) - volts)
         if difference <= SAME_BATTERY_DIFFERENCE * volts:
-            batteries[only.number] = Battery(
-                only.number,
-                sys_status.voltage,
-                sys_status.current,
-                sys_status.load,
-                sys_status.charge,
-                only.cells,
-            )
-        elif autopilot != "PX4":
-            batteries.setdefault(FIRST_BATTERY, sys_status)
-    elif autopilot != "PX4":
-        # PX4's SYS_STATUS changes from one battery to another.
+            number = only_battery.number
+            batteries[number] = replace(sys_status, number=number, cells=only_battery.cells)
+            return
+    # PX4's SYS_STATUS changes from one battery to another.
+    if autopilot != "PX4":
         batteries.setdefault(FIRST_BATTERY, sys_status)
 
 

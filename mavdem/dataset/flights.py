@@ -212,18 +212,20 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
         return matching[0]
     if not vehicles:
         raise NotLearnable(Reason.LOG_WITHOUT_VEHICLE)
-    listed = matching or vehicles
+    listed_vehicles = matching or vehicles
     # Two logs can be joined in one file; then only the number of its board tells vehicles with the same ids apart.
-    has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed}) < len(listed)
+    has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed_vehicles}) < len(
+        listed_vehicles
+    )
     names = []
-    for vehicle in listed:
+    for vehicle in listed_vehicles:
         names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
         Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
         name=wanted,
         names=names,
-        kinds=[vehicle.vehicle for vehicle in listed],
-        autopilots=[vehicle.autopilot for vehicle in listed],
+        kinds=[vehicle.vehicle for vehicle in listed_vehicles],
+        autopilots=[vehicle.autopilot for vehicle in listed_vehicles],
     )
 
 

@@ -304,15 +304,22 @@ def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
     Args:
         signals: signals of the chosen vehicle.
         components: all MAVLink components in the log.
+
+    Returns:
+        The fact, with ids and kind of the first multirotor, None without one.
     """
-    multirotors = [component for component in components if component.kind in MULTIROTORS]
-    other_multirotor = multirotors[0] if multirotors else None
+    other_ids = other_kind = None
+    for component in components:
+        if component.kind in MULTIROTORS:
+            other_ids = _component_ids(component)
+            other_kind = component.kind
+            break
     return Fact(
         Reason.NO_MULTIROTOR,
         recorder=signals.telemetry.translated_from,
         kind=signals.telemetry.vehicle,
-        other=_component_ids(other_multirotor) if other_multirotor is not None else None,
-        other_kind=other_multirotor.kind if other_multirotor is not None else None,
+        other=other_ids,
+        other_kind=other_kind,
     )
 
 

@@ -288,7 +288,7 @@ def _combined_outputs(
     columns = []
     for bank, outputs in zip(banks, sent_outputs, strict=True):
         if bank is not main_bank:
-            outputs = _at_stamps_of(main_bank.series, bank.series, outputs)
+            outputs = _interpolated_outputs(main_bank.series, bank.series, outputs)
         columns.append(outputs)
     stamps = {"time": main_bank.series.time, "boot": main_bank.series.boot}
     combined = clean_series(stamps, np.column_stack(columns))
@@ -346,7 +346,7 @@ def _is_moving(outputs: Array) -> bool:
     return len(nonzero) > 0 and np.ptp(nonzero) > 0
 
 
-def _at_stamps_of(main: TimeSeries, bank: TimeSeries, outputs: Array) -> Array:
+def _interpolated_outputs(main: TimeSeries, bank: TimeSeries, outputs: Array) -> Array:
     """Interpolates outputs of one bank to the stamps of another, within each boot.
 
     Args:

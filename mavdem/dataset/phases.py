@@ -327,29 +327,38 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     reports = series_of_boot(signals.landed_state, boot)
     collective = series_of_boot(signals.collective, boot)
     # Where the motors carry the vehicle, judged by the collective alone.
-    carried: Intervals = []
+    intervals_by_collective: Intervals = []
     if collective is not None:
         min_collective = min_airborne_collective(signals.telemetry.parameters)
-        carried = true_intervals(collective.time, moving_average(collective) > min_collective)
+        intervals_by_collective = true_intervals(
+            collective.time, moving_average(collective) > min_collective
+        )
     if reports is None:
-        return carried
-    reported = true_intervals(reports.time, np.isin(reports.values, states))
+        return intervals_by_collective
+    reported_intervals = true_intervals(reports.time, np.isin(reports.values, states))
     if collective is None:
         return true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
     is_undefined = reports.values == UNDEFINED_LANDED_STATE
     is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
     # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
     # collective decides.
-    covered = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
-    if covered and covered[0][0] == reports.time[0] <= collective.time[0]:
+    covered_intervals = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
+    if covered_intervals and covered_intervals[0][0] == reports.time[0] <= collective.time[0]:
         # Nothing was recorded before the first report: its state holds there too.
-        covered[0] = (-inf, covered[0][1])
-    flights = union(intersection(reported, covered), intersection(carried, complement(covered)))
+        covered_intervals[0] = (-inf, covered_intervals[0][1])
+    flights = union(
+        intersection(reported_intervals, covered_intervals),
+        intersection(intervals_by_collective, complement(covered_intervals)),
+    )
     # If neither reports nor outputs come, the last report holds.
-    uncovered = complement(union(covered, _with_samples_near(collective.time)))
-    last_reported = true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
-    held = intersection(last_reported, uncovered)
-    return union(flights, [(start, end) for start, end in held if start < reports.time[-1]])
+    uncovered_intervals = complement(union(covered_intervals, _with_samples_near(collective.time)))
+    last_reported_intervals = true_intervals(
+        reports.time, np.isin(_last_defined(reports.values), states)
+    )
+    held_intervals = intersection(last_reported_intervals, uncovered_intervals)
+    return union(
+        flights, [(start, end) for start, end in held_intervals if start < reports.time[-1]]
+    )
 
 
 def _with_samples_near(time: Array) -> Intervals:

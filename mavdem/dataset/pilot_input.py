@@ -87,16 +87,16 @@ def _channels(signals: Signals) -> dict[int, TimeSeries]:
     """
     messages = signals.telemetry.messages
     lowest, highest = POSSIBLE_PULSE
-    for message, field_name in (
-        ("RC_CHANNELS", "chan{}_raw"),
-        ("RC_CHANNELS_RAW", "chan{}_raw"),
-        ("input_rc", "values[{}]"),
+    # MAVLink counts channels from 1; PX4's topic has them in an array.
+    for message, field_pattern, first_number in (
+        ("RC_CHANNELS", "chan{}_raw", 1),
+        ("RC_CHANNELS_RAW", "chan{}_raw", 1),
+        ("input_rc", "values[{}]", 0),
     ):
         columns = messages.get(message, {})
-        first = 0 if message == "input_rc" else 1
         channels = {}
         for number in range(1, MAX_CHANNELS + 1):
-            field = field_name.format(number - 1 + first)
+            field = field_pattern.format(number - 1 + first_number)
             if field not in columns:
                 continue
             pulses = float_column(columns, field)

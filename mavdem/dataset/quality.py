@@ -142,6 +142,9 @@ def segment_quality(
         segment: The segment.
         flight: The segment, aligned.
         log_figures: Figures of the whole log: its armed and airborne time and number of segments are kept.
+
+    Returns:
+        The figures of the log, with those of the segment added.
     """
     attitude, inputs = signals.attitude_and_inputs
     attitude_rows = rows_of_segment(attitude, segment)

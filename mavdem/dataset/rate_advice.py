@@ -170,11 +170,11 @@ def _dataflash_advice(telemetry: Telemetry) -> Fact:
             is_fast=is_fast,
         )
     # Each kind of storage has a limit of its own, which counts only if the autopilot logs to it.
-    backends = int(parameters.get("LOG_BACKEND_TYPE", ALL_LOG_BACKENDS))
+    active_backends = int(parameters.get("LOG_BACKEND_TYPE", ALL_LOG_BACKENDS))
     low_limits = {}
-    for name, backend in LOG_RATE_LIMITS.items():
+    for name, backend_bit in LOG_RATE_LIMITS.items():
         limit = parameters.get(name, 0.0)
-        if 0 < limit < MIN_STREAM_RATE and backend & backends:
+        if 0 < limit < MIN_STREAM_RATE and backend_bit & active_backends:
             low_limits[name] = limit
     return Fact(
         Remedy.LOG_FAST_ATTITUDE,

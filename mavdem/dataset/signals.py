@@ -81,6 +81,15 @@ Of flights decimated to 10 Hz or recorded at 10 Hz, nine in ten were predicted b
 effectiveness, rate damping and motor lag show only at higher frequencies.
 """
 
+DEGREES_PER_UNIT = 1e-7
+"""Unit of latitude and longitude in MAVLink's messages, degrees."""
+
+MAX_LATITUDE = 90.0
+"""Largest latitude, degrees, north or south."""
+
+MAX_LONGITUDE = 180.0
+"""Largest longitude, degrees, east or west."""
+
 
 @dataclass(frozen=True, eq=False)
 class VehicleSignals:
@@ -458,8 +467,9 @@ def global_positions(columns: Columns) -> tuple[Array, Flags]:
     Returns:
         Latitude and longitude (N, 2), degrees, and flags (N,). Before a fix, receivers send zeros.
     """
-    degrees = 1e-7 * float_columns(columns, ("lat", "lon"))
-    is_fix = degrees.any(axis=1) & (abs(degrees) <= [90.0, 180.0]).all(axis=1)
+    degrees = DEGREES_PER_UNIT * float_columns(columns, ("lat", "lon"))
+    is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)
+    is_fix = degrees.any(axis=1) & is_possible
     return degrees, np.asarray(is_fix)
 
 

@@ -30,6 +30,9 @@ MAX_SPEED = 500_000.0
 damaged messages."""
 
 
+HUNDREDTH = 0.01
+"""Unit of the temperature of ESC_INFO, °C, and of the current of ESC_TELEMETRY, A."""
+
 UNKNOWN_INFO_TEMPERATURE = 32767
 """Temperature of ESC_INFO that stands for "not known": INT16_MAX, by MAVLink's common.xml."""
 
@@ -70,9 +73,10 @@ class SpeedController:
         Returns:
             The index; None if it drives none of them.
         """
-        numbers = geometry.channels if self.motor is None else geometry.motors
-        wanted = self.number if self.motor is None else self.motor
-        return numbers.index(wanted) if wanted in numbers else None
+        numbers, number = geometry.motors, self.motor
+        if number is None:
+            numbers, number = geometry.channels, self.number
+        return numbers.index(number) if number in numbers else None
 
 
 @cached_per_vehicle()
@@ -88,10 +92,14 @@ def speed_controllers(signals: Signals) -> tuple[SpeedController, ...]:
         Speed controllers in the order of their numbers; empty if none reports a speed.
     """
     telemetry = signals.telemetry
-    for controllers in (_logged(telemetry), _of_status(telemetry), _of_telemetry(telemetry)):
-        found = tuple(controllers)
-        if found:
-            return found
+    for read_controllers in (
+        _controllers_of_esc,
+        _controllers_of_esc_status,
+        _controllers_of_esc_telemetry,
+    ):
+        controllers = tuple(read_controllers(telemetry))
+        if controllers:
+            return controllers
     return ()
 
 
@@ -116,7 +124,7 @@ def _speed_series(columns: Columns, speed: Array, rows: Flags | None = None) -> 
     return _series(columns, size, is_possible if rows is None else is_possible & rows)
 
 
-def _logged(telemetry: Telemetry) -> Iterator[SpeedController]:
+def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the controllers of the table ESC, which has a row for each of them at each time.
 
     Args:
@@ -146,7 +154,7 @@ def _logged(telemetry: Telemetry) -> Iterator[SpeedController]:
         )
 
 
-def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
+def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the controllers of ESC_STATUS, with the errors of ESC_INFO.
 
     Both have four controllers from ``index`` on. Controllers beyond the ``count`` of ESC_INFO do not exist; where that
@@ -162,38 +170,58 @@ def _of_status(telemetry: Telemetry) -> Iterator[SpeedController]:
     known_count = None
     if "count" in information:
         known_count = int(np.median(information["count"]))
-    for first, rows in rows_by_value(status["index"].astype(np.int64)).items():
-        group = selected_rows(status, rows)
-        errors_of_group: Columns = {}
+    for first_index, rows in rows_by_value(status["index"].astype(np.int64)).items():
+        status_of_group = selected_rows(status, rows)
+        information_of_group: Columns = {}
         if "error_count" in information:
-            is_of_group = information["index"] == first
-            errors_of_group = selected_rows(information, np.flatnonzero(is_of_group))
-        speeds = np.array(float_column(group, "rpm"), ndmin=2)
-        for place, speed_of_motor in enumerate(speeds.T):
-            number = first + place + 1
-            speed = _speed_series(group, speed_of_motor)
-            exists = speed is not None and bool(speed.values.any())
-            if known_count is not None:
-                exists = number <= known_count
-            if speed is None or not exists:
+            is_of_group = information["index"] == first_index
+            information_of_group = selected_rows(information, np.flatnonzero(is_of_group))
+        for place, speed_of_motor in enumerate(_values_by_controller(status_of_group, "rpm")):
+            number = first_index + place + 1
+            speed = _speed_series(status_of_group, speed_of_motor)
+            if speed is None:
                 continue
-            errors = current = temperature = None
-            if len(errors_of_group.get("time", ())):
-                counts = np.array(float_column(errors_of_group, "error_count"), ndmin=2)
-                errors = _series(errors_of_group, counts[:, place])
-                if "temperature" in errors_of_group:
-                    values = np.array(float_column(errors_of_group, "temperature"), ndmin=2)
-                    is_sent = values[:, place] != UNKNOWN_INFO_TEMPERATURE
-                    temperature = _measured_series(
-                        errors_of_group, 0.01 * values[:, place], is_sent
-                    )
-            if "current" in group:
-                currents = np.array(float_column(group, "current"), ndmin=2)
-                current = _measured_series(group, currents[:, place])
+            exists = bool(speed.values.any()) if known_count is None else number <= known_count
+            if not exists:
+                continue
+            current = None
+            if "current" in status_of_group:
+                currents = _values_by_controller(status_of_group, "current")
+                current = _measured_series(status_of_group, currents[place])
+            errors, temperature = _errors_and_temperature(information_of_group, place)
             yield SpeedController(number, speed, errors, current=current, temperature=temperature)
 
 
-def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
+def _errors_and_temperature(
+    information: Columns, place: int
+) -> tuple[TimeSeries | None, TimeSeries | None]:
+    """Returns the errors that a speed controller counted, and its temperature, °C, by ESC_INFO.
+
+    Args:
+        information: messages of the controller's group, each with the values of all controllers of the group.
+        place: index of the controller in the group, from 0.
+
+    Returns:
+        Both time series; None for what was not sent or not measured.
+    """
+    if not len(information.get("time", ())):
+        return None, None
+    error_counts = _values_by_controller(information, "error_count")
+    errors = _series(information, error_counts[place])
+    temperature = None
+    if "temperature" in information:
+        values = _values_by_controller(information, "temperature")[place]
+        is_sent = values != UNKNOWN_INFO_TEMPERATURE
+        temperature = _measured_series(information, HUNDREDTH * values, is_sent)
+    return errors, temperature
+
+
+def _values_by_controller(columns: Columns, field: str) -> Array:
+    """Returns the values (controllers, N) of a field that has one value for each controller of a group."""
+    return np.array(float_column(columns, field), ndmin=2).T
+
+
+def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the controllers of ESC_TELEMETRY_1_TO_4 and so on.
 
     ArduPilot sends a speed of 0 of a controller that is silent. Its counter of messages stands still then, so that such
@@ -207,22 +235,21 @@ def _of_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
         columns = telemetry.messages.get(f"ESC_TELEMETRY_{first}_TO_{last}", {})
         if "rpm" not in columns:
             continue
-        speeds = np.array(float_column(columns, "rpm"), ndmin=2)
         counts = columns.get("count")
-        for place, speed_of_motor in enumerate(speeds.T):
-            is_heard = (
-                None if counts is None else _is_heard(columns, np.atleast_2d(counts)[:, place])
-            )
+        for place, speed_of_motor in enumerate(_values_by_controller(columns, "rpm")):
+            is_heard = None
+            if counts is not None:
+                is_heard = _is_heard(columns, np.atleast_2d(counts)[:, place])
             speed = _speed_series(columns, speed_of_motor, is_heard)
             if speed is None or (counts is None and not speed.values.any()):
                 continue
             current = temperature = None
             if "current" in columns:
-                currents = np.array(float_column(columns, "current"), ndmin=2)
-                current = _measured_series(columns, 0.01 * currents[:, place], is_heard)
+                currents = _values_by_controller(columns, "current")
+                current = _measured_series(columns, HUNDREDTH * currents[place], is_heard)
             if "temperature" in columns:
-                temperatures = np.array(float_column(columns, "temperature"), ndmin=2)
-                temperature = _measured_series(columns, temperatures[:, place], is_heard)
+                temperatures = _values_by_controller(columns, "temperature")
+                temperature = _measured_series(columns, temperatures[place], is_heard)
             yield SpeedController(first + place, speed, current=current, temperature=temperature)
 
 

@@ -100,17 +100,19 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     sent_count = int(np.count_nonzero(is_selected))
     if is_used.all() and _rises_strictly(time, boot):
         return TimeSeries(time, boot, np.ascontiguousarray(values), sent_count)
-    order = np.flatnonzero(is_used)
-    finite_count = len(order)
-    order = order[np.lexsort((time[order], boot[order]))]
+    used_rows = np.flatnonzero(is_used)
+    finite_count = len(used_rows)
+    used_rows = used_rows[np.lexsort((time[used_rows], boot[used_rows]))]
 
     # A stamp that does not rise within its boot repeats the one before it.
-    repeat_rows = np.flatnonzero((np.diff(time[order]) <= 0) & (np.diff(boot[order]) <= 0))
-    has_other_value = (table[order[repeat_rows]] != table[order[repeat_rows + 1]]).any(axis=1)
-    order = np.delete(order, repeat_rows + 1)
+    repeat_rows = np.flatnonzero((np.diff(time[used_rows]) <= 0) & (np.diff(boot[used_rows]) <= 0))
+    has_other_value = (table[used_rows[repeat_rows]] != table[used_rows[repeat_rows + 1]]).any(
+        axis=1
+    )
+    used_rows = np.delete(used_rows, repeat_rows + 1)
 
     unused_count = sent_count - finite_count + int(np.count_nonzero(has_other_value))
-    return TimeSeries(time[order], boot[order], values[order], sent_count, unused_count)
+    return TimeSeries(time[used_rows], boot[used_rows], values[used_rows], sent_count, unused_count)
 
 
 def _rises_strictly(time: Array, boot: Integers) -> bool:

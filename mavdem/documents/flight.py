@@ -180,7 +180,7 @@ class HeldOut(Document):
             "share_worse_than_constant_mean": worse_shares[CONSTANT_MEAN],
             "share_worse_than_hold_last": worse_shares[HOLD_LAST],
             "inside_90_percent_band": windows.coverage,
-            "over_expected_error": windows.over_expected,
+            "over_expected_error": windows.ratio_to_expected_error,
             "failures": windows.failures,
         }
 

@@ -185,7 +185,7 @@ class HeldOut(ImmutableResult):
         return float(is_inside[is_forecast].mean())
 
     @property
-    def over_expected(self) -> float:
+    def ratio_to_expected_error(self) -> float:
         """Mean squared error of the forecast, relative to the one that the model expects.
 
         The errors of the outputs are added up in units of their training variances.

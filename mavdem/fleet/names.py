@@ -60,7 +60,7 @@ class GivenNames:
         """
         return self._labels.get(vehicle, vehicle)
 
-    def labelled(self, rows: Iterable[FlightRow]) -> FlightRows:
+    def rows_with_given_names(self, rows: Iterable[FlightRow]) -> FlightRows:
         """Returns rows for display, in which vehicles have the names that users gave them.
 
         Rows must be grouped by vehicle before, by the names in the logs: users may give two vehicles the same name.

@@ -64,7 +64,7 @@ class VehicleState(NamedTuple):
                 return vehicle
         return None
 
-    def of_vehicles(self, names: set[str]) -> "VehicleState":
+    def with_vehicles(self, names: set[str]) -> "VehicleState":
         """Returns the flights of the vehicles with these names."""
         return self._replace(rows=[row for row in self.rows if row.vehicle in names])
 
@@ -140,7 +140,7 @@ def state_of_log(path: Path) -> VehicleState:
     return VehicleState(rows, review, vehicles)
 
 
-def of_common_vehicle(
+def states_of_common_vehicle(
     before: VehicleState, after: VehicleState
 ) -> tuple[VehicleState, VehicleState]:
     """Reduces two states to the flights of the one vehicle that both have.
@@ -167,4 +167,4 @@ def of_common_vehicle(
             shared=len(common_names),
             names=sorted(before.names | after.names),
         )
-    return before.of_vehicles(common_names), after.of_vehicles(common_names)
+    return before.with_vehicles(common_names), after.with_vehicles(common_names)

@@ -175,9 +175,9 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
             raise Unreadable(Source.SPECIAL_FILE, path=path)
         content = _packed_content(path, status.st_size, limit)
         if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
-            content = _unzipped(path, limit)
+            content = _content_of_zip(path, limit)
         if content.startswith(XZ_MAGIC):
-            content = _unpacked(content, path, limit)
+            content = _content_of_xz(content, path, limit)
     except FileNotFoundError:
         raise Unreadable(Source.FILE_MISSING, path=path) from None
     except MemoryError:
@@ -238,7 +238,7 @@ def _folder_fact(path: Path) -> Fact:
     )
 
 
-def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
+def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
     """Unpacks the first stream of an xz archive; ``xz`` writes no second stream.
 
     The size of the result is bounded by the size of the archive, since a malicious one of some kilobytes can unpack to
@@ -271,7 +271,7 @@ def _unpacked(content: bytes, path: Path, limit: int | None) -> bytes:
     return unpacked
 
 
-def _unzipped(path: Path, limit: int | None) -> bytes:
+def _content_of_zip(path: Path, limit: int | None) -> bytes:
     """Returns the log in a zip archive, bounded in size as that of an xz archive.
 
     Args:

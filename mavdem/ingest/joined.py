@@ -107,7 +107,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
     """
     if len(logs) == 1:
         return logs[0]
-    recordings = _in_order_of_time([_recording(log) for log in logs])
+    recordings = _recordings_by_time([_recording(log) for log in logs])
     joined = recordings[0]
     for recording in recordings[1:]:
         joined = _recording(_joined_pair(joined, recording))
@@ -201,7 +201,7 @@ def _utc_at_boot(messages: Tables, boot: int) -> float | None:
     return float(np.median(utc[is_known] - calendar["time"][is_known]))
 
 
-def _in_order_of_time(recordings: Sequence[Recording]) -> list[Recording]:
+def _recordings_by_time(recordings: Sequence[Recording]) -> list[Recording]:
     """Returns the recordings by their beginning in UTC, or as they are given where one of them has no UTC."""
     starts = [recording.utc_start for recording in recordings]
     if np.isnan(starts).any():

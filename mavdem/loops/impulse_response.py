@@ -227,9 +227,9 @@ def estimate_impulse_response(
             whitening = _whitening_filter(residuals)
             deviation = _window_deviations(residuals, whitening)
             estimate = _regularised_estimate(
-                _filtered(setpoint, whitening) / deviation,
-                _filtered(signal, whitening) / deviation,
-                _filtered(instrument, whitening) / deviation,
+                _filtered_windows(setpoint, whitening) / deviation,
+                _filtered_windows(signal, whitening) / deviation,
+                _filtered_windows(instrument, whitening) / deviation,
                 knots,
                 sampling_rate,
             )
@@ -249,7 +249,7 @@ def _window_deviations(residuals: Array, whitening: Array) -> Array:
     Returns:
         (W, 1) standard deviations.
     """
-    deviation = _filtered(residuals, whitening).std(axis=1)
+    deviation = _filtered_windows(residuals, whitening).std(axis=1)
     # No window may outweigh the others without limit, and the division by 0 is avoided.
     least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
     return np.maximum(deviation, least_deviation)[:, None]
@@ -366,7 +366,7 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
     return windows[::stride]
 
 
-def _filtered(windows: Array, coefficients: Array) -> Array:
+def _filtered_windows(windows: Array, coefficients: Array) -> Array:
     """Filters each window by a finite impulse response, and leaves out the filter's transient.
 
     Args:

@@ -212,17 +212,17 @@ def fly_twin(
         setpoints[:, column] = segment.setpoints
         torque[:, column] = wind_torque_realisation(loops[axis], samples, rng)
     try:
-        return _simulated(
+        return _simulated_motion(
             twin, loops["roll"].record.dt, setpoints, torque, seed, is_estimated=is_estimated
         )
     except ValueError as error:
         raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
 
 
-def _simulated(
+def _simulated_motion(
     twin: Twin, dt: float, setpoints: Array, torque: Array, seed: int, *, is_estimated: bool
 ) -> Array:
-    """Flies the twin in the simulator (``sitl_scenarios.replay.replayed``).
+    """Flies the twin in the simulator (``sitl_scenarios.replay.replay_setpoints``).
 
     The twin is passed as the text of the vehicle file that users get, so that this flight is the one that they would
     simulate.
@@ -243,11 +243,11 @@ def _simulated(
     """
     from mavdem.report.vehicle_files import vehicle_text
     from sitl_scenarios.files import scenario_of
-    from sitl_scenarios.replay import replayed
+    from sitl_scenarios.replay import replay_setpoints
 
     vehicle = tomllib.loads(vehicle_text(twin, ".toml", ""))
     scenario = scenario_of({**vehicle, "seed": seed})
-    return replayed(scenario, dt, setpoints, torque, is_estimated=is_estimated)
+    return replay_setpoints(scenario, dt, setpoints, torque, is_estimated=is_estimated)
 
 
 def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) -> Array:

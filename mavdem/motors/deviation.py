@@ -61,7 +61,7 @@ class Deviation(NamedTuple):
         return coverage_factor() * self.scale
 
     @property
-    def beyond(self) -> bool:
+    def is_unusual(self) -> bool:
         """Whether the deviation on some axis is larger than that of 999 healthy flights in 1000."""
         half_widths = coverage_factor(BEYOND_LEVEL, self.freedom) * self.scale
         return (abs(self.change) > half_widths).any()

@@ -228,7 +228,7 @@ def _assessment(
         return _fault(flight, change, change_probability, reference)
     # Whatever the probabilities of the hypotheses are, what healthy flights do not show is a change.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
-    if is_changed or evidence.deviation.beyond:
+    if is_changed or evidence.deviation.is_unusual:
         drift = _drift(flight, evidence, change_probability, reference)
         return HealthAssessment(MotorHealth.DRIFT, drift, *probabilities)
     detection_probability = evidence.hypotheses.detection_probability(evidence.deviation)

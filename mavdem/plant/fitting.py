@@ -118,7 +118,7 @@ class LogPosterior(NamedTuple):
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
-        at = self.model.bounded(at)
+        at = self.model.with_valid_delay(at)
         value = self._log_prior(at)
         for errors, _ in self.innovations(at[None]):
             value += _log_likelihood(errors[0])
@@ -168,7 +168,7 @@ class LogPosterior(NamedTuple):
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
-        at = self.model.bounded(at)
+        at = self.model.with_valid_delay(at)
         mean, sd = self.model.prior
         steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
         value = self._log_prior(at)

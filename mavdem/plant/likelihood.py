@@ -206,7 +206,7 @@ class GrayBoxModel(NamedTuple):
         """Returns the parameter of each refinement (…, refinements), for θ (…, k)."""
         return thetas[..., self.noise_index + 1 :]
 
-    def bounded(self, theta: Array) -> Array:
+    def with_valid_delay(self, theta: Array) -> Array:
         """Returns parameters θ (k,) with a delay of at least 0: no command acts before it is given."""
         bounded = theta.copy()
         bounded[self.delay_index] = max(bounded[self.delay_index], 0.0)
@@ -327,7 +327,7 @@ class GrayBoxModel(NamedTuple):
         """
         factor, variance = minimum_phase(self.noise_density(thetas, windows), windows.samples)
         residual = windows.rate - self.rate_by_motors(thetas, windows)
-        return _whitened(residual, factor, windows), variance
+        return _prediction_errors(residual, factor, windows), variance
 
     def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
@@ -376,10 +376,12 @@ class GrayBoxModel(NamedTuple):
         noise_factors, _ = minimum_phase(noise_densities, windows.samples)
         factor = np.repeat(noise_factors[:1], len(points), axis=0)
         factor[noise_rows] = noise_factors
-        return _whitened(windows.rate - rate_by_motors, factor, windows)
+        return _prediction_errors(windows.rate - rate_by_motors, factor, windows)
 
 
-def _whitened(residual: ComplexArray, factor: ComplexArray, windows: FlightWindows) -> Array:
+def _prediction_errors(
+    residual: ComplexArray, factor: ComplexArray, windows: FlightWindows
+) -> Array:
     """Returns the one-step prediction errors of windows, without their beginnings and their mean.
 
     The first samples of a window lack a past, and are left out. The mean of a window is explained by a constant

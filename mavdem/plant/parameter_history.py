@@ -39,14 +39,14 @@ def parameter_history(flights: Flights) -> list[ParametersOfPart]:
         The parameters of the parts, in order of time.
     """
     history = []
-    for part in _parts(flights):
+    for part in _flight_parts(flights):
         parameters = physical(part)
         if isinstance(parameters, Physical):
             history.append(ParametersOfPart(part, parameters))
     return history
 
 
-def _parts(flights: Flights) -> Iterator[Flight]:
+def _flight_parts(flights: Flights) -> Iterator[Flight]:
     """Yields the parts of a flight over which its physical parameters are estimated.
 
     All parts of a segment are equally long, about ``PART_SECONDS`` or longer, and there are about ``MAX_PARTS`` in all.

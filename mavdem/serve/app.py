@@ -5,6 +5,7 @@ import inspect
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from functools import cache, cached_property
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -184,10 +185,12 @@ class Server:
             except Refusal as error:
                 response = await run_in_threadpool(self._answer_to_refusal, request, error.fact)
             except ClientDisconnect:
-                response = Response(status_code=400)
+                response = Response(status_code=HTTPStatus.BAD_REQUEST)
             except asyncio.CancelledError:
                 # The server is ending. The answer says when to ask again.
-                response = Response(status_code=503, headers=RETRY_HEADERS)
+                response = Response(
+                    status_code=HTTPStatus.SERVICE_UNAVAILABLE, headers=RETRY_HEADERS
+                )
             additional_policy = response.headers.get("content-security-policy", "")
             response.headers.update(_response_headers())
             if additional_policy:
@@ -230,10 +233,12 @@ class Server:
         Returns:
             A JSON document of the kind "error", or an HTML page. A status of 503 comes with the header Retry-After.
         """
-        # Codes of other enumerations come from reading an uploaded file that is no log (415: unsupported media type).
-        default_status = 400 if isinstance(fact.code, Request) else 415
+        # Codes of other enumerations come from reading an uploaded file that is no log.
+        default_status = HTTPStatus.UNSUPPORTED_MEDIA_TYPE
+        if isinstance(fact.code, Request):
+            default_status = HTTPStatus.BAD_REQUEST
         status = STATUS_BY_REFUSAL.get(fact.code, default_status)
-        headers = RETRY_HEADERS if status == 503 else None
+        headers = RETRY_HEADERS if status == HTTPStatus.SERVICE_UNAVAILABLE else None
         # The path is taken from the scope: request.url raises an error if the header Host is no valid address.
         path = request.scope["path"]
         if path.startswith("/api/") or path.endswith("/upload"):

@@ -337,13 +337,14 @@ class Library:
             The entries, the newest first, and the number of all that satisfy the condition.
         """
         id_query = f"select rowid from entries where {where} order by {SQL_ORDERS[order]}"
-        ids = [id for (id,) in self.db.execute(id_query, list(values))]
-        wanted_ids = ids[offset : offset + limit]
+        matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
+        returned_ids = matching_ids[offset : offset + limit]
         query = "select rowid, * from entries where rowid in (select value from json_each(?))"
-        found = self.db.execute(query, [json.dumps(wanted_ids)])
-        entries = {row["rowid"]: entry_from_row(row) for row in found}
+        rows = self.db.execute(query, [json.dumps(returned_ids)])
+        entries_by_id = {row["rowid"]: entry_from_row(row) for row in rows}
         # An entry may be deleted between the two queries.
-        return [entries[id] for id in wanted_ids if id in entries], len(ids)
+        entries = [entries_by_id[id] for id in returned_ids if id in entries_by_id]
+        return entries, len(matching_ids)
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""

@@ -142,11 +142,10 @@ class LinkMonitor:
             finally:
                 session.end()
         finally:
-            lost_before = self._lost_datagrams
-            self._lost_datagrams = self._link.dropped_datagrams
-            if self._lost_datagrams > lost_before:
-                lost = self._lost_datagrams - lost_before
-                self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=lost))
+            newly_lost = self._link.dropped_datagrams - self._lost_datagrams
+            self._lost_datagrams += newly_lost
+            if newly_lost > 0:
+                self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
             if recording.frame_count:
                 self._library.add(path, name)
                 self._log_added()

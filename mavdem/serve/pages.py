@@ -29,6 +29,7 @@ from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.machine import LOOPBACK
+from mavdem.report.blocks import Blocks
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
@@ -319,20 +320,22 @@ class Pages:
             raise Refusal(Request.NO_SUCH_FLIGHT)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
-        difference = None
+        changes: Blocks = []
         if healthy_rows:
             difference = baseline_differences(rows, healthy_rows).get(name)
-        return HTMLResponse(
-            vehicle_page(
-                vehicles_of(rows).get(name, []),
-                () if difference is None else baseline_blocks(*difference),
-                name=name,
-                entries=entries,
-                baseline=len({row.key for row in healthy_rows}),
-                troubles=self._visible.rows_with_trouble(entries),
-                **self._visible.visitor_values(request),
-            )
+            if difference is not None:
+                latest_row, changes_since_baseline = difference
+                changes = baseline_blocks(latest_row, changes_since_baseline)
+        html = vehicle_page(
+            vehicles_of(rows).get(name, []),
+            changes,
+            name=name,
+            entries=entries,
+            baseline=len({row.key for row in healthy_rows}),
+            troubles=self._visible.rows_with_trouble(entries),
+            **self._visible.visitor_values(request),
         )
+        return HTMLResponse(html)
 
     def compare(self, request: HttpRequest) -> Response:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.
@@ -352,29 +355,28 @@ class Pages:
         self._rights.require(request, Use.READ)
         before = self._library.entry(request.query_params.get("a", ""))
         after = self._library.entry(request.query_params.get("b", ""))
-        difference = vehicle_difference(
-            self._rows_of_listed_vehicle(before), self._rows_of_listed_vehicle(after)
-        )
+        rows_before = self._rows_of_listed_vehicle(before)
+        rows_after = self._rows_of_listed_vehicle(after)
         gains_before = json.loads(before.gains)
         gains_after = json.loads(after.gains)
-        names = self._library.names
+        given_names = self._library.names.flights
         html = comparison_page(
-            (
-                names.flights.get(before.content_hash, before.name),
-                names.flights.get(after.content_hash, after.name),
+            names=(
+                given_names.get(before.content_hash, before.name),
+                given_names.get(after.content_hash, after.name),
             ),
-            (self._visible.review(before) or {}, self._visible.review(after) or {}),
-            difference,
-            changed_parameters(gains_before, gains_after),
-            states_without_gains(gains_before, gains_after),
-            PageLink("Flights", "/"),
+            reviews=(self._visible.review(before) or {}, self._visible.review(after) or {}),
+            difference=vehicle_difference(rows_before, rows_after),
+            parameters=changed_parameters(gains_before, gains_after),
+            lacking=states_without_gains(gains_before, gains_after),
+            back=PageLink("Flights", "/"),
         )
         return HTMLResponse(without_policy(html, **self._visible.visitor_values(request)))
 
     def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
         """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
         rows = [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
-        return self._library.names.labelled(rows)
+        return self._library.names.rows_with_given_names(rows)
 
     def sign_in_form(self, request: HttpRequest) -> Response:
         """Refuses the request: the page of that refusal has the form that asks for the token."""

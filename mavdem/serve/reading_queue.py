@@ -57,6 +57,10 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
 
     Args:
         library: the library with the logs.
+
+    Returns:
+        By id of the log, how many logs are before it, and when its reading ends, which is None as long as fewer than
+        ``MIN_HISTORY`` logs have been read.
     """
     history = _reading_history(library)
     now = time.time()
@@ -76,15 +80,15 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
             begin = float(library.progress(entry).get("started", now))
             remaining = _remaining_seconds(seconds_by_size[entry.size], now - begin)
             seconds_before += remaining
-            places[entry.id] = QueuePlace(0, _rounded(now + remaining))
+            places[entry.id] = QueuePlace(0, _rounded_up(now + remaining))
     processes = max(len(reading), 1)
-    for ahead, (id, size) in enumerate(waiting):
+    for logs_ahead, (id, size) in enumerate(waiting):
         estimated_end = None
         if size in seconds_by_size:
             seconds = seconds_by_size[size]
-            estimated_end = _rounded(now + seconds_before / processes + seconds)
+            estimated_end = _rounded_up(now + seconds_before / processes + seconds)
             seconds_before += seconds
-        places[id] = QueuePlace(ahead, estimated_end)
+        places[id] = QueuePlace(logs_ahead, estimated_end)
     return places
 
 
@@ -134,6 +138,6 @@ def _reading_history(library: Library) -> list[ReadLogSize]:
     return sorted(ReadLogSize(size, seconds) for size, seconds in found)
 
 
-def _rounded(unix_time: float) -> float:
+def _rounded_up(unix_time: float) -> float:
     """Returns a time rounded up to ``ROUNDING_SECONDS``."""
     return ROUNDING_SECONDS * float(math.ceil(unix_time / ROUNDING_SECONDS))

@@ -116,22 +116,22 @@ def write_columns(
 ) -> LogRows:
     """Reads a log and writes all its numeric columns into one file, and a list of them into another.
 
-    Worker processes run functions of the type ``ReadLog``, which have the last three arguments; the caller fills in the
-    first two (``functools.partial``).
+    A worker process runs a ``ReadLog``, a function with the last three arguments, so that the caller fills in the first
+    two (``functools.partial``). ``open_columns`` reads both files.
 
     Args:
         folder: the folder that gets the files.
         document: path of the document that names the vehicle of the flight's page; None, or one that does not exist,
             for the first vehicle of the log.
         path: path of the log.
-        key: not used.
-        page: not used.
+        key: key of the log's content, which is not used.
+        page: maker of a page, which is not used.
 
     Returns:
-        No rows and no pages.
+        No rows and no pages: both files are the result.
 
     Raises:
-        Unreadable: the log cannot be read, or has more fields or bytes than are kept.
+        Unreadable: the log cannot be read, or has more than ``MAX_FIELDS`` fields or ``MAX_COLUMN_BYTES`` bytes.
     """
     log = read_stored_log(path)
     first_vehicle = log.vehicles[0]
@@ -162,14 +162,19 @@ def open_columns(folder: Path) -> StoredLog:
 
     Args:
         folder: the folder.
+
+    Returns:
+        The vehicles, that of the flight's page first, and the mapped file.
     """
     vehicles = []
-    for values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):
-        vehicle = StoredVehicle(*values)
-        columns = {}
+    for vehicle_values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):
         # JSON has lists in the place of the named tuples.
-        for message, places in vehicle.columns.items():
-            columns[message] = {name: StoredColumn(*place) for name, place in places.items()}
+        vehicle = StoredVehicle(*vehicle_values)
+        columns: dict[str, dict[str, StoredColumn]] = {}
+        for message, stored_fields in vehicle.columns.items():
+            columns[message] = {}
+            for name, column_values in stored_fields.items():
+                columns[message][name] = StoredColumn(*column_values)
         vehicles.append(vehicle._replace(columns=columns))
     path = folder / COLUMNS_FILE
     # An empty file cannot be mapped.
@@ -201,16 +206,18 @@ def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
     Raises:
         Unreadable: the columns take more than ``MAX_COLUMN_BYTES``.
     """
-    places: dict[str, dict[str, StoredColumn]] = {}
+    stored_columns: dict[str, dict[str, StoredColumn]] = {}
     for message, columns in telemetry.messages.items():
-        places[message] = {}
+        stored_columns[message] = {}
         for name, values in columns.items():
             if values.dtype.kind not in NUMERIC_KINDS:
                 continue
             if file.tell() + values.nbytes > MAX_COLUMN_BYTES:
                 limit = MAX_COLUMN_BYTES >> 20
                 raise Unreadable(Fact(Reading.COLUMNS_TOO_LARGE, memory_limit=limit))
-            places[message][name] = StoredColumn(file.tell(), values.dtype.str, values.shape)
+            stored_columns[message][name] = StoredColumn(
+                file.tell(), values.dtype.str, values.shape
+            )
             file.write(np.ascontiguousarray(values).data)
             # Zeros fill the file up to the aligned beginning of the next column.
             file.write(bytes(-file.tell() % ALIGNMENT))
@@ -218,7 +225,7 @@ def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
         vehicle=f"{telemetry.system}_{telemetry.component}",
         messages=[message._asdict() for message in messages_of(telemetry)],
         source_names=dict(telemetry.source_names),
-        columns=places,
+        columns=stored_columns,
     )
 
 

@@ -199,7 +199,7 @@ class _LogSpectra:
         """Step between two frequencies, Hz."""
         return self.frequency[1]
 
-    def along(self, frequencies: Array) -> Array:
+    def density_along(self, frequencies: Array) -> Array:
         """Returns the logarithmic density of each window at a frequency of its own.
 
         Args:
@@ -288,7 +288,7 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         Exponent, its scores, mean of the aligned spectra, top bin, and frequency at the median drive, Hz.
     """
     for _ in range(EXPONENT_PASSES):
-        scores = windows.along(frequency * windows.drive ** EXPONENTS[:, None])
+        scores = windows.density_along(frequency * windows.drive ** EXPONENTS[:, None])
         exponent = EXPONENTS[np.argmax(scores.mean(axis=1))]
         mean = windows.aligned_mean(exponent)
         nearest = round(frequency / windows.frequency_step)
@@ -335,7 +335,7 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     surrounding_bins = max(MIN_SURROUNDING_BINS, round(SURROUNDING_WIDTH * track.top))
     first = max(track.top - surrounding_bins, 0)
     base = np.median(track.mean[first : track.top + surrounding_bins + 1])
-    heights = windows.along(track.frequency * windows.drive**track.exponent)
+    heights = windows.density_along(track.frequency * windows.drive**track.exponent)
     # Single windows are noisy, so half of the usual ratio, in decibels, is enough for a line to be visible in one.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
     # The order of a line is its frequency in turns of the motors: 1 for unbalance, 2 for a propeller of two blades.

@@ -17,7 +17,7 @@ from mavdem.ingest.motors import position_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.report.charts.chart import Chart, Line, over_time
-from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, draw_chart, recorded
+from mavdem.view.plots import BOOT_CLOCK, MAX_STROKES, blueprint, draw_chart, recording_to_file
 from mavdem.view.vehicle_scene import (
     POSITION_FRAME,
     SMALLEST_SPEED,
@@ -143,7 +143,7 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
         OSError: the file cannot be written.
     """
     span = float(pose.time[0]), float(pose.time[-1])
-    with recorded(path, name) as recording:
+    with recording_to_file(path, name) as recording:
         log_axes(recording)
         rows = pose.drawn_samples()
         time = pose.time[rows]

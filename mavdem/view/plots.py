@@ -295,7 +295,7 @@ def streamed(name: str, application: str) -> Iterator[rr.RecordingStream]:
 
 
 @contextmanager
-def recorded(target: Target, name: str) -> Iterator[rr.RecordingStream]:
+def recording_to_file(target: Target, name: str) -> Iterator[rr.RecordingStream]:
     """Yields a recording that is then written to a file, completely or not at all.
 
     Args:

@@ -48,7 +48,7 @@ from mavdem.view.plots import (
     events_view,
     log_event,
     range_of,
-    recorded,
+    recording_to_file,
 )
 
 BAR_WIDTH = 0.7
@@ -81,7 +81,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
     learned = analysis.learned
     held_out = analysis.held_out
     assert learned is not None and held_out is not None
-    with recorded(target, Path(assessment.log.source).name) as recording:
+    with recording_to_file(target, Path(assessment.log.source).name) as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
         series = series_of(analysis.flights, learned)
         title = flight_title(analysis.flights, assessment.simulated)
@@ -115,7 +115,7 @@ def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
     Raises:
         OSError: the file cannot be written.
     """
-    with recorded(target, name) as recording:
+    with recording_to_file(target, name) as recording:
         text = rrb.Vertical(log_text(recording, "report", "Report", blocks))
         recording.send_blueprint(blueprint(text), make_active=True)
 

@@ -192,7 +192,9 @@ class CommandHandler:
         if request.fields["param_id"] not in names:
             return
         parameter = self.transmitter.parameters[names.index(request.fields["param_id"])]
-        value = parameter.decoded(request.fields["param_value"], self.transmitter.autopilot.bitwise)
+        value = parameter.value_of_float32(
+            request.fields["param_value"], self.transmitter.autopilot.bitwise
+        )
         if self.simulation.set_parameter(parameter.name, value):
             self.transmitter.change_parameter(parameter.name, value)
         self.transmitter.send_parameters(parameter.name)

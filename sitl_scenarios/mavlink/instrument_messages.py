@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from sitl_scenarios.mavlink.autopilots import Autopilot
-from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column, heading
+from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, heading, named_columns
 from sitl_scenarios.mishaps.instruments import CELLS, SECOND_BATTERY_SHARE, InstrumentedMotion
 from sitl_scenarios.mishaps.sensor_faults import FIX_3D
 from sitl_scenarios.motion import Arrays
@@ -114,16 +114,16 @@ def instrument_fields(
                 "pressure_alt": HOME[2] + motion.barometer_height,
                 "temperature": TEMPERATURE,
                 "fields_updated": NEW_MEASUREMENTS,
-                **by_column("xacc yacc zacc", motion.specific_force),
-                **by_column("xgyro ygyro zgyro", motion.gyro),
+                **named_columns("xacc yacc zacc", motion.specific_force),
+                **named_columns("xgyro ygyro zgyro", motion.gyro),
             }
         case "RAW_IMU":
             # In mg and mrad/s, as ArduPilot fills it.
             force = np.round(1000 * motion.specific_force / GRAVITY).clip(*INT16_RANGE)
             return {
                 "time_usec": boot_microseconds,
-                **by_column("xacc yacc zacc", force),
-                **by_column("xgyro ygyro zgyro", np.round(1000 * motion.gyro)),
+                **named_columns("xacc yacc zacc", force),
+                **named_columns("xgyro ygyro zgyro", np.round(1000 * motion.gyro)),
             }
         case "VIBRATION":
             return {"time_usec": boot_microseconds, **_vibration_fields(motion, autopilot)}
@@ -136,7 +136,7 @@ def instrument_fields(
             has_fix = motion.fix_type >= FIX_3D
             flags = ATTITUDE_AND_HEIGHT | np.where(has_fix, HORIZONTAL, HORIZONTAL_WITHOUT_FIX)
             flags |= GLITCH_FLAGS[name] * motion.is_glitching
-            return fields | by_column(names, motion.ratios) | {"flags": flags}
+            return fields | named_columns(names, motion.ratios) | {"flags": flags}
         case "VFR_HUD":
             north_speed, east_speed, down_speed = motion.known_velocity.T
             return {

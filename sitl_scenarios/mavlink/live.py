@@ -185,15 +185,15 @@ def _ticks(
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
         in_transit.extend(link.pass_on(transmitter.send(motion)))
-        yield now - start, _arrived(in_transit, now)
+        yield now - start, _take_arrived_frames(in_transit, now)
     # The flight is over: only time passes, until the last frames have arrived.
     in_transit.extend(link.held_frames())
     while in_transit and start is not None:
         now += cycles * simulation.cycle
-        yield now - start, _arrived(in_transit, now)
+        yield now - start, _take_arrived_frames(in_transit, now)
 
 
-def _arrived(in_transit: deque[TimedFrame], now: float) -> list[bytes]:
+def _take_arrived_frames(in_transit: deque[TimedFrame], now: float) -> list[bytes]:
     """Removes the frames that arrive until ``now`` (s of the flight) from those in transit, and returns them."""
     arrived = []
     while in_transit and in_transit[0][0] <= now:

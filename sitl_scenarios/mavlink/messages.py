@@ -29,7 +29,7 @@ from sitl_scenarios.mavlink.instrument_messages import (
     instrument_fields,
     system_status_fields,
 )
-from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, by_column
+from sitl_scenarios.mavlink.units import HOME, METRES_PER_DEGREE, named_columns
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion
 from sitl_scenarios.motion import Motion, estimated_angles
 from sitl_scenarios.plan import FULL_STICK
@@ -99,7 +99,7 @@ def message_payloads(
         modes = np.array(autopilot.modes)[motion.landed_state - ON_GROUND]
     base_mode = modes[:, 0] + ARMED * motion.armed
     custom_mode = modes[:, 1]
-    rates = by_column("rollspeed pitchspeed yawspeed", motion.known_rates)
+    rates = named_columns("rollspeed pitchspeed yawspeed", motion.known_rates)
     outputs = np.full((len(motion), CHANNELS), autopilot.unused)
     rotors = motion.outputs.shape[1]
     outputs[:, :rotors] = motion.outputs
@@ -130,25 +130,25 @@ def message_payloads(
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
-            fields |= by_column("roll pitch yaw", estimated_angles(motion)) | rates
+            fields |= named_columns("roll pitch yaw", estimated_angles(motion)) | rates
         case "ATTITUDE_QUATERNION":
-            fields |= by_column("q1 q2 q3 q4", motion.known_attitude) | rates
+            fields |= named_columns("q1 q2 q3 q4", motion.known_attitude) | rates
         case "HIGHRES_IMU":
             # This simulation has no accelerometer: its specific force is always that of hover.
             fields = {"time_usec": boot_microseconds, "zacc": -GRAVITY}
-            fields |= by_column("xgyro ygyro zgyro", motion.gyro)
+            fields |= named_columns("xgyro ygyro zgyro", motion.gyro)
         case "ATTITUDE_TARGET":
             # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
             # ArduCopter's send_attitude_target).
             fields["q"] = quaternion(*motion.attitude_setpoint.T)
             rate_names = "body_roll_rate body_pitch_rate body_yaw_rate"
-            fields |= by_column(rate_names, motion.rates_setpoint)
+            fields |= named_columns(rate_names, motion.rates_setpoint)
             fields["thrust"] = motion.demands[:, 3]
         case "RC_CHANNELS":
             fields |= _stick_channels(motion)
         case "LOCAL_POSITION_NED":
-            fields |= by_column("x y z", motion.known_position)
-            fields |= by_column("vx vy vz", motion.known_velocity)
+            fields |= named_columns("x y z", motion.known_position)
+            fields |= named_columns("vx vy vz", motion.known_velocity)
         case "GLOBAL_POSITION_INT":
             fields |= _global_position(motion)
         case "SERVO_OUTPUT_RAW":
@@ -219,7 +219,7 @@ def _global_position(motion: Motion) -> dict[str, Any]:
         "relative_alt": np.round(-1000 * down),
         "hdg": np.round(100 * np.degrees(estimated_angles(motion)[:, 2])) % 36000,
     }
-    return fields | by_column("vx vy vz", np.round(100 * motion.known_velocity))
+    return fields | named_columns("vx vy vz", np.round(100 * motion.known_velocity))
 
 
 REAL32 = mavlink_constant("MAV_PARAM_TYPE_REAL32")
@@ -242,7 +242,7 @@ class Parameter(NamedTuple):
     value: float
     """Its value, a whole number where the type is an integer."""
 
-    def encoded(self, bitwise: bool) -> float:
+    def float32_value(self, bitwise: bool) -> float:
         """Encodes the value for the message PARAM_VALUE, which carries a 32-bit float whatever the parameter's type.
 
         Args:
@@ -257,8 +257,8 @@ class Parameter(NamedTuple):
             return float(struct.unpack("<f", integer_bytes)[0])
         return self.value
 
-    def decoded(self, value: float, bitwise: bool) -> float:
-        """Returns the value that the message PARAM_SET carries in a 32-bit float; the opposite of ``encoded``."""
+    def value_of_float32(self, value: float, bitwise: bool) -> float:
+        """Returns the value that the message PARAM_SET carries in a 32-bit float; the opposite of ``float32_value``."""
         if bitwise and self.kind != REAL32:
             float_bytes = struct.pack("<f", value)
             return float(struct.unpack("<i", float_bytes)[0])

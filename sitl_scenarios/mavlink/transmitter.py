@@ -233,7 +233,7 @@ class Transmitter:
             self.send_once(
                 "PARAM_VALUE",
                 param_id=parameter.name.encode(),
-                param_value=parameter.encoded(self.autopilot.bitwise),
+                param_value=parameter.float32_value(self.autopilot.bitwise),
                 param_type=parameter.kind,
                 param_count=len(self.parameters),
                 param_index=index,
@@ -486,7 +486,7 @@ DAY = 86_400_000_000
 """A day in µs: flights of different seeds begin on different days, so that no two are taken for one flight."""
 
 
-def recorded(scenario: Scenario, motion: Motion) -> FrameStream:
+def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     """Makes the MAVLink stream that a ground station records of a simulated flight.
 
     The autopilot's frames are passed over the scenario's link. Those that arrive are stamped with their times of

@@ -14,7 +14,7 @@ METRES_PER_DEGREE = 111_195.0
 """Length of a degree of latitude, m, on a sphere of 6371 km."""
 
 
-def by_column(names: str, values: NDArray[Any]) -> Arrays:
+def named_columns(names: str, values: NDArray[Any]) -> Arrays:
     """Names the columns of an array, as the fields of a message.
 
     Args:

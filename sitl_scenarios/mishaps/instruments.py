@@ -294,16 +294,16 @@ class Instruments:
             Voltages of the first and the second battery, V; NaN if there is no second one.
         """
         flown_share = min(max(time / self._duration, 0.0), 1.0)
-        open_voltage = _between(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)
+        open_voltage = _interpolated(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)
         mishap = self._mishap
         if isinstance(mishap, FailsafeDisarm) and mishap.cause == "battery":
             # This battery was used before the flight, and is empty when the failsafe acts.
             share_to_failsafe = min(max(time / mishap.start, 0.0), 1.0)
-            open_voltage = _between(DISCHARGED_VOLTAGE, EMPTY_VOLTAGE, share_to_failsafe)
+            open_voltage = _interpolated(DISCHARGED_VOLTAGE, EMPTY_VOLTAGE, share_to_failsafe)
         first = remaining_voltage * open_voltage - RESISTANCE * current
         if not isinstance(mishap, EmptyBattery):
             return first, NO_BATTERY
-        cell_voltage = _between(USED_CELL_VOLTAGE, mishap.cell, flown_share)
+        cell_voltage = _interpolated(USED_CELL_VOLTAGE, mishap.cell, flown_share)
         second_current = SECOND_BATTERY_SHARE * current
         return first, CELLS * cell_voltage - RESISTANCE * second_current
 
@@ -322,9 +322,9 @@ class Instruments:
         if not isinstance(mishap, BrownOut) or time < mishap.start:
             return BOARD_VOLTAGE
         fallen_share = min((time - mishap.start) / mishap.seconds, 1.0)
-        return _between(BOARD_VOLTAGE, mishap.voltage, fallen_share)
+        return _interpolated(BOARD_VOLTAGE, mishap.voltage, fallen_share)
 
 
-def _between(start: float, end: float, share: float) -> float:
+def _interpolated(start: float, end: float, share: float) -> float:
     """Returns the value at a ``share``, 0 to 1, of the way from ``start`` to ``end``."""
     return start + (end - start) * share

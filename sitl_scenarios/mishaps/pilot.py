@@ -151,7 +151,7 @@ class Pilot:
         """
         match self.mishap:
             case ThrottleCut(start=start) if time >= start - PILOT_SECONDS:
-                return self._cut(start, time)
+                return self._cut_throttle(start, time)
             case Dive(start=start) if start - PILOT_SECONDS <= time and not self.is_caught:
                 return self._dive(self.mishap, time, estimate)
             case Flip(start=start) if time >= start and not self.is_caught:
@@ -167,7 +167,7 @@ class Pilot:
                     self.throttle_stick = 0.8 * self.hover_stick
         return None
 
-    def rest(self, time: float) -> None:
+    def set_disarmed_stick(self, time: float) -> None:
         """Leaves the throttle as it is while the vehicle is disarmed: closed by hand, or lost with the radio."""
         match self.mishap:
             case FailsafeDisarm(start=start, cause="radio") if time >= start - RADIO_SECONDS:
@@ -195,7 +195,7 @@ class Pilot:
             estimate, (0.0, 0.0, yaw), NO_ROTATION, thrust * self.body.mass * GRAVITY, True
         )
 
-    def _cut(self, start: float, time: float) -> ControlOutput | None:
+    def _cut_throttle(self, start: float, time: float) -> ControlOutput | None:
         """Flies by hand until the pilot closes the throttle in the air; then the motors idle, and the vehicle falls.
 
         Args:

@@ -136,7 +136,7 @@ class SensorFaults:
                 self.readings.position_ratio = abs(self.mishap.metres) / POSITION_LIMIT
             case YawReset(start=start, degrees=degrees) if time < start:
                 self.readings.compass_ratio = abs(degrees) / USUAL_COMPASS_ERROR
-                return estimate._replace(attitude=_turned(estimate.attitude, degrees))
+                return estimate._replace(attitude=_with_turned_heading(estimate.attitude, degrees))
         north, east, down = estimate.position
         north_speed, east_speed, down_speed = estimate.velocity
         return estimate._replace(
@@ -189,7 +189,7 @@ class SensorFaults:
         self.readings.height_ratio = abs(height - self.stuck_height) / HEIGHT_GATE
 
 
-def _turned(attitude: Quaternion, degrees: float) -> Quaternion:
+def _with_turned_heading(attitude: Quaternion, degrees: float) -> Quaternion:
     """Returns an attitude with another heading, ``degrees`` clockwise of its own."""
     half = radians(degrees) / 2
     w, x, y, z = attitude

@@ -164,7 +164,7 @@ class InstrumentedSimulation(Simulation):
         if self.armed:
             output = self._pilot.control(self._flight_time, estimate, reference)
         else:
-            self._pilot.rest(self._flight_time)
+            self._pilot.set_disarmed_stick(self._flight_time)
         if self._has_landed and isinstance(self.scenario.mishap, ToppleAtLanding):
             self._pilot.throttle_stick = 0.0
         if output is not None:

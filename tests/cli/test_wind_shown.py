@@ -13,7 +13,7 @@ from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.report.pages.fleet_page import fleet_page
 from mavdem.report.vehicle_summary import summaries_of
 from mavdem.wind_velocity.compass import compass_text, compass_words
-from sitl_scenarios.files import in_toml, load
+from sitl_scenarios.files import load, scenario_toml
 
 
 @mark.slow
@@ -23,7 +23,7 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     legs = load("wind_legs")
     course = legs.excitation.model_copy(update={"moves": legs.excitation.moves[:4]})
     legs = legs.model_copy(update={"height": 6.0, "excitation": course})
-    (tmp_path / "legs.toml").write_text(in_toml(legs).replace("\nrate = 20.0", "\nrate = 50"))
+    (tmp_path / "legs.toml").write_text(scenario_toml(legs).replace("\nrate = 20.0", "\nrate = 50"))
     assert run("fly", tmp_path / "legs.toml", "--duration", "62", "--out", log) == 0
     learnt = tmp_path / "learnt"
     found = wind(log)

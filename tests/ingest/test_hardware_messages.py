@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_allclose
 from pytest import mark
 
-from mavdem.ingest.dataflash.translation import translated
+from mavdem.ingest.dataflash.translation import mavlink_messages
 from mavdem.ingest.px4_messages import motor_speeds
 from mavdem.ingest.px4_translation import messages_of_topics
 
@@ -21,7 +21,7 @@ def table(time=TIME, **fields):
 
 def of_dataflash(**tables):
     """The messages that these DataFlash messages become."""
-    messages, _, _ = translated(tables, vehicle_type=2, parameters={})
+    messages, _, _ = mavlink_messages(tables, vehicle_type=2, parameters={})
     return messages
 
 

@@ -379,7 +379,7 @@ def chunk(packed):
 def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
     bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
     given = []
-    unpack = mcap_records._unpacked
+    unpack = mcap_records._unpacked_records
 
     def watched(compression, packed, most):
         records = unpack(compression, packed, most)
@@ -387,7 +387,7 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path, monkeypatch):
         given.append(len(records))
         return records
 
-    monkeypatch.setattr(mcap_records, "_unpacked", watched)
+    monkeypatch.setattr(mcap_records, "_unpacked_records", watched)
     path = tmp_path / "bomb.mcap"
     path.write_bytes(MAGIC + 100 * bomb)
     assert attitudes(path) is None

@@ -99,7 +99,7 @@ def test_terms_are_those_of_the_dense_gaussian(dense: DenseRecord) -> None:
         - 0.5 * np.linalg.slogdet(curvature)[1]
     )
     assert result.total == pytest.approx(laplace, rel=1e-7)
-    assert result.of_samples.sum() == pytest.approx(result.total, rel=1e-12)
+    assert result.free_energy_of_samples.sum() == pytest.approx(result.total, rel=1e-12)
 
 
 @pytest.fixture(scope="module")

@@ -49,7 +49,7 @@ from mavdem.report.loops import margin_tables, tune_blocks
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.page import tune_page
 from mavdem.report.review import review_screen
-from mavdem.view.plots import recorded
+from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import RecordingTabs
 
 AXES = ("roll", "pitch")
@@ -267,7 +267,7 @@ def texts(blocks):
 def rerun_texts(assessment, path):
     """The documents of the tabs of flight and loops in a Rerun recording."""
     timeline = timeline_of(assessment)
-    with recorded(path, "flight") as recording:
+    with recording_to_file(path, "flight") as recording:
         tabs = RecordingTabs(recording, assessment, timeline)
         tabs.conclusion()
         tabs.loops()

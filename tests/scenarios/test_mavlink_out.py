@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import transmitter as recorded_module
-from sitl_scenarios.mavlink.transmitter import Transmitter, recorded
+from sitl_scenarios.mavlink.transmitter import Transmitter, recorded_stream
 from sitl_scenarios.scenario import Faults, Scenario, StreamSpec
 
 AUTOPILOTS = ("px4", "ardupilot")
@@ -20,7 +20,7 @@ NO_FAULTS = Faults()
 
 def written(scenario, motion):
     file = io.BytesIO()
-    write_tlog(file, recorded(scenario, motion))
+    write_tlog(file, recorded_stream(scenario, motion))
     return file.getvalue()
 
 
@@ -113,7 +113,7 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
 def test_each_seed_is_a_flight_of_its_own_day():
     motion = made_up_motion()
     flights = (scenario().model_copy(update={"seed": seed}) for seed in (0, 1, 2**32 - 1))
-    days = [recorded(one, motion).stamps[0] // 86_400_000_000 for one in flights]
+    days = [recorded_stream(one, motion).stamps[0] // 86_400_000_000 for one in flights]
     assert days == [20454, 20455, 20454 + 295]
 
 

@@ -9,7 +9,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.mavlink.vehicles import assemble
 from sitl_scenarios.damage import damage_history
 from sitl_scenarios.files import SECTION_KINDS, load, names, scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.rotors import CIRCLES, rotor_count, rotor_frame
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import mishap_truth
@@ -39,7 +39,7 @@ class Flight:
     @cached_property
     def messages(self):
         """The columns of each message, by its name."""
-        return assemble(recorded(self.scenario, self.motion)).vehicles[0].messages
+        return assemble(recorded_stream(self.scenario, self.motion)).vehicles[0].messages
 
     def column(self, message, field, begin=-np.inf, end=np.inf):
         """Values of a field whose times are from ``begin`` to ``end``, s after arming."""
@@ -244,16 +244,16 @@ def test_a_watchdog_restarts_the_clock_in_flight():
 @mark.slow
 def test_a_second_link_repeats_every_frame():
     flight = Flight("second_link", delay=2.0)
-    stream = recorded(flight.scenario, flight.motion)
-    alone = recorded(flight.scenario.model_copy(update={"mishap": None}), flight.motion)
+    stream = recorded_stream(flight.scenario, flight.motion)
+    alone = recorded_stream(flight.scenario.model_copy(update={"mishap": None}), flight.motion)
     assert len(stream.stamps) == 2 * len(alone.stamps)
 
 
 @mark.slow
 def test_a_second_vehicle_has_its_own_clock():
     flight = Flight("second_vehicle", boot=300.0, metres=40.0)
-    stream = recorded(flight.scenario, flight.motion)
-    alone = recorded(flight.scenario.model_copy(update={"mishap": None}), flight.motion)
+    stream = recorded_stream(flight.scenario, flight.motion)
+    alone = recorded_stream(flight.scenario.model_copy(update={"mishap": None}), flight.motion)
     assert len(stream.stamps) == approx(2 * len(alone.stamps), rel=0.05)
     with raises(Unreadable, match="two vehicles that send as 1:1"):
         assemble(stream)

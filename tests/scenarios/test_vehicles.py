@@ -11,7 +11,7 @@ from sitl_scenarios.mavlink.autopilots import ARDUPILOT, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.parameter_controller import controller_for
 from sitl_scenarios.scenario import Scenario, VehicleSpec
-from sitl_scenarios.truth import linearised
+from sitl_scenarios.truth import linearised_model
 from sitl_scenarios.vehicles import AIRFRAMES, airframe
 
 PUBLISHED = [
@@ -112,7 +112,7 @@ B = [[0] * 4] * 3 + [ROW]
 def test_the_papers_table_of_systems(order):
     """AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255; its y points to the left."""
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).subsystem(east)
+    found = linearised_model(VehicleSpec(model="ardrone2", rotor_drag=False)).subsystem(east)
     mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
     at = slice(4 - order, None)
     assert np.allclose(mirror @ found.A @ mirror, np.array(A)[at, at], atol=2e-6)

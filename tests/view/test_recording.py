@@ -25,7 +25,7 @@ from mavdem.report.series import Series
 from mavdem.view import write_recording
 from mavdem.view.flown import Pose, write_pose
 from mavdem.view.logged_flight import flight_scene
-from mavdem.view.plots import recorded
+from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import forecast_chart
 
 SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5)
@@ -149,7 +149,7 @@ def test_the_vehicle_moves_along_its_path_in_3d_with_its_attitude(assessed, tmp_
     path = np.column_stack([np.cos(time), np.sin(time), -time])
     position = TimeSeries(time, np.zeros(len(time), int), path)
     scene = tmp_path / "scene.rrd"
-    with recorded(scene, "scene") as stream:
+    with recording_to_file(scene, "scene") as stream:
         view = flight_scene(stream, replace(history, position=position), assessed.wind)
         assert flight_scene(stream, replace(history, position=None), None) is None
     assert "Path in 3D" in view.name

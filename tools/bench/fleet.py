@@ -123,14 +123,16 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
         date = FIRST_DAY + timedelta(days=DAYS_BETWEEN_FLIGHTS * flight, minutes=vehicle)
         scale = {column: chance.gauss(1.0, JITTER) for column in JITTERED_COLUMNS}
         copies = tuple(
-            _jittered(row, scale, chance, file=path, key=key, date=date, vehicle=f"{vehicle:03}")
+            _jittered_row(
+                row, scale, chance, file=path, key=key, date=date, vehicle=f"{vehicle:03}"
+            )
             for row in real_rows
         )
         outcome = JobOutcome(path, "read", copies, key, {}, seconds=1.0, megabytes=200.0)
         yield GeneratedLog(LogSource(path, size, version="1"), outcome)
 
 
-def _jittered(
+def _jittered_row(
     row: FlightRow, scale: dict[str, float], chance: random.Random, **columns: Any
 ) -> FlightRow:
     """Returns a copy of a row whose figures are scaled at random.

@@ -95,7 +95,7 @@ class Served(NamedTuple):
 
 
 @contextmanager
-def served(folder: str) -> Iterator[Served]:
+def running_server(folder: str) -> Iterator[Served]:
     """Runs a server on a folder within its block."""
     port = free_port()
     words = f"-m mavdem serve --port {port} --no-browser --jobs 2".split()
@@ -158,13 +158,13 @@ def list_command(logs: tuple[Path, ...], flights: int, library: str | None) -> N
     with TemporaryDirectory() as new_folder:
         folder = library or new_folder
         if library is None:
-            with served(folder) as server:
+            with running_server(folder) as server:
                 for log in logs:
                     server.upload(log.name, log.read_bytes())
                 server.wait_for(len(logs))
             multiply_flights(Path(folder), flights)
         figures = []
-        with served(folder) as server:
+        with running_server(folder) as server:
             document = server.flights()
             flight = document["flights"][500]
             offset = flights - FLIGHTS_PER_PAGE
@@ -250,7 +250,7 @@ def multiply_flights(folder: Path, count: int) -> None:
 def load_command(log: Path) -> None:
     """Uploads and reads pages at the same time."""
     content = log.read_bytes()
-    with TemporaryDirectory() as folder, served(folder) as server:
+    with TemporaryDirectory() as folder, running_server(folder) as server:
         server.upload(log.name, content)
         server.wait_for(1)
         paths = "/", f"/f/{server.flights()['flights'][0]['id']}"
@@ -310,12 +310,12 @@ def kill_command(log: Path, times: int) -> None:
 
     with TemporaryDirectory() as folder:
         for number in range(times):
-            with served(folder) as server, ThreadPoolExecutor(4) as clients:
+            with running_server(folder) as server, ThreadPoolExecutor(4) as clients:
                 for mine in range(4):
                     clients.submit(upload, server, 4 * number + mine)
                 time.sleep(chance.uniform(0.0, 3.0 if number % 2 else 0.05))
                 server.process.kill()
-        with served(folder) as server:
+        with running_server(folder) as server:
             server.wait_for(server.flights()["total"])
         stored = {path.name for path in Path(folder, "logs").iterdir()}
     report(

@@ -207,7 +207,7 @@ rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 """
 
 
-def over_udp(rate: float, folder: Path) -> JsonValues:
+def udp_speed(rate: float, folder: Path) -> JsonValues:
     """A row of half a minute at a rate, Hz."""
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))
@@ -234,7 +234,7 @@ def live(_: tuple[Path, ...]) -> None:
     """
     for rate in (50.0, 100.0, 200.0, 400.0):
         with TemporaryDirectory() as folder:
-            show(pd.DataFrame([over_udp(rate, Path(folder))]))
+            show(pd.DataFrame([udp_speed(rate, Path(folder))]))
 
 
 REVIEW_RUNS = 3

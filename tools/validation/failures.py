@@ -41,7 +41,7 @@ from mavdem.files import atomic_write, load_adjacent_toml
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.tlog import write_tlog
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.plan import flight_times
 from sitl_scenarios.rotors import rotor_count
 from sitl_scenarios.scenario import Scenario
@@ -111,7 +111,7 @@ def flown_log(flight: Scenario, path: Path | None) -> Log:
     """
     if path is not None and path.exists():
         return read_log(path)
-    stream = recorded(flight, fly(flight))
+    stream = recorded_stream(flight, fly(flight))
     if path is None:
         return assemble(stream)
     with atomic_write(path) as file:
@@ -202,7 +202,7 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
     return "none"
 
 
-def reviewed(case: tuple[str, int], folder: Path | None) -> list[Values]:
+def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
     """Returns a row: what the review says of the flight of a kind and number."""
     kind, number = case
     row: Values = {"kind": kind, "half": ("even", "odd")[number % 2], "number": number}
@@ -278,7 +278,7 @@ def main(
         folder.mkdir(parents=True, exist_ok=True)
     kinds = chosen or tuple(KINDS)
     cases = [(kind, number) for number in range(count) for kind in kinds]
-    rows = evaluate_flights(partial(reviewed, folder=folder), cases, jobs)
+    rows = evaluate_flights(partial(review_row, folder=folder), cases, jobs)
     rows = rows.sort_values(["kind", "half", "number"], kind="stable")
     if verbose:
         shown = rows[["kind", "number", "vehicle", "verdict", "headline", "lights"]]

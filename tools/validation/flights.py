@@ -17,7 +17,7 @@ from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.blocks import Blocks, Sentence, Table, markdown
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 
@@ -106,7 +106,7 @@ def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
 
 def simulated_telemetry(scenario: Scenario, motion: Motion) -> Telemetry:
     """Returns the telemetry that the vehicle of a simulated flight sends."""
-    return assemble(recorded(scenario, motion)).vehicles[0]
+    return assemble(recorded_stream(scenario, motion)).vehicles[0]
 
 
 def evaluate_flights(

@@ -41,7 +41,7 @@ class Search(NamedTuple):
     """Log evidence of the chosen model, nats."""
 
 
-def searched(windows: FlightWindows, directions: Array | None) -> Search:
+def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
     """Chooses the model of an axis, and counts evaluations.
 
     Args:
@@ -72,7 +72,7 @@ def searched(windows: FlightWindows, directions: Array | None) -> Search:
 
 
 def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Does the same as :func:`searched` by Fisher scoring alone, from the prior mean."""
+    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean."""
 
     def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
         return gauss_newton(*arguments)
@@ -84,7 +84,7 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
         patch.object(fitting, "gauss_newton", fisher_scoring),
         patch.object(estimation, "best_start", prior_mean),
     ):
-        return searched(windows, directions)
+        return counted_search(windows, directions)
 
 
 def compared(path: Path) -> Iterator[dict[str, object]]:
@@ -103,7 +103,7 @@ def compared(path: Path) -> Iterator[dict[str, object]]:
             continue
         directions = estimation._mixer_directions(record)
         plain = plain_search(windows, directions)
-        now = searched(windows, directions)
+        now = counted_search(windows, directions)
         yield {
             "half": half,
             "before": plain.evaluations,

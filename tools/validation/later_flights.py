@@ -31,7 +31,7 @@ from loops import (
     drawn_flight,
     exact_log,
     identified_loops,
-    thinned,
+    thinned_telemetry,
     true_figures_of_flight,
 )
 
@@ -85,7 +85,9 @@ def thinned_log_of_flight(scenario: Scenario, gains: Parameters, number: int, ra
         path = Path(folder) / "flight.tlog"
         write_log(path, changed, fly(changed))
         log = exact_log(path)
-    return replace(log, vehicles=tuple(thinned(vehicle, rate) for vehicle in log.vehicles))
+    return replace(
+        log, vehicles=tuple(thinned_telemetry(vehicle, rate) for vehicle in log.vehicles)
+    )
 
 
 def reflown(scenario: Scenario, gains: Parameters, number: int) -> dict[str, Loop | NoLoop]:

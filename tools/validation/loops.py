@@ -388,12 +388,12 @@ def identified_loops(log: Log, rate: float) -> Mapping[str, Loop | NoLoop]:
     Returns:
         The loops by axis, or why there is none.
     """
-    vehicles = tuple(thinned(vehicle, rate) for vehicle in log.vehicles)
+    vehicles = tuple(thinned_telemetry(vehicle, rate) for vehicle in log.vehicles)
     thinned_log = replace(log, vehicles=vehicles)
     return assess(thinned_log, options=Options(with_model=False)).loops
 
 
-def thinned(vehicle: Telemetry, rate: float) -> Telemetry:
+def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
     """Thins telemetry to about a rate: of each stream of messages that is faster, only one of every few stays.
 
     Messages of one name are several streams if one of ``SUBTYPE_FIELDS``, or else the boot, differs.

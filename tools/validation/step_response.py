@@ -34,7 +34,7 @@ from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.identified_step import step_from_frequency_response
 from mavdem.loops.step_response import attitude_step_response, rate_step_response
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.parameter_controller import controller_for
 from sitl_scenarios.scenario import Scenario
@@ -63,7 +63,7 @@ def evaluate_flight(number: int, rate: float) -> list[Values]:
         values["stream"]["rate"] = rate
     scenario = scenario_from_values(values, "ATTITUDE_TARGET")
     motion = fly(scenario)
-    log = assemble(recorded(scenario, motion))
+    log = assemble(recorded_stream(scenario, motion))
     signals = Signals(log.vehicles[0])
     loop: Loop | None = None
     with suppress(NotLearnable):

@@ -52,7 +52,7 @@ from mavdem.dem.record import Record
 from mavdem.facts.online import SurpriseCause
 from mavdem.files import atomic_write
 from mavdem.ingest.tlog import write_tlog
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -150,7 +150,7 @@ def flown_segments(plan: FlightPlan, path: Path) -> list[Flight]:
     """
     if not path.exists():
         with atomic_write(path) as file:
-            write_tlog(file, recorded(plan.scenario, fly(plan.scenario)))
+            write_tlog(file, recorded_stream(plan.scenario, fly(plan.scenario)))
     return list(read_segments(path))
 
 

@@ -429,8 +429,8 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
                 share=held_out.coverage,
                 windows_are_few=len(held_out) < limits.windows,
             )
-        if held_out.over_expected > limits.over_expected:
-            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, ratio=held_out.over_expected)
+        if held_out.ratio_to_expected_error > limits.over_expected:
+            yield Fact(Caveat.ERRORS_LARGER_THAN_EXPECTED, ratio=held_out.ratio_to_expected_error)
     if not learned.stable:
         yield Fact(Caveat.UNSTABLE_MODEL)
 

@@ -23,7 +23,7 @@ from mavdem.ingest.telemetry import interpolated
 from mavdem.ingest.tlog import write_tlog
 from mavdem.ingest.vocabulary import IN_AIR
 from sitl_scenarios.files import load
-from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.mavlink.transmitter import recorded_stream
 from sitl_scenarios.motion import Motion, estimated_angles
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -93,7 +93,7 @@ def simulated_flight(scenario: Scenario, name: str = "flight") -> Flight:
 def write_log(path: PathName, scenario: Scenario, motion: Motion) -> None:
     """Writes a telemetry log (``.tlog``) of the simulated ``motion`` of a scenario."""
     with open(path, "wb") as file:
-        write_tlog(file, recorded(scenario, motion))
+        write_tlog(file, recorded_stream(scenario, motion))
 
 
 def settled_hover(scenario: Scenario, motion: Motion) -> Flight:

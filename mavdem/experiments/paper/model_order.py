@@ -132,8 +132,8 @@ def run(runner: Runner) -> ExperimentResult:
         checks=order_checks(chosen_orders),
         numbers={
             "orders": list(ORDERS),
-            "model_search_chooses": _by_system(chosen_orders),
-            "model_search_free_energy": _by_system(
+            "model_search_chooses": _values_by_system(chosen_orders),
+            "model_search_free_energy": _values_by_system(
                 {
                     inputs: [choices[inputs, system].free_energy.tolist() for system in SYSTEMS]
                     for inputs in SETTINGS_BY_INPUTS
@@ -143,8 +143,8 @@ def run(runner: Runner) -> ExperimentResult:
                 f"system {system}": choice.free_energy.tolist()
                 for system, choice in calm_choices.items()
             },
-            "saturates_at": _by_system(saturation_orders),
-            "free_energy": _by_system(
+            "saturates_at": _values_by_system(saturation_orders),
+            "free_energy": _values_by_system(
                 {inputs: values.tolist() for inputs, values in free_energies.items()}
             ),
             "failures": failures,
@@ -252,7 +252,7 @@ def _paper_free_energies(
     return free_energies, sorted({result.failure for result in results if result.failure})
 
 
-def _by_system(values: Mapping[str, list[Any]]) -> JsonValues:
+def _values_by_system(values: Mapping[str, list[Any]]) -> JsonValues:
     """Converts lists of values, one for each of ``SYSTEMS``, to dictionaries by the name of the system.
 
     Args:

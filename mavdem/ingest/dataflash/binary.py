@@ -248,7 +248,7 @@ def read_binary(content: FileContent) -> DataflashRecording:
     def decode(name: str) -> MessageTable:
         if name not in definition_of_name:
             return EMPTY_TABLE
-        return _decoded(data, definition_of_name[name], starts_of_name[name])
+        return _message_table(data, definition_of_name[name], starts_of_name[name])
 
     counts = {name: len(starts) for name, starts in starts_of_name.items()}
     skipped = scan.skipped()
@@ -531,7 +531,7 @@ class _MessageScan:
         return header if header >= 0 else len(self.content)
 
 
-def _decoded(data: Bytes, definition: FormatDefinition, starts: Integers) -> MessageTable:
+def _message_table(data: Bytes, definition: FormatDefinition, starts: Integers) -> MessageTable:
     """Decodes the messages of one name, all at once: their bytes are gathered into one structured array.
 
     Args:

@@ -64,7 +64,7 @@ class FlownEstimates(NamedTuple):
     preferred_filter: str
     """Beginning of the names of the messages of the filter that flies by the parameter; empty where that is unknown."""
 
-    def by_preference(self, names: Sequence[str]) -> list[str]:
+    def preferred_names(self, names: Sequence[str]) -> list[str]:
         """Returns the names of messages of several filters, those of the filter that flies first."""
         preferred = [name for name in names if self._is_of_preferred_filter(name)]
         return preferred + [name for name in names if name not in preferred]

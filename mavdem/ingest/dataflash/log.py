@@ -39,8 +39,8 @@ from mavdem.ingest.dataflash.text import read_text
 from mavdem.ingest.dataflash.translation import (
     FLIGHT_MESSAGES,
     TRANSLATED_MESSAGES,
+    mavlink_messages,
     satellite_utc,
-    translated,
     with_new_names,
 )
 from mavdem.ingest.mavlink.clocks import MessageStamps, Rows, boot_clock
@@ -230,7 +230,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         name: value for name, value in first_values.items() if value != parameters[name]
     }
     kind = _mav_type(texts, parameters)
-    messages, source_names, unit_repairs = translated(
+    messages, source_names, unit_repairs = mavlink_messages(
         tables, mavlink_constant(f"MAV_TYPE_{kind}"), parameters
     )
     for name, (source_name, columns) in raw_samples(tables, parameters).items():

@@ -82,7 +82,7 @@ def read_text(content: bytes) -> DataflashRecording:
         """Decodes the messages of one name; none if the log has none."""
         if name not in lines:
             return EMPTY_TABLE
-        return _decoded(definitions[name], lines[name])
+        return _message_table(definitions[name], lines[name])
 
     counts = {name: len(lines_of_name) for name, lines_of_name in lines.items()}
     repairs = repair_facts(Repair.LINES_LEFT_OUT, count=lines_skipped)
@@ -110,7 +110,7 @@ def _definition(values: bytes) -> FormatDefinition | None:
     return None if parsed is None else parsed[1]
 
 
-def _decoded(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
+def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:
     """Decodes the lines of the messages of one name into columns.
 
     Args:

@@ -182,7 +182,7 @@ def with_new_names(message: str, logged: MessageTable) -> MessageTable:
     return logged._replace(columns=columns)
 
 
-def translated(
+def mavlink_messages(
     tables: Tables, vehicle_type: int, parameters: Parameters
 ) -> tuple[dict[str, Columns], dict[str, str], Facts]:
     """Translates a log's messages into MAVLink's.
@@ -267,7 +267,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
         The message; without columns if none was logged.
     """
     rule = TRANSLATION_RULES[message]
-    names = estimates.by_preference(rule["messages"])
+    names = estimates.preferred_names(rule["messages"])
     for name in names:
         logged = estimates.tables.get(name, {})
         # Each of several sensors writes a message of its own; the first of them is read.

@@ -207,7 +207,7 @@ class McapRecording:
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):
             max_size = min(self._allowance, MIN_UNPACKED_LIMIT)
-            records = _unpacked(chunk.compression, chunk.data, max_size)
+            records = _unpacked_records(chunk.compression, chunk.data, max_size)
             self._allowance -= len(records)
             unpacked_chunk = replace(chunk, compression="", data=records)
             with suppress(*DAMAGE_ERRORS):
@@ -259,7 +259,7 @@ def _next_record(content: bytes, offset: int) -> int:
     return len(content)
 
 
-def _unpacked(compression: str, packed: bytes, max_size: int) -> bytes:
+def _unpacked_records(compression: str, packed: bytes, max_size: int) -> bytes:
     """Unpacks the records of a chunk, as far as they can be.
 
     Args:

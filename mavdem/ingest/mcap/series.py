@@ -76,7 +76,7 @@ class Messages(NamedTuple):
         """Sizes of the whole records (N,), bytes."""
         return self.heads["length"].astype(np.int64) + RECORD_HEAD.size
 
-    def between(self, first: int, last: int) -> "Messages":
+    def messages_between(self, first: int, last: int) -> "Messages":
         """Returns the messages from number ``first`` up to number ``last``, which is not included."""
         return Messages(self.heads[first:last], self.bodies[first:last])
 
@@ -220,7 +220,7 @@ def _chunks(
     while first < len(ends):
         last = int(np.searchsorted(ends, bytes_before + chunk_bytes, side="right")) + 1
         last = min(last, len(ends))
-        yield definitions, messages.between(first, last)
+        yield definitions, messages.messages_between(first, last)
         definitions = b""
         bytes_before = int(ends[last - 1])
         first = last

@@ -134,7 +134,7 @@ class LoopFreeEnergy(NamedTuple):
         return float(self.log_densities.sum()) - self.total
 
     @property
-    def of_samples(self) -> Array:
+    def free_energy_of_samples(self) -> Array:
         """(T,) F(t), nats: a sample's log density, less its equal share of the complexity. The sum is F̄."""
         return self.log_densities - self.complexity / len(self.log_densities)
 

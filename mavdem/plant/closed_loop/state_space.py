@@ -617,13 +617,13 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     intensity = loop.noise_gains @ loop.noise_gains.mT
     covariance = process_covariance(loop.A, intensity, first_step)
     for _ in range(doublings):
-        covariance = _over_two_steps(transition, covariance)
+        covariance = _two_step_noise_covariance(transition, covariance)
         transition = transition @ transition
 
     stationary = covariance
     power = transition
     for _ in range(MAX_DOUBLINGS):
-        doubled = _over_two_steps(power, stationary)
+        doubled = _two_step_noise_covariance(power, stationary)
         variances = np.diagonal(stationary, axis1=-2, axis2=-1)
         increases = np.diagonal(doubled, axis1=-2, axis2=-1) - variances
         stationary = doubled
@@ -633,7 +633,7 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     return _StepOfLoop(transition, covariance, stationary)
 
 
-def _over_two_steps(transition: Array, covariance: Array) -> Array:
+def _two_step_noise_covariance(transition: Array, covariance: Array) -> Array:
     """Returns the covariance of the process noise over two steps, Q(2h) = Q + Φ Q Φᵀ.
 
     Rounding makes it slightly asymmetric, so it is averaged with its transpose.
