@@ -82,20 +82,21 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     Returns:
         The error (N,), rad, at the samples of the attitude; None if fewer than two were recorded.
     """
-    flight = attitude_tracking(signals, boot)
-    if flight is None or len(flight.time) < 2:
+    tracking = attitude_tracking(signals, boot)
+    if tracking is None or len(tracking.time) < 2:
         return None
     # Number of samples in the time that the vehicle has to follow a setpoint.
-    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(flight.time))))
+    window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
     # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
     # with their sample.
     shift = (window - 1) // 2
-    is_unknown = np.isnan(flight.setpoints)
-    setpoints = np.where(is_unknown, 0.0, flight.setpoints)
+    is_unknown = np.isnan(tracking.setpoints)
+    setpoints = np.where(is_unknown, 0.0, tracking.setpoints)
     lowest = minimum_filter1d(setpoints, window, axis=0, origin=shift)
     highest = maximum_filter1d(setpoints, window, axis=0, origin=shift)
-    tilts = flight.angles[:, :2]
-    error_without_setpoint = np.where(flight.is_rate_controlled, 0.0, tilts / 2)
+    # Of roll, pitch and yaw the first two.
+    tilts = tracking.angles[:, :2]
+    error_without_setpoint = np.where(tracking.is_rate_controlled, 0.0, tilts / 2)
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T
@@ -104,7 +105,7 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     # vehicle backward; roll leans it the less, the more it is pitched.
     lean = 1j * roll_error * np.cos(pitch) - pitch_error
     return AttitudeError(
-        time=flight.time,
+        time=tracking.time,
         lean=lean,
         magnitude=abs(lean),
         is_toppled=np.cos(tilts).prod(axis=1) < np.cos(MAX_TILT),

@@ -71,8 +71,6 @@ def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[F
 def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
     """Finds swings of an angle: runs of leans to the left and right, or forward and back, in turn.
 
-    A lean is a time in which the angle exceeds ``SWING_ANGLE`` to one side.
-
     Args:
         time: (N,) times of the samples, s, ascending.
         angle: (N,) roll or pitch, rad.
@@ -81,26 +79,40 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
         For each run, the rows of its largest leans: at least ``MIN_SWINGS``, each within ``MAX_SWING_SECONDS`` of the
         one before.
     """
-    # First, the row of the largest angle of each lean. A lean to the same side that comes much later is another one.
-    peaks: list[int] = []
-    for row in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
-        last = peaks[-1] if peaks else None
-        is_same_lean = (
-            last is not None
-            and angle[row] * angle[last] > 0
-            and time[row] - time[last] < MAX_SWING_SECONDS
-        )
-        if last is None or not is_same_lean:
-            peaks.append(row)
-        elif abs(angle[row]) > abs(angle[last]):
-            peaks[-1] = row
-    # Then, the runs in which each lean is to the other side than the one before, and follows it soon.
     runs: list[list[int]] = []
-    for peak in peaks:
-        last = runs[-1][-1] if runs else None
-        alternates = last is not None and angle[peak] * angle[last] < 0
-        if last is not None and alternates and time[peak] - time[last] <= MAX_SWING_SECONDS:
+    for peak in _peaks_of_leans(time, angle):
+        follows_run = False
+        if runs:
+            former_peak = runs[-1][-1]
+            is_to_other_side = angle[peak] * angle[former_peak] < 0
+            follows_run = is_to_other_side and time[peak] - time[former_peak] <= MAX_SWING_SECONDS
+        if follows_run:
             runs[-1].append(peak)
         else:
             runs.append([peak])
     return [run for run in runs if len(run) >= MIN_SWINGS]
+
+
+def _peaks_of_leans(time: Array, angle: Array) -> list[int]:
+    """Finds the largest angle of each lean: a time in which the angle exceeds ``SWING_ANGLE`` to one side.
+
+    A lean to the same side that comes ``MAX_SWING_SECONDS`` later is another one.
+
+    Args:
+        time: (N,) times of the samples, s, ascending.
+        angle: (N,) roll or pitch, rad.
+
+    Returns:
+        The rows of the largest angles, ascending.
+    """
+    peaks: list[int] = []
+    for row in np.flatnonzero(abs(angle) > SWING_ANGLE).tolist():
+        is_same_lean = False
+        if peaks:
+            is_same_side = angle[row] * angle[peaks[-1]] > 0
+            is_same_lean = is_same_side and time[row] - time[peaks[-1]] < MAX_SWING_SECONDS
+        if not is_same_lean:
+            peaks.append(row)
+        elif abs(angle[row]) > abs(angle[peaks[-1]]):
+            peaks[-1] = row
+    return peaks

@@ -107,17 +107,17 @@ def status_texts(telemetry: Telemetry) -> list[StatusText]:
         for name in ("time", "boot", "severity", "id", "chunk_seq", "text")
     ]
     texts: list[StatusText] = []
-    # The position in ``texts`` of the latest text with each id.
-    position_of_id = dict[int, int]()
-    for time, boot, severity, text_id, chunk, content in zip(*fields, strict=True):
-        text = content.decode(errors="replace") if isinstance(content, bytes) else content
+    # The index in ``texts`` of the latest text with each id.
+    latest_index = dict[int, int]()
+    for time, boot, severity, text_id, chunk_number, content in zip(*fields, strict=True):
+        words = content.decode(errors="replace") if isinstance(content, bytes) else content
         # A chunk with a number above 0 continues the text with its id. Ids are used again, so a chunk 0 begins another.
-        if text_id and chunk and text_id in position_of_id:
-            position = position_of_id[text_id]
-            texts[position] = texts[position]._replace(text=texts[position].text + text)
+        if text_id and chunk_number and text_id in latest_index:
+            index = latest_index[text_id]
+            texts[index] = texts[index]._replace(text=texts[index].text + words)
         else:
-            position_of_id[text_id] = len(texts)
-            texts.append(StatusText(time, boot, severity, text))
+            latest_index[text_id] = len(texts)
+            texts.append(StatusText(time, boot, severity, words))
     return [text._replace(text=text.text.strip()) for text in texts]
 
 

@@ -301,16 +301,11 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
         The reason, or the fact itself if the log shows none.
     """
     stop_time = cause.time or 0.0
-    window = (stop_time - STOP_REASON_SECONDS, stop_time + STOP_REASON_SECONDS)
-    warning = None
+    earliest = stop_time - STOP_REASON_SECONDS
+    latest = stop_time + STOP_REASON_SECONDS
+    first_battery_warning = None
     for event in events:
-        is_of_boot = event.figures.get("boot") == boot
-        start = event.time or 0.0
-        # The radio is lost for seconds before the failsafe acts; other reports are of a moment.
-        end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
-        is_near = start <= window[1] and end >= window[0]
-        is_possible_reason = is_of_boot and is_near
-        if not is_possible_reason:
+        if event.figures.get("boot") != boot or not _is_reported_in(event, (earliest, latest)):
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
         if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):
@@ -318,17 +313,30 @@ def _reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: 
             continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
-        if event.code is Reported.BATTERY_WARNED and warning is None:
-            warning = event
+        if event.code is Reported.BATTERY_WARNED and first_battery_warning is None:
+            first_battery_warning = event
     # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
-    closed = BootSensors(signals, boot).throttle_closed(
-        (window[0], stop_time + FIRST_RESPONSE_SECONDS)
+    throttle_closing = BootSensors(signals, boot).throttle_closed(
+        (earliest, stop_time + FIRST_RESPONSE_SECONDS)
     )
-    if closed is not None:
-        return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
-    if warning is not None:
-        return Fact(FailedFirst.FAILSAFE_FIRST, time=warning.time, cause=warning)
+    if throttle_closing is not None:
+        return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_closing.time)
+    if first_battery_warning is not None:
+        return Fact(
+            FailedFirst.FAILSAFE_FIRST, time=first_battery_warning.time, cause=first_battery_warning
+        )
     return cause
+
+
+def _is_reported_in(event: Fact, interval: Interval) -> bool:
+    """Returns whether the autopilot reported an event in an interval, s since boot.
+
+    Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.
+    """
+    earliest, latest = interval
+    start = event.time or 0.0
+    end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
+    return start <= latest and end >= earliest
 
 
 def _reports_failsafe(alarm: Fact) -> bool:
@@ -668,11 +676,12 @@ def _weak_motor(
     if fall_direction is None:
         fall_direction = lift_direction
     # The angle of a quotient of complex numbers is the angle between their directions: (k,) from each motor.
-    lift_angles = np.angle(lift_direction / positions)
-    fall_angles = np.angle(fall_direction / positions)
-    is_aligned = (abs(lift_angles) < max_angle) & (abs(fall_angles) < max_angle)
+    lift_angles = abs(np.angle(lift_direction / positions))
+    fall_angles = abs(np.angle(fall_direction / positions))
+    is_aligned = (lift_angles < max_angle) & (fall_angles < max_angle)
     motor = int(np.argmax(change))
-    if not is_aligned[motor] or np.count_nonzero(is_aligned) > 1:
+    is_only_one = np.count_nonzero(is_aligned) == 1
+    if not (is_aligned[motor] and is_only_one):
         return None
     angles_from_motor = abs(np.angle(positions / positions[motor]))
     opposite = int(np.argmax(angles_from_motor))

@@ -233,10 +233,10 @@ class _Contact:
         It is sought for three times ``SEARCH_SECONDS``, since a vehicle that hit the ground may roll or slide on.
         """
         if self.loss is not None:
-            since = self.loss.time or self._flight_start
+            earliest = self.loss.time or self._flight_start
         else:
-            since = self._flight_end() - SEARCH_SECONDS
-        return self.sensors.rest_after(since, since + 3 * SEARCH_SECONDS)
+            earliest = self._flight_end() - SEARCH_SECONDS
+        return self.sensors.rest_after(earliest, latest=earliest + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; that of the record if it goes on until then."""
@@ -305,11 +305,19 @@ class _Contact:
         return self.loss.time if is_low else None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
-        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration."""
+        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration.
+
+        Args:
+            knock: statement of the accelerometer.
+            start: beginning of the search, s since boot, up to which the flight was undisturbed.
+        """
         accelerometer = self.sensors.accelerometer
         assert accelerometer is not None
-        before = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, start))
-        return before is None or bool(knock.figures["acceleration"] > before[1])
+        vibration = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, start))
+        if vibration is None:
+            return True
+        _, largest_vibration = vibration
+        return bool(knock.figures["acceleration"] > largest_vibration)
 
     def _time_of_sudden_stop(self, interval: Interval) -> float | None:
         """Returns the time at which the estimated speed downward was suddenly lost.
@@ -321,7 +329,7 @@ class _Contact:
             interval: start and end of the time to examine, s.
 
         Returns:
-            The time, s; None if it was not.
+            The time, s; None if it was not, or no vertical speed was recorded.
         """
         climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
         if climb_rate is None:
@@ -334,12 +342,12 @@ class _Contact:
         if not len(candidates):
             return None
         # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed in one step.
-        first = candidates[0]
+        stop_start = candidates[0]
+        is_stop = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
         speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
-        is_impact = in_intervals(time, [(first, first + IMPACT_SECONDS)])
-        row = int(np.argmax(np.where(is_impact, speed_steps, -inf)))
-        is_fast = -climb_rate.values[row] > IMPACT_SPEED_CHANGE
-        return float(time[row]) if is_fast else None
+        impact_row = int(np.argmax(np.where(is_stop, speed_steps, -inf)))
+        is_fast = -climb_rate.values[impact_row] > IMPACT_SPEED_CHANGE
+        return float(time[impact_row]) if is_fast else None
 
     def _witnesses(self, time: float, rest: Rest | None) -> Facts:
         """Collects the statements of sensors on a contact that was no landing.
@@ -358,15 +366,17 @@ class _Contact:
                 statements.append(statement)
         statements += self._descent_statements(time)
         if rest is not None and rest.angle is not None:
-            statements.append(rest.statements[1])
-        largest = largest_error(self.error, around)
+            _, pose = rest.statements
+            statements.append(pose)
+        attitude_error = largest_error(self.error, around)
         is_far = self._largest_error(around) > MAX_LANDING_LEAN
-        if largest is not None and (self.loss is not None or is_far):
+        if attitude_error is not None and (self.loss is not None or is_far):
             statements.append(
-                supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+                supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **attitude_error._asdict())
             )
+        start, _ = around
         for report in self.reports:
-            if self._is_crash_report(report, around[0], time + SEARCH_SECONDS):
+            if self._is_crash_report(report, start, time + SEARCH_SECONDS):
                 statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
         return tuple(statements)
 

@@ -50,6 +50,9 @@ from mavdem.witnesses.sensors import (
     primary_barometer,
 )
 
+LARGEST_QUANTILE = 0.95
+"""Quantile that stands for the largest difference of two altitudes, without single damaged samples."""
+
 MAX_ERROR_RATE = 1.0
 """Errors per second of a speed controller in flight above which it is to be watched; a choice."""
 
@@ -130,14 +133,13 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
     motors = evidence.signals.motors
     if motors is None or evidence.other_vehicle is not None:
         return flights
-    least = min_airborne_command(motors)
     collective = motors.collective.of_boot(boot)
+    carries_vehicle = collective.values > min_airborne_command(motors)
     intervals = []
     for flight in flights:
-        in_flight = in_intervals(collective.time, [flight])
-        carrying = collective.time[in_flight & (collective.values > least)]
-        if len(carrying):
-            intervals.append((float(carrying[0]), float(carrying[-1])))
+        carrying_times = collective.time[in_intervals(collective.time, [flight]) & carries_vehicle]
+        if len(carrying_times):
+            intervals.append((float(carrying_times[0]), float(carrying_times[-1])))
     return intervals or flights
 
 
@@ -298,11 +300,12 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
             continue
         values = _values_in_flight(evidence, altitude)
         state = _measured_state(values)
-        if number != reference_number and reference is not None and unit == "m":
+        is_comparable = number != reference_number and unit == "m"
+        if is_comparable and reference is not None:
             difference = _largest_difference(evidence, altitude, reference)
             if difference > MAX_HEIGHT_DIFFERENCE:
-                name = f"barometer {reference_number + 1}"
-                state = Fact(InstanceState.DISAGREES, height=difference, name=name)
+                reference_name = f"barometer {reference_number + 1}"
+                state = Fact(InstanceState.DISAGREES, height=difference, name=reference_name)
         yield Instance(
             kind="barometer",
             name=f"barometer {number + 1}",
@@ -318,8 +321,8 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
 def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:
     """Returns the largest difference between the changes of two altitudes in a flight.
 
-    Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The 95th
-    percentile stands for the largest, without single damaged samples.
+    Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The
+    ``LARGEST_QUANTILE`` stands for the largest.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -331,11 +334,14 @@ def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: Tim
     """
     largest = 0.0
     for flight in evidence.in_flight(altitude):
-        other = series_of_boot(reference, int(flight.boot[0]))
-        if other is not None:
-            difference = flight.values - np.interp(flight.time, other.time, other.values)
+        reference_of_boot = series_of_boot(reference, int(flight.boot[0]))
+        if reference_of_boot is not None:
+            reference_altitude = np.interp(
+                flight.time, reference_of_boot.time, reference_of_boot.values
+            )
+            difference = flight.values - reference_altitude
             deviation = abs(difference - np.median(difference))
-            largest = max(largest, float(np.quantile(deviation, 0.95)))
+            largest = max(largest, float(np.quantile(deviation, LARGEST_QUANTILE)))
     return largest
 
 

@@ -82,17 +82,19 @@ def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interva
         has_position: whether there was a position (N,), 1 or 0.
         flight: start and end of the flight, s since boot.
     """
-    in_flight = has_position.select(in_intervals(has_position.time, [flight]))
-    if not len(in_flight.time):
+    flags = has_position.select(in_intervals(has_position.time, [flight]))
+    if not len(flags.time):
         return
-    first, last = float(in_flight.time[0]), float(in_flight.time[-1])
+    record_start, record_end = float(flags.time[0]), float(flags.time[-1])
     # Flags may flicker before a loss. So all the time with a position counts, and not only the part just before.
     seconds_with_position = 0.0
-    former_end = first
-    for start, end in true_intervals(in_flight.time, in_flight.values == 0):
-        start, end = max(start, first), min(end, last)
-        seconds_with_position += start - former_end
-        former_end = end
+    end_of_last_loss = record_start
+    for interval_start, interval_end in true_intervals(flags.time, flags.values == 0):
+        # Intervals at the ends of the record are infinite.
+        start = max(interval_start, record_start)
+        end = min(interval_end, record_end)
+        seconds_with_position += start - end_of_last_loss
+        end_of_last_loss = end
         had_position = seconds_with_position >= MIN_SECONDS_WITH_POSITION
         if had_position and end - start >= MIN_LOST_SECONDS:
             yield start, end

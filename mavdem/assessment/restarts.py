@@ -15,6 +15,7 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import armed_intervals, series_of_boot
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
@@ -191,15 +192,16 @@ def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
     # How far the vehicle is below the highest point so far, at each sample.
     drops = np.maximum.accumulate(heights) - heights
     descent = float(drops.max())
+    # The fall ended at the first sample near the lowest point. It is an impact if the vehicle was fast until then, and
+    # rests there.
     first_low_row = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
-    impact = float(time[first_low_row])
-    rests = (
-        np.ptp(heights[first_low_row:]) <= MAX_HEIGHT_AT_REST
-        and time[-1] - impact >= MIN_REST_SECONDS
-    )
-    is_before = (climb_rate.time >= impact - MAX_STOP_SECONDS) & (climb_rate.time <= impact)
-    is_fast = (climb_rate.values[is_before] <= -MIN_IMPACT_SPEED).any()
-    return FallAtStart(descent, impact if rests and is_fast else None)
+    fall_end = float(time[first_low_row])
+    heights_after = heights[first_low_row:]
+    seconds_after = time[-1] - fall_end
+    rests = np.ptp(heights_after) <= MAX_HEIGHT_AT_REST and seconds_after >= MIN_REST_SECONDS
+    is_just_before = in_intervals(climb_rate.time, [(fall_end - MAX_STOP_SECONDS, fall_end)])
+    was_fast = (climb_rate.values[is_just_before] <= -MIN_IMPACT_SPEED).any()
+    return FallAtStart(descent, impact=fall_end if rests and was_fast else None)
 
 
 def _tumbles(signals: Signals, span: Segment) -> bool:

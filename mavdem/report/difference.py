@@ -289,27 +289,27 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         difference: comparison of the vehicle, with the names of its motors.
     """
     quantity = change.quantity
-    shown = SHOWN_QUANTITIES[quantity.kind]
+    form = SHOWN_QUANTITIES[quantity.kind]
     # The motors count from 1, and quantities of an axis have the motor 0.
     if quantity.motor:
-        name = f"{_motor_name(change, difference)}'s {shown.name}"
+        name = f"{_motor_name(change, difference)}'s {form.name}"
     else:
-        name = f"{shown.name} on {quantity.axis}"
-    relative_change = ""
+        name = f"{form.name} on {quantity.axis}"
     if quantity.kind in LOGARITHMIC_KINDS:
         percent = 100 * change.half_width
         decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
         increase = _signed(f"{100 * change.difference:z.{decimals}f}")
-        relative_change = f"{increase} % ± {percent:.{decimals}f} %"
+        change_with_interval = f"{increase} % ± {percent:.{decimals}f} %"
+    else:
+        change_with_interval = _signed(
+            plus_minus(form.scale * change.difference, form.scale * change.half_width)
+        )
     if change.before is None or change.after is None:
-        return f"{name} {relative_change}"
-    before = rounded(shown.scale * change.before)
-    after = rounded(shown.scale * change.after)
-    space = " " if shown.unit not in ("°", "") else ""
-    absolute_change = _signed(
-        plus_minus(shown.scale * change.difference, shown.scale * change.half_width)
-    )
-    return f"{name} {before} → {after}{space}{shown.unit} ({relative_change or absolute_change})"
+        return f"{name} {change_with_interval}"
+    before = rounded(form.scale * change.before)
+    after = rounded(form.scale * change.after)
+    space = " " if form.unit not in ("°", "") else ""
+    return f"{name} {before} → {after}{space}{form.unit} ({change_with_interval})"
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
@@ -349,13 +349,13 @@ def _vehicle_doubts(difference: VehicleDifference) -> Blocks:
     Args:
         difference: comparison of two states, with the names of the vehicles of each.
     """
-    before, after = difference.vehicles
-    if UNKNOWN in (*before, *after):
+    names_before, names_after = difference.vehicles
+    if UNKNOWN in (*names_before, *names_after):
         return [*render_section("difference_unnamed")]
     doubts = render_section(
         "difference_vehicles",
-        before=before,
-        after=after,
+        before=names_before,
+        after=names_after,
         others=_are_two_vehicles(difference),
         found=difference,
     )
@@ -368,6 +368,7 @@ def _are_two_vehicles(difference: VehicleDifference) -> bool:
     Args:
         difference: comparison of two states, with the names of the vehicles of each.
     """
-    before, after = difference.vehicles
-    has_names = bool(before and after) and UNKNOWN not in (*before, *after)
-    return has_names and set(before) != set(after)
+    names_before, names_after = difference.vehicles
+    has_names = bool(names_before and names_after)
+    is_known = has_names and UNKNOWN not in (*names_before, *names_after)
+    return is_known and set(names_before) != set(names_after)

@@ -69,36 +69,49 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
         has_gain_table: whether the page has a table of the gains elsewhere, so that this report repeats none.
     """
     blocks = Blocks()
-    given_remedies = _texts_of_next_step(tuning)
-    limits = _limits_by_axes(tuning.axes)
-    given_limits = list[_GainLimit]()
+    stated_remedies = _texts_of_next_step(tuning)
+    # A limit that several axes share is shown with the first of them, and then taken off this list.
+    unshown_limits = _limits_by_axes(tuning.axes)
     for axes in _axes_reported_together(tuning):
+        # What is reported is the same for all of them.
         axis = axes[0]
+        blocks.append(_sentence_on_axes(tuning, axes, stated_remedies))
         advice = tuning.axes[axis]
-        decision = tuning.judgement.loop_decisions.get(axis)
-        is_doubtful = axis in tuning.doubtful_axes
-        sentences = [str(fact) for fact in _facts_on_axis(tuning, axis)]
-        conclusion = advice if isinstance(advice, Fact) else advice.sentence
-        for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
-            if remedy not in given_remedies and remedy not in " ".join(sentences):
-                given_remedies.add(remedy)
-                sentences.append(remedy)
-        blocks.append(Sentence(" ".join(sentences), f"{listed(axes).capitalize()}:"))
         if isinstance(advice, Fact):
             continue
+        is_doubtful = axis in tuning.doubtful_axes
         if not advice.refusals:
             blocks.append(_gain_and_margin_table(advice, is_doubtful, has_gain_table))
-        # The cautions on gains that change stand beside the table of the page.
-        are_given = has_gain_table and bool(advice.parameters)
-        # A caution that several axes share is shown with the first of them.
-        for limit in limits:
-            if axis in limit.axes and limit not in given_limits:
-                given_limits.append(limit)
-                if not (are_given and limit.is_about_gains_to_set):
-                    blocks.append(limit.sentence)
+        # The limits of gains that change stand beside the page's table of gains.
+        gains_stand_elsewhere = has_gain_table and bool(advice.parameters)
+        for limit in [limit for limit in unshown_limits if axis in limit.axes]:
+            unshown_limits.remove(limit)
+            if not (gains_stand_elsewhere and limit.is_about_gains_to_set):
+                blocks.append(limit.sentence)
         if is_full:
             blocks += _axis_details(advice, is_doubtful)
     return [*blocks, *_unchecked(tuning)] if is_full else blocks
+
+
+def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[str]) -> Sentence:
+    """Returns what the report of ``mavdem tune`` says of axes that are reported together, with the remedies.
+
+    Args:
+        tuning: advice for each axis, or the fact that says why there is none.
+        axes: the axes, which have the same advice (:func:`_axes_reported_together`).
+        stated_remedies: texts that the report has stated so far, which are not repeated; those of this sentence are
+            added.
+    """
+    axis = axes[0]
+    advice = tuning.axes[axis]
+    conclusion = advice if isinstance(advice, Fact) else advice.sentence
+    decision = tuning.judgement.loop_decisions.get(axis)
+    sentences = [str(fact) for fact in _facts_on_axis(tuning, axis)]
+    for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
+        if remedy not in stated_remedies and remedy not in " ".join(sentences):
+            stated_remedies.add(remedy)
+            sentences.append(remedy)
+    return Sentence(" ".join(sentences), f"{listed(axes).capitalize()}:")
 
 
 def tune_details(tuning: Tuning) -> Blocks:

@@ -64,6 +64,27 @@ REMARK = "Notch filter that was tried on the page"
 """First line of the parameter files."""
 
 
+class DocumentedRange(NamedTuple):
+    """The values of a setting of a notch filter, as the autopilots document them."""
+
+    label: str
+    """What it sets."""
+
+    unit: str
+    """Unit of its values."""
+
+    lowest: float
+    highest: float
+
+
+SLIDER_RANGES = {
+    "centre": DocumentedRange("Centre", "Hz", 10.0, 495.0),
+    "width": DocumentedRange("Width", "Hz", 5.0, 250.0),
+    "depth": DocumentedRange("Depth", "dB", 5.0, 50.0),
+}
+"""Range of each setting that has a slider, as the documentation of PX4 and ArduPilot has it."""
+
+
 class NotchSlider(NamedTuple):
     """A setting of the notch that a slider sets."""
 
@@ -258,7 +279,7 @@ def _forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterF
 def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     """Returns the sliders of a notch filter: one for each setting that the filter has as a parameter.
 
-    Ranges are those in the documentation of PX4 and ArduPilot, widened if the log has a value beyond them.
+    Ranges are those of ``SLIDER_RANGES``, widened if the log has a value beyond them.
 
     Args:
         tried: filter with its parameters.
@@ -268,19 +289,26 @@ def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
     Returns:
         Sliders with name, unit, range and value.
     """
-    highest_center = min(495.0, np.floor(MAX_NOTCH_FREQUENCY_RATIO * gyro_rate))
-    ranges = {
-        "centre": ("Centre", "Hz", 10.0, highest_center),
-        "width": ("Width", "Hz", 5.0, 250.0),
-        "depth": ("Depth", "dB", 5.0, 50.0),
-    }
+    max_center = np.floor(MAX_NOTCH_FREQUENCY_RATIO * gyro_rate)
     sliders = []
-    for setting, (label, unit, lowest, highest) in ranges.items():
-        if setting in tried.names:
-            name = tried.names[setting]
-            value = tried.parameters[name]
-            ends = (min(lowest, np.floor(value)), max(highest, np.ceil(value)))
-            sliders.append(NotchSlider(name, label, unit, *ends, value))
+    for setting, documented in SLIDER_RANGES.items():
+        if setting not in tried.names:
+            continue
+        highest = documented.highest
+        if setting == "centre":
+            highest = min(highest, max_center)
+        name = tried.names[setting]
+        value = tried.parameters[name]
+        sliders.append(
+            NotchSlider(
+                name,
+                documented.label,
+                documented.unit,
+                min(documented.lowest, np.floor(value)),
+                max(highest, np.ceil(value)),
+                value,
+            )
+        )
     return tuple(sliders)
 
 

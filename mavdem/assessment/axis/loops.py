@@ -152,17 +152,17 @@ def loop_of_axis(
     if figures is not None and caution is None:
         fitted = figures.physical
     loop = loop_from_plant(_plant(signals, flights, fitted), Record.from_flights(flights))
-    cautions = []
     if caution is not None:
+        # The parts of the flight with other gains are rated as the identified plant would fly with those.
         other_gains = (dict(changes) for _, changes in caution.figures["parts"])
-        cautions.append(caution.replace(ratings=margin_ratings(loop, other_gains)))
-    autotune = autotune_fact(signals, loop)
-    if autotune is not None:
-        cautions.append(autotune)
-    later_gains = gains_since(signals, loop.controller)
-    if later_gains is not None:
-        cautions.append(later_gains)
-    return replace(loop, cautions=(*cautions, *loop.cautions))
+        caution = caution.replace(ratings=margin_ratings(loop, other_gains))
+    cautions_on_gains = (
+        caution,
+        autotune_fact(signals, loop),
+        gains_since(signals, loop.controller),
+    )
+    known_cautions = [fact for fact in cautions_on_gains if fact is not None]
+    return replace(loop, cautions=(*known_cautions, *loop.cautions))
 
 
 MARGIN_REFUSALS = (Loops.MARGIN_UNCERTAIN,)

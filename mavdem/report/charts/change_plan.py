@@ -25,6 +25,9 @@ OUTCOME_LEVELS = {
 MAX_RELATIVE_CHANGE = 4.0
 """Largest change that has room in the drawing, in equivalence limits; a larger one ends at its edge. A choice."""
 
+CENTER_PERCENT = 50.0
+"""Position of no change, % of the width of the drawing."""
+
 MARGIN_PERCENT = 3.0
 """Room at both sides of the drawing, % of its width."""
 
@@ -56,21 +59,30 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
     changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
     if not changes:
         return None
-    extent = max(abs(change.difference) + change.half_width for change in map(_relative, changes))
+    relative_changes = [_relative(change) for change in changes]
+    # The axis reaches to the farthest end of an interval.
+    extent = max(abs(relative.difference) + relative.half_width for relative in relative_changes)
     extent = min(max(extent, 1.0), MAX_RELATIVE_CHANGE)
-    percent_per_limit = (50.0 - MARGIN_PERCENT) / extent
-    drawn = []
-    for change in changes:
-        relative = _relative(change)
-        ends = []
-        for value in (-relative.half_width, 0.0, relative.half_width):
-            position = 50.0 + percent_per_limit * (relative.difference + value)
-            ends.append(min(max(position, 0.0), 100.0))
-        text = capitalize_first(change_text(change, difference))
-        drawn.append(DrawnChange(text, OUTCOME_LEVELS[change.outcome], *ends))
-    svg = svg_of("changes", rows=drawn, limit=percent_per_limit)
-    description = f"Changes with their 90 % intervals: {listed(one.text for one in drawn)}"
-    return Plan("", description, svg)
+    percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
+
+    def position(value: float) -> float:
+        """Returns where a relative change is drawn, percent of the width from the left."""
+        return min(max(CENTER_PERCENT + percent_per_limit * value, 0.0), 100.0)
+
+    drawn_changes = []
+    for change, relative in zip(changes, relative_changes, strict=True):
+        drawn_changes.append(
+            DrawnChange(
+                capitalize_first(change_text(change, difference)),
+                OUTCOME_LEVELS[change.outcome],
+                position(relative.difference - relative.half_width),
+                position(relative.difference),
+                position(relative.difference + relative.half_width),
+            )
+        )
+    svg = svg_of("changes", rows=drawn_changes, limit=percent_per_limit)
+    texts = listed(drawn.text for drawn in drawn_changes)
+    return Plan("", f"Changes with their 90 % intervals: {texts}", svg)
 
 
 def _relative(change: QuantityChange) -> QuantityChange:

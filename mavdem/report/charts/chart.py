@@ -36,6 +36,9 @@ NO_VALUE = np.iinfo(np.int16).min
 MAX_COUNT = 2**16 - 2
 """Steps that 16-bit integers can count, when one of them is kept for NaN."""
 
+MAX_BYTE = 255
+"""Byte of the highest power of a spectrogram."""
+
 MAX_SAMPLES_DRAWN_SINGLY = 3
 """Samples within two steps of a grid up to which a line is interpolated; of more, minimum and maximum are drawn."""
 
@@ -487,7 +490,7 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
     power = spectrogram.power
     # The lower limit only avoids a division by zero where all power is the same.
     power_range = max(np.ptp(power), 1e-9)
-    pixels = 255 * (power - power.min()) / power_range
+    pixels = MAX_BYTE * (power - power.min()) / power_range
     return {
         "heat": b64encode(pixels.astype(np.uint8).tobytes()).decode(),
         "rows": len(spectrogram.x),

@@ -34,6 +34,12 @@ SECTOR_COUNT = 16
 SECTOR_WIDTH = 360 / SECTOR_COUNT
 """Width of each direction of a wind rose, degrees."""
 
+LOWEST_OPACITY = 0.25
+"""Opacity of the petals of the slowest class of speed: they are seen on white."""
+
+OPACITY_PER_SPEED_CLASS = 0.14
+"""How much more opaque each faster class is: the sixth and last one has 0.95."""
+
 MIN_ROSE_FLIGHTS = 8
 """Flights from which on their winds are drawn as a rose; each of fewer is a dot. A choice: half of the directions."""
 
@@ -114,9 +120,9 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
     count = len(imbalance)
     if not light.warns:
         return [light.level] * count
-    named = _MOTOR_NUMBER.search(light.subject)
-    if named is not None:
-        is_concerned = np.arange(1, count + 1) == int(named[1])
+    named_motor = _MOTOR_NUMBER.search(light.subject)
+    if named_motor is not None:
+        is_concerned = np.arange(1, count + 1) == int(named_motor[1])
     else:
         is_concerned = abs(imbalance) > 100 * FAULT_RISE
     if not is_concerned.any():
@@ -153,12 +159,10 @@ def dots_of_flights(winds: Array) -> Plan:
     # The rings are at an even number of m/s and at half of it.
     outer_speed = 2 * max(int(np.ceil(speeds.max() / 2)), 1)
     rings = [(RADIUS / 2, f"{outer_speed // 2} m/s"), (RADIUS, f"{outer_speed} m/s")]
-    dots = [
-        (round(turn, 1), round(radius, 1))
-        for turn, radius in zip(
-            np.degrees(directions).tolist(), (RADIUS / outer_speed * speeds).tolist(), strict=True
-        )
-    ]
+    radii = RADIUS / outer_speed * speeds
+    dots = []
+    for angle, radius in zip(np.degrees(directions).tolist(), radii.tolist(), strict=True):
+        dots.append((round(angle, 1), round(radius, 1)))
     flights = "The dot shows" if len(winds) == 1 else "Each dot shows"
     description = f"{flights} where the wind of a flight came from, and how strong it was."
     return Plan("Wind", description, svg_of("rose", petals=(), rings=rings, arrow=None, dots=dots))
@@ -210,7 +214,7 @@ def _wind_rose(
     scale = RADIUS / max(edges.max(), 1e-9)
     petals = []
     for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):
-        opacity = 0.25 + 0.14 * speed_class
+        opacity = LOWEST_OPACITY + OPACITY_PER_SPEED_CLASS * speed_class
         for number, (inner, outer) in enumerate(zip(inner_edges, outer_edges, strict=True)):
             if outer > inner:
                 petals.append(_Petal(number, scale * inner, scale * outer, opacity))
