@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import status_texts
-from mavdem.dataset.segments import settled_segments
+from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
 from mavdem.facts.vehicle import Basis, DateBasis
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
     board_number_in_bytes,
@@ -39,11 +39,20 @@ compass, mGauss. They identify no vehicle."""
 CALIBRATION_DIGITS = 4
 """Significant digits of a calibration that both text files and 32-bit numbers keep."""
 
+OFFSET_DECIMALS = 6
+"""Decimals of a calibration's offsets that are compared with those of simulators."""
+
 NAME_DIGITS = 12
 """Hexadecimal digits of the hash of a calibration in the vehicle's name."""
 
 MIN_UNIX_TIME = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
 """UNIX time, s, before which a clock was never set."""
+
+MICROSECONDS_PER_SECOND = 1e6
+"""Microseconds of a second: the unit of ``time_unix_usec``."""
+
+SECONDS_PER_MINUTE = 60
+"""Seconds of a minute: the unit of SDLOG_UTC_OFFSET."""
 
 PX4_LOG_NAME = re.compile(r"/log/(20\d\d-\d\d-\d\d/\d\d_\d\d_\d\d)\.ulg")
 """Name of a log in a text of PX4, by the day and the second at which it began: "…/log/2026-03-09/11_02_35.ulg"."""
@@ -144,20 +153,35 @@ def _name_of(telemetry: Telemetry) -> _NameWithBasis:
     )
     if board_number:
         return _NameWithBasis(board_number, Basis.BOARD)
-    parameters = telemetry.parameters
     for sensor, parameter_groups in CALIBRATION_PARAMETERS.items():
         for group in parameter_groups:
-            # A group has the names of an offset and of scale factors, with a place for the axis.
-            names = [name.format(axis) for name in group.split() for axis in "XYZ"]
-            values = [parameters[name] for name in names if name in parameters]
-            # The offsets of X, Y and Z come first. They are 0 if the sensor was never calibrated.
-            offsets = tuple(round(offset, 6) for offset in values[:3])
-            is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
-            if len(values) == len(names) and is_calibrated:
-                text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in values)
+            calibration = _calibration(telemetry.parameters, group)
+            if calibration:
+                text = " ".join(f"{value:.{CALIBRATION_DIGITS}g}" for value in calibration)
                 digest = hashlib.sha256(text.encode()).hexdigest()[:NAME_DIGITS]
                 return _NameWithBasis(f"{sensor}-{digest}", sensor)
     return _NameWithBasis(f"{telemetry.autopilot}-{telemetry.system}".lower(), Basis.SYSTEM_ID)
+
+
+def _calibration(parameters: Parameters, group: str) -> list[float]:
+    """Returns the calibration of a sensor: offsets along X, Y and Z, and then scale factors.
+
+    Args:
+        parameters: parameters of the autopilot by name.
+        group: names of the parameters of an offset and of scale factors, with a place for the axis, separated by
+            blanks.
+
+    Returns:
+        The values; empty if one is missing, or the sensor was never calibrated, or is a simulator's.
+    """
+    names = [name.format(axis) for name in group.split() for axis in "XYZ"]
+    if not all(name in parameters for name in names):
+        return []
+    values = [parameters[name] for name in names]
+    # The offsets are 0 if the sensor was never calibrated.
+    offsets = tuple(round(offset, OFFSET_DECIMALS) for offset in values[:3])
+    is_calibrated = any(offsets) and offsets not in SIMULATOR_OFFSETS
+    return values if is_calibrated else []
 
 
 def _board_number_in_messages(telemetry: Telemetry) -> str:
@@ -258,35 +282,65 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
         Date and basis; None for both if the log shows no plausible time.
     """
     telemetry = signals.telemetry
-    basis = DateBasis.GPS if telemetry.translated_from else DateBasis.AUTOPILOT
-    columns = telemetry.messages.get("SYSTEM_TIME", {})
     flight = min(settled_segments(signals), default=None)
-    if "time_unix_usec" in columns:
-        unix_time = float_column(columns, "time_unix_usec") / 1e6
-        is_set = unix_time > MIN_UNIX_TIME
-        if flight is not None:
-            is_set_in_boot = is_set & (columns["boot"] == flight.boot)
-            if is_set_in_boot.any():
-                boot_time = columns["time"][is_set_in_boot][0]
-                return _dated(unix_time[is_set_in_boot][0] + flight.start - boot_time, basis)
-        if is_set.any():
-            return _dated(unix_time[is_set][0], basis)
+    time = _time_by_autopilot(telemetry, flight)
+    if time is not None:
+        return _dated(time, DateBasis.GPS if telemetry.translated_from else DateBasis.AUTOPILOT)
     if receive_time > MIN_UNIX_TIME:
         return _dated(receive_time, DateBasis.RECEIVER)
+    time = _time_by_log_name(telemetry, flight)
+    if time is not None:
+        return _dated(time, DateBasis.LOG_NAME)
+    return _DateWithBasis(None, None)
+
+
+def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
+    """Returns when a flight began by the messages SYSTEM_TIME, or the first time that they have.
+
+    Args:
+        telemetry: messages of the vehicle.
+        flight: first settled segment; None without one.
+
+    Returns:
+        UNIX time, s; None if the messages have no plausible time.
+    """
+    columns = telemetry.messages.get("SYSTEM_TIME", {})
+    if "time_unix_usec" not in columns:
+        return None
+    unix_time = float_column(columns, "time_unix_usec") / MICROSECONDS_PER_SECOND
+    is_set = unix_time > MIN_UNIX_TIME
+    if flight is not None:
+        is_set_in_boot = is_set & (columns["boot"] == flight.boot)
+        if is_set_in_boot.any():
+            boot_time = columns["time"][is_set_in_boot][0]
+            return float(unix_time[is_set_in_boot][0] + flight.start - boot_time)
+    return float(unix_time[is_set][0]) if is_set.any() else None
+
+
+def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | None:
+    """Returns when a flight or, if that is not known, its log began, by the name that PX4 gave the log in a text.
+
+    Args:
+        telemetry: messages of the vehicle.
+        flight: first settled segment; None without one.
+
+    Returns:
+        UNIX time, s; None if no text has such a name with a plausible time.
+    """
     # PX4 adds this many minutes to the time in its names.
-    offset = 60 * telemetry.parameters.get("SDLOG_UTC_OFFSET", 0.0)
+    offset_minutes = telemetry.parameters.get("SDLOG_UTC_OFFSET", 0.0)
     for text in status_texts(telemetry):
         match = PX4_LOG_NAME.search(text.text)
         if match is None:
             continue
         with suppress(ValueError):
             logged_date = datetime.strptime(match[1], "%Y-%m-%d/%H_%M_%S").replace(tzinfo=UTC)
-            time = logged_date.timestamp() - offset
+            time = logged_date.timestamp() - SECONDS_PER_MINUTE * offset_minutes
             if flight is not None and flight.boot == text.boot:
                 time += flight.start - text.time
             if time > MIN_UNIX_TIME:
-                return _dated(time, DateBasis.LOG_NAME)
-    return _DateWithBasis(None, None)
+                return time
+    return None
 
 
 def _dated(unix_time: float, basis: DateBasis) -> _DateWithBasis:

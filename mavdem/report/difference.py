@@ -321,17 +321,18 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():
-        shown = SHOWN_QUANTITIES[kind]
+        form = SHOWN_QUANTITIES[kind]
         names = []
         for change in changes_of_kind:
             # Quantities of an axis have the motor 0.
             motor = change.quantity.motor
             names.append(f"motor {motor}" if motor else change.quantity.axis)
         widest = max(change.half_width for change in changes_of_kind)
-        width = f"{rounded(shown.scale * widest)} {shown.unit}"
         if kind in LOGARITHMIC_KINDS:
             width = f"{rounded(100 * widest)} %"
-        yield f"{shown.name} of {listed(names)} (± {width})"
+        else:
+            width = f"{rounded(form.scale * widest)} {form.unit}"
+        yield f"{form.name} of {listed(names)} (± {width})"
 
 
 def _signed(number: str) -> str:

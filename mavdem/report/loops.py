@@ -1,6 +1,6 @@
 """Control loops in sentences and tables: margins with their intervals, ratings, and advised gains."""
 
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterator, Sequence
 from operator import attrgetter
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""Registry of the lights by which every log is judged; each is a file here that measures and judges one subject."""
+"""Registry of the status lights (good, watch, bad, unknown) of a log; each is a file here that judges one subject."""
 
 from collections.abc import Callable
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Light on the estimator: innovations in flight against what the filter accepts, GPS quality, and the compass."""
+"""Status light of the estimator: innovations in flight against what the filter accepts, GPS quality, the compass."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Light on stability margins: a limit cycle, or the worst of the axes; otherwise why the margins are not known."""
+"""Status light of the stability margins: a limit cycle, or the worst of the axes; or why they are not known."""
 
 from math import inf
 

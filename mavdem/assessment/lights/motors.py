@@ -1,4 +1,4 @@
-"""Light on the motors: judges lost thrust, outputs at their limit, how evenly the motors work, and the headroom."""
+"""Status light of the motors: lost thrust, outputs at their limit, how evenly the motors work, and the headroom."""
 
 from math import inf
 

@@ -1,4 +1,4 @@
-"""Light on power: judges voltage and charge of the batteries, and the supply voltage of the board, in flight."""
+"""Status light of power: voltage and charge of the batteries, and the supply voltage of the board, in flight."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple

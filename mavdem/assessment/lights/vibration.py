@@ -1,4 +1,4 @@
-"""Light on vibration: acceleration and clipping of each IMU against the limits of the autopilot that measured them."""
+"""Status light of vibration: acceleration and clipping of each IMU against the limits of its autopilot."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Light on the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
+"""Status light of the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
 
 from math import hypot, inf, radians
 from typing import Any

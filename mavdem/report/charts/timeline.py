@@ -41,6 +41,9 @@ from mavdem.wind_velocity.compass import compass_text
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
 
+FULL_TURN = 360.0
+"""Degrees of a full turn of the compass."""
+
 ANGLE_UNIT = display_unit("rad")
 """Unit in which angles and rates are shown: degrees."""
 
@@ -248,9 +251,10 @@ def wind_speed_and_direction_charts(history: WindHistory) -> Iterator[Chart]:
             "wind", DISTURBANCE, wind.time, polar.direction, polar.direction_half_width
         )
         lines = [line]
-        if history.autopilot_direction is not None:
-            own = history.autopilot_direction
-            lines.append(_direction_line("autopilot's own", BASELINE, own.time, own.values.ravel()))
+        estimate = history.autopilot_direction
+        if estimate is not None:
+            direction = estimate.values.ravel()
+            lines.append(_direction_line("autopilot's own", BASELINE, estimate.time, direction))
         title = f"Wind from {compass_text(wind.direction)}"
         yield over_time(title, "°", lines)
 
@@ -266,9 +270,12 @@ def _direction_line(
         time: (T,) s.
         direction: (T,) degrees, not limited to 0 to 360.
         half_width: (T,) half widths of the band, degrees; None for no band. The band ends at north.
+
+    Returns:
+        The line, with a NaN between the samples of each break.
     """
-    wrapped = np.mod(direction, 360.0)
-    breaks = 1 + np.flatnonzero(abs(np.diff(wrapped)) > 180.0)
+    wrapped = np.mod(direction, FULL_TURN)
+    breaks = 1 + np.flatnonzero(abs(np.diff(wrapped)) > FULL_TURN / 2)
 
     def with_breaks(values: Array) -> Array:
         return np.insert(values, breaks, np.nan)
@@ -277,7 +284,7 @@ def _direction_line(
     if half_width is None:
         return Line(name, colour, times, with_breaks(wrapped))
     lower_edge = np.maximum(wrapped - half_width, 0.0)
-    upper_edge = np.minimum(wrapped + half_width, 360.0)
+    upper_edge = np.minimum(wrapped + half_width, FULL_TURN)
     return Line(
         name,
         colour,

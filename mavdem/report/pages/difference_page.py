@@ -1,7 +1,7 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import sqrt
+from math import degrees, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -245,13 +245,15 @@ def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange |
     Returns:
         The phase margin; None without one.
     """
-    significant = []
+    significant_changes = []
     for change in changes:
         if change.before is None or change.after is None or not change.is_significant_alone:
             continue
-        before, after = np.degrees([change.before, change.after]).tolist()
-        significant.append(_MarginChange(change.quantity.axis, before, after))
-    return max(significant, key=lambda change: abs(change.before - change.after), default=None)
+        margin_before, margin_after = degrees(change.before), degrees(change.after)
+        significant_changes.append(_MarginChange(change.quantity.axis, margin_before, margin_after))
+    return max(
+        significant_changes, key=lambda change: abs(change.before - change.after), default=None
+    )
 
 
 def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:

@@ -105,6 +105,9 @@ CHAPTER_OF_LIGHT = {
 }
 """Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
 
+CHAPTER_LEVELS = (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD)
+"""Levels of a chapter from the worst to the best; one that is not known may hide a bad one."""
+
 MAX_WATCHED_CHAPTERS = 2
 """Chapters to be watched that are open at first: a choice, so that a page stays short; the contents mark all."""
 
@@ -200,35 +203,46 @@ def opened_where_not_good(
         lights: the fact of each light, by its name.
         headline: the headline, which is the fact of a light, or of an event.
     """
-    titles_of_headline = set()
-    for light, title in CHAPTER_OF_LIGHT.items():
-        if light in lights and lights[light].code is headline.code:
-            titles_of_headline.add(title)
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
     worst = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
     judged_chapters = []
     titles_to_open = []
     for chapter in chapters:
-        levels = set()
-        for light, title in CHAPTER_OF_LIGHT.items():
-            if title == chapter.title and light in lights:
-                levels.add(lights[light].level)
-        # A chapter of sections has the worst of their levels.
-        if chapter.sections and chapter.level is not None:
-            levels.add(chapter.level)
+        levels = _levels_of_chapter(chapter, lights)
         if worst in levels and chapter.title != LOG_TITLE:
             titles_to_open.append(chapter.title)
-        # From the worst level to the best one; a level that is not known may hide a bad one.
-        for level in (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD):
-            if level in levels:
-                chapter = chapter._replace(level=level)
-                break
+        if levels:
+            chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))
         judged_chapters.append(chapter)
     if worst is Level.WATCH:
+        titles_of_headline = {
+            title
+            for light, title in CHAPTER_OF_LIGHT.items()
+            if light in lights and lights[light].code is headline.code
+        }
         titles_to_open.sort(key=lambda title: title not in titles_of_headline)
         del titles_to_open[MAX_WATCHED_CHAPTERS:]
     for chapter in judged_chapters:
         yield chapter._replace(folded=chapter.title not in titles_to_open)
+
+
+def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
+    """Returns the levels of the lights that a chapter explains, and the worst level of its own sections.
+
+    Args:
+        chapter: the chapter; one of sections has the worst of their levels as its level.
+        lights: the fact of each light, by its name.
+
+    Returns:
+        The levels; empty for a chapter that nothing judges.
+    """
+    levels = set()
+    for light, title in CHAPTER_OF_LIGHT.items():
+        if title == chapter.title and light in lights:
+            levels.add(lights[light].level)
+    if chapter.sections and chapter.level is not None:
+        levels.add(chapter.level)
+    return levels
 
 
 def _anchors_of_lights(chapters: Sequence[Chapter]) -> dict[str, str]:
