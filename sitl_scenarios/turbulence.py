@@ -73,9 +73,6 @@ def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array
     Returns:
         (samples,) noise.
     """
-    # Importing scipy.signal takes half a second.
-    from scipy.signal import fftconvolve
-
     # Long periods are divided into steps, of which only the last of each period is returned.
     steps_per_sample = max(1, ceil(dt / (MAX_KERNEL_STEP * s)))
     step = dt / steps_per_sample
@@ -84,7 +81,12 @@ def gaussian_noise(s: float, dt: float, samples: int, noise: Generator) -> Array
     kernel = [exp(-((i * step / s) ** 2) / 2) for i in range(-half_length, half_length + 1)]
     norm = sqrt(fsum(k * k for k in kernel))
     white = noise.standard_normal((samples - 1) * steps_per_sample + len(kernel))
-    return fftconvolve(white, [k / norm for k in kernel], "valid")[::steps_per_sample]
+    # ``scipy.signal.fftconvolve`` does the same, but that package takes half a second to import.
+    length = next_fast_len(len(white) + len(kernel) - 1, real=True)
+    kernel_transform = rfft([k / norm for k in kernel], length)
+    coloured = irfft(rfft(white, length) * kernel_transform, length)
+    # Only where the whole kernel lies within the noise.
+    return np.asarray(coloured[len(kernel) - 1 : len(white) : steps_per_sample])
 
 
 class ProcessScale(NamedTuple):
