@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_toeplitz
+from scipy.linalg.lapack import dsytrd
 from scipy.special import softmax
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
@@ -210,15 +211,16 @@ def estimate_impulse_response(
     values = decay / (hat_areas(knots) @ decay)
     estimate = None
     with one_thread():
+        setpoint_convolutions = _hat_convolutions(setpoint, knots)
         for _ in range(FIT_PASSES):
-            instrument = setpoint
+            instrument = None
             if angle_gain:
                 undisturbed = [
                     _setpoint_without_wind(piece, angle_gain, values, knots, sampling_rate)
                     for piece in pieces
                 ]
                 instrument = _overlapping_windows(undisturbed, taps, size)
-            response = np.tensordot(values, _hat_convolutions(setpoint, knots), axes=1)
+            response = np.tensordot(values, setpoint_convolutions, axes=1)
             residuals = signal[:, taps:] - response
             variation = np.ptp(residuals, axis=1)
             # Residuals are all equal if the signal is the response exactly, and not finite after an overflow.
@@ -226,14 +228,18 @@ def estimate_impulse_response(
                 return None
             whitening = _whitening_filter(residuals)
             deviation = _window_deviations(residuals, whitening)
+            if instrument is not None:
+                instrument = _filtered_windows(instrument, whitening) / deviation
             estimate = _regularised_estimate(
                 _filtered_windows(setpoint, whitening) / deviation,
                 _filtered_windows(signal, whitening) / deviation,
-                _filtered_windows(instrument, whitening) / deviation,
+                instrument,
                 knots,
                 sampling_rate,
             )
             values = estimate.values
+            if not np.isfinite(values).all():
+                return None
     return estimate
 
 
@@ -406,7 +412,7 @@ def _whitening_filter(residuals: Array) -> Array:
 
 
 def _regularised_estimate(
-    setpoint: Array, signal: Array, instrument: Array, knots: Array, sampling_rate: float
+    setpoint: Array, signal: Array, instrument: Array | None, knots: Array, sampling_rate: float
 ) -> ImpulseResponse:
     """Estimates the impulse response that explains a signal by its setpoint, by regularised instrumental variables.
 
@@ -423,7 +429,7 @@ def _regularised_estimate(
     Args:
         setpoint: windows of the setpoint (W, B), whitened and scaled so that residuals have a variance of 1.
         signal: windows of the signal (W, B), whitened and scaled likewise.
-        instrument: windows of the instrument (W, B), likewise.
+        instrument: windows of the instrument (W, B), likewise; None where the setpoint is its own.
         knots: lags between which the response is linear (K + 2,), in samples.
         sampling_rate: rate of the samples, Hz.
 
@@ -432,11 +438,13 @@ def _regularised_estimate(
     """
     taps = int(knots[-1])
     regressors = _hat_convolutions(setpoint, knots)
-    instruments = _hat_convolutions(instrument, knots)
+    instruments = regressors if instrument is None else _hat_convolutions(instrument, knots)
     target = signal[:, taps:]
     over_windows_and_samples = ((1, 2), (1, 2))
     instrument_products = np.tensordot(instruments, instruments, axes=over_windows_and_samples)
-    regressor_products = np.tensordot(instruments, regressors, axes=over_windows_and_samples)
+    regressor_products = instrument_products
+    if instrument is not None:
+        regressor_products = np.tensordot(instruments, regressors, axes=over_windows_and_samples)
     target_products = np.tensordot(instruments, target, axes=2)
     steady_state = hat_areas(knots) / STEADY_STATE_ERROR
     steady_state_products = np.outer(steady_state, steady_state)
@@ -468,9 +476,7 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
     """Returns the prior covariance of an impulse response at its nodes, averaged over priors by their evidence.
 
     How large, how smooth and how long a response is, is not known beforehand. So priors of several variances λ, length
-    scales and decays are tried, and each counts by how well it explains the flight (Bayesian model averaging). A prior
-    has the covariance λ Q, with a shape Q = R Rᵀ that depends on length and decay. With the eigenvalues v and
-    eigenvectors U of Rᵀ precision R, its log evidence is ½ Σ (λ (Uᵀ Rᵀ moment)² / (1 + λ v) − log(1 + λ v)).
+    scales and decays are tried, and each counts by how well it explains the flight (Bayesian model averaging).
 
     Args:
         precision: precision of the values at the K nodes by the flight alone (K, K).
@@ -481,17 +487,50 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
         Covariance (K, K).
     """
     shapes = _prior_shapes(tuple(knots.tolist()))
-    variances = PRIOR_VARIANCES[:, None]
-    log_evidence = []
-    for root in shapes.roots:
-        eigenvalues, eigenvectors = np.linalg.eigh(root.T @ precision @ root)
-        gained_precision = variances * np.maximum(eigenvalues, 0.0)
-        projected_moment = eigenvectors.T @ (root.T @ moment)
-        explained = variances * projected_moment**2 / (1 + gained_precision)
-        log_evidence.append((explained - np.log1p(gained_precision)).sum(axis=1) / 2)
     # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
-    variance_by_shape = softmax(log_evidence) @ PRIOR_VARIANCES
-    return np.tensordot(variance_by_shape, shapes.covariances, axes=1)
+    weights = softmax(_log_evidence_of_priors(precision, moment, shapes.roots))
+    return np.tensordot(weights @ PRIOR_VARIANCES, shapes.covariances, axes=1)
+
+
+def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Array:
+    """Returns the log evidence of priors of all shapes and variances.
+
+    With the covariance λ R Rᵀ of a prior, the flight's precision P and its moment m, it is
+
+        ½ (λ gᵀ (I + λ A)⁻¹ g − log det (I + λ A)),    A = Rᵀ P R,  g = Rᵀ m
+
+    Householder reflections make A tridiagonal, in a basis whose first vector is along g, and the pivots of a Gaussian
+    elimination from the last row up give both terms for all λ (Golub and Van Loan, Matrix Computations, 4th ed., secs.
+    4.3 and 8.3). That takes a third of the time of eigenvalues and eigenvectors.
+
+    Args:
+        precision: precision of the values at the K nodes by the flight alone (K, K).
+        moment: precision times the values that the flight alone would give (K,).
+        roots: Cholesky factors R of the S shapes of the prior (S, K, K).
+
+    Returns:
+        Log evidence (S, variances), nats, up to a constant, by ``PRIOR_VARIANCES``.
+    """
+    nodes = len(moment)
+    diagonals = np.empty((len(roots), nodes))
+    # The first element beside the diagonal is the length of g, since g is put before A as its first column.
+    off_diagonals = np.empty((len(roots), nodes))
+    bordered = np.zeros((nodes + 1, nodes + 1))
+    for shape, root in enumerate(roots):
+        bordered[1:, 0] = moment @ root
+        bordered[1:, 1:] = root.T @ precision @ root
+        _, diagonal, off_diagonals[shape], _, _ = dsytrd(bordered, lower=1)
+        diagonals[shape] = diagonal[1:]
+    diagonals = diagonals.T[:, :, None] * PRIOR_VARIANCES + 1
+    squares = (off_diagonals.T[:, :, None] * PRIOR_VARIANCES) ** 2
+    pivot = np.maximum(diagonals[-1], 1.0)
+    log_determinant = np.log(pivot)
+    for row in range(nodes - 2, -1, -1):
+        # A has no negative eigenvalues, so no pivot is below 1 but by rounding.
+        pivot = np.maximum(diagonals[row] - squares[row + 1] / pivot, 1.0)
+        log_determinant += np.log(pivot)
+    explained = squares[0] / PRIOR_VARIANCES / pivot
+    return np.asarray(explained - log_determinant) / 2
 
 
 class _PriorShapes(NamedTuple):
