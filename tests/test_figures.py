@@ -47,7 +47,6 @@ FLIGHTS = {
     "logs/pyulog_sample.ulg": ["review"],
     # Simulated flights, live and from their log.
     "ardupilot_steps": ["fly", "live", "wind", "> info --verbose"],
-    "iris_gusts": ["fly", "learn"],
 }
 """What is run of each log; a name without an ending is that of a scenario, and what is flown is read by the commands
 after it. Of a command after ">" it is what stands on its screen."""
@@ -95,6 +94,7 @@ MORE_FLIGHTS = {
     "sitl_loops/ap_t_half_f1_with_params.tlog.xz": ["info", "tune"],
     "sitl_loops/px4_pxlow2.tlog.xz": ["info", "tune"],
     "wind_turns": ["fly", "wind", "> wind --verbose"],
+    "iris_gusts": ["fly", "learn"],
 }
 """Flights, and commands of a flight, whose figures only ``--in-full`` compares: they take minutes."""
 SCENARIOS = {"calm": 16, "crazyflie_gusts": 16, "lossy_link": 16, "paper_5": 16}

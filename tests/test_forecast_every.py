@@ -43,6 +43,7 @@ def assert_same(actual, expected):
     assert_allclose(actual, expected, rtol=0, atol=1e-6 * TEST.outputs.std())
 
 
+@mark.slow
 @mark.parametrize("steps", [1, 7, 50])
 def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model, steps):
     pieces = model.forecast_every(steps, TEST.inputs, TEST.outputs)

@@ -85,6 +85,7 @@ def test_without_a_receiver_nothing_is_said_of_one():
     assert (jammed.level, jammed.figures["dilution"]) == ("watch", None)
 
 
+@mark.slow
 def test_the_processor_is_judged_by_the_limits_of_its_autopilot():
     busy = processor_fact(evidence_with("SYS_STATUS", load=np.where(HALF, 500, 1010)))
     assert (busy.level, busy.figures["load"]) == ("watch", approx(101.0))

@@ -6,7 +6,7 @@ import dataflash_logs as made
 import numpy as np
 from hover import Hover, changed, columns, evidence_of, pulses, with_pulses
 from instrumented import instrumented
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.assessment.instances import instances_of
 from mavdem.assessment.lights.estimator import estimator_light
@@ -196,6 +196,7 @@ def with_accelerometers(parameters=None, gravities=(9.8, 9.0, 8.0)):
     return changed(made, ACCELEROMETERS_MESSAGE, **further)
 
 
+@mark.slow
 def test_a_spare_accelerometer_that_is_wrong_is_to_be_watched_unless_it_is_not_used():
     telemetry = with_accelerometers({"INS_USE3": 0.0, "EK3_IMU_MASK": 7.0})
     instances = by_name(telemetry)
@@ -206,6 +207,7 @@ def test_a_spare_accelerometer_that_is_wrong_is_to_be_watched_unless_it_is_not_u
     assert "of IMU 2, a spare one, measured 9.0" in light.sentence
 
 
+@mark.slow
 def test_a_spare_accelerometer_without_a_core_of_the_estimator_is_in_the_table_alone():
     telemetry = with_accelerometers()
     assert by_name(telemetry)["IMU 2"].state.level == "watch"

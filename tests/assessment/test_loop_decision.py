@@ -115,6 +115,7 @@ def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(fact
     assert overshooting.verdict is LoopVerdict.FOLLOWS_BADLY
 
 
+@mark.slow
 def test_the_margin_goal_is_met_if_95_percent_of_the_models_have_it():
     levels = {}
     for factor in (1.0, 1.7, 2.5):

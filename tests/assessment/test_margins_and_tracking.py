@@ -129,6 +129,7 @@ def oscillating(found):
     return replace(found, condition=replace(found.condition, oscillation=swinging))
 
 
+@mark.slow
 def test_a_limit_cycle_goes_before_all():
     swinging = oscillating(evidence(flight(*closed_loop(60.0))))
     assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
@@ -199,6 +200,7 @@ def following(size, late=0.2, error=0.0):
     return evidence(asked(telemetry, angle=steered(TIME)))
 
 
+@mark.slow
 def test_tracking_has_the_error_without_the_delay():
     light = tracking_light(following(0.1))
     assert (light.code, light.level) == (TrackingLight.FOLLOWS_SETPOINT, "good")
@@ -311,6 +313,7 @@ def test_yaw_follows_its_setpoint_through_whole_turns():
     assert yaw.figures["reached_rate"] == approx(yaw.figures["rate_setpoint"])
 
 
+@mark.slow
 def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it():
     """A mission sets the heading of its next leg, 90° off; the vehicle turns there at 20°/s."""
     heading = np.radians(90.0) * ((TIME > 20.0) & (TIME < 34.0))
@@ -326,6 +329,7 @@ def test_a_heading_that_is_set_at_once_is_no_error_while_the_vehicle_turns_to_it
     assert (misses.code, misses.level) == (TrackingLight.MISSES_SETPOINT, "bad")
 
 
+@mark.slow
 @mark.parametrize(
     "outputs, cause",
     [

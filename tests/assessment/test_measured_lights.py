@@ -158,6 +158,7 @@ def test_levels_of_the_supply(usual, least, code, level):
     assert (fact.code, fact.level) == (code, level)
 
 
+@mark.slow
 def test_a_voltage_that_changes_is_not_called_one_whatever_the_load():
     volts = 16.4 + SAG
     open_input = power_light(evidence(battery(volts, {"BATT_LOW_VOLT": 20.0})))
@@ -295,6 +296,7 @@ def test_a_flight_without_any_fix_is_to_be_watched_unless_the_position_came_from
     assert estimator_light(evidence(submarine)).code is not EstimatorLight.FIX_MISSING
 
 
+@mark.slow
 def test_what_a_receiver_does_not_know_is_not_printed():
     unknown = columns(TIME, fix_type=3, satellites_visible=255, eph=65535)
     assert estimator_light(evidence(changed(filtered(), "GPS_RAW_INT", **unknown))).is_good
@@ -368,6 +370,7 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
             assert fact.level == level
 
 
+@mark.slow
 def test_the_log_is_judged_by_its_rates_and_gaps():
     whole = HOVER.telemetry(50.0, 50.0)
     time = HOVER.stamps(50.0)

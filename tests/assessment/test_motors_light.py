@@ -137,6 +137,7 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
     assert "Motor 1 and motor 4" in alike.sentence
 
 
+@mark.slow
 @mark.parametrize("motors, subject", [([0, 0, 1, 0], FRONT_LEFT), ([1, 0, 1, 0], "")])
 def test_a_limit_in_hover_names_one_motor_only_where_it_stands_out(motors, subject):
     flight = evidence(lambda time: np.outer(motors, 600.0 * (time % 10 < 0.8)))

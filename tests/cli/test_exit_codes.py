@@ -95,6 +95,7 @@ def test_bad_usage_names_what_is_wrong(line, named, here, capsys):
     assert list(here.iterdir()) == []
 
 
+@mark.slow
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     path = tmp_path / "flight.mcap"
     write_channels(path, [read_flight(FLIGHT)[:100]])

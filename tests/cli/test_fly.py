@@ -17,6 +17,7 @@ def fly(capsys, *words):
     return document_of(capsys, "fly", *words)
 
 
+@mark.slow
 def test_the_list_is_one_a_line_name_first(capsys):
     assert run("fly", "--list") == 0
     listed = capsys.readouterr().out.splitlines()

@@ -5,7 +5,7 @@ import time
 from dataclasses import replace
 
 from command_line import document_of, run, strict_json
-from pytest import raises
+from pytest import mark, raises
 from recorded_flights import LOGS, SLOW
 from refusals import prose
 
@@ -37,6 +37,7 @@ def test_a_log_alone_is_reviewed(here, capsys, monkeypatch):
     assert document["hardware"]["recording"]["level"] == "good"
 
 
+@mark.slow
 def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
     assert run("review", LOGS / "px4_wind5_steps.tlog", "--vehicle", "7", "--out", tmp_path) == 0
     assert "There is no vehicle 7" in capsys.readouterr().out
@@ -98,6 +99,7 @@ def test_a_file_that_is_missing_is_no_command(capsys):
     assert "missing.tlog" in capsys.readouterr().err
 
 
+@mark.slow
 def test_two_logs_of_one_flight_are_one_review(here, capsys):
     content = SLOW.read_bytes()
     middle = len(content) // 2
@@ -117,6 +119,7 @@ def test_two_logs_of_one_flight_are_one_review(here, capsys):
     assert "named twice" in capsys.readouterr().err
 
 
+@mark.slow
 def test_the_inventory_and_the_review_have_every_instance_and_what_can_be_trusted(here, capsys):
     inventory = document_of(capsys, "info", SLOW, code=1)
     (vehicle,) = inventory["vehicles"]

@@ -52,6 +52,7 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert "without the topics of a flight" in capsys.readouterr().out
 
 
+@mark.slow
 def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
     paths = make_logs(tmp_path / "logs", 1)
     out = tmp_path / "fleet"
@@ -78,6 +79,7 @@ def test_names_are_given_kept_and_taken_away(tmp_path, capsys):
     assert "Green" not in (out / "index.html").read_text()
 
 
+@mark.slow
 def test_a_page_says_what_its_row_says_now(tmp_path):
     page = tmp_path / "pages/quad-1-1.html"
     page.parent.mkdir()
@@ -119,6 +121,7 @@ class Interrupted(InThisProcess):
         raise KeyboardInterrupt
 
 
+@mark.slow
 def test_ctrl_c_keeps_what_was_read_and_the_same_command_continues(tmp_path, capsys, monkeypatch):
     make_logs(tmp_path / "logs", 3)
     command = ("track", tmp_path / "logs", "--out", tmp_path / "fleet", "--jobs", "1")

@@ -376,6 +376,7 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
         assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
 
 
+@mark.slow
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
     learnability = learnability_of(Signals(both, inputs="demand"))

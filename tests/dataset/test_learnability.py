@@ -125,6 +125,7 @@ def with_contradiction(telemetry, start, end):
     return changed(telemetry, "ATTITUDE", rollspeed=wrong)
 
 
+@mark.slow
 def test_the_longest_learnable_segment_is_taken_or_the_longest_explains():
     telemetry = with_contradiction(LONG.telemetry(), 0.0, 100.0)
     longest, second = settled_segments(Signals(telemetry))

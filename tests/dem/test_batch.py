@@ -115,6 +115,7 @@ class Postponing(Executor):
         return future
 
 
+@mark.slow
 def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
     executor = Postponing()
     answers = learn_many(repeat(JOBS[0]), executor)
@@ -154,6 +155,7 @@ def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
     assert str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
 
 
+@mark.slow
 def test_threads_that_learn_take_turns(monkeypatch):
     def slowly(*arguments):
         assert turn.acquire(blocking=False)

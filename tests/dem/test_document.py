@@ -49,6 +49,7 @@ def test_something_else_is_no_learned_model(text):
         Learned.from_json(text)
 
 
+@mark.slow
 def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
     # Documents of the same version that were written before F(t) was kept as a function are read all the same.
@@ -75,6 +76,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
             Learned.from_json(json.dumps({**values, "record": {**kept, name: other}}))
 
 
+@mark.slow
 def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
     directions = np.ones(flight.inputs.shape[1])

@@ -285,6 +285,7 @@ def test_predictions_meet_their_own_sample():
         assert_array_equal(ahead.errors.latest[:, 0], errors)
 
 
+@mark.slow
 def test_the_stream_has_the_terms_of_the_flight_and_a_new_model_its_own_past():
     """Its level shifts by nats from one model to the next, which is no change of the vehicle."""
     flight = simulated(samples=300, wind=0.5)

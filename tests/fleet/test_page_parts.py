@@ -46,6 +46,7 @@ def test_a_summary_is_the_same_after_it_was_kept():
         assert adapter.validate_json(adapter.dump_json(summary)) == summary
 
 
+@mark.slow
 def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
     made = []
 
@@ -72,6 +73,7 @@ def test_only_vehicles_that_were_judged_anew_are_summed_up_again(tmp_path):
         assert summaries(store, "2") == ["a 7", "b 8", "c 9"]
 
 
+@mark.slow
 def test_a_damaged_summary_is_made_again(tmp_path):
     whole = index_of(tmp_path, fleet_rows(7))
     with open_store(tmp_path) as store:

@@ -116,6 +116,7 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
 
 
+@mark.slow
 @mark.parametrize(
     "version, change",
     [
@@ -184,6 +185,7 @@ def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
 
 
+@mark.slow
 def test_a_log_that_changed_is_read_anew(fleet):
     out, folder, (log, _), before = fleet
     log.write_bytes(b"another flight")
@@ -192,6 +194,7 @@ def test_a_log_that_changed_is_read_anew(fleet):
     assert table_of(out) == table_of(folder.parent / "new") != before
 
 
+@mark.slow
 def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, monkeypatch):
     out, folder, *_ = fleet
     more = make_logs(folder, 8)
@@ -248,6 +251,7 @@ def test_a_run_that_waits_judges_by_the_baseline_that_was_set_meanwhile(tmp_path
     assert baselines == [[FULL]]
 
 
+@mark.slow
 def test_a_changed_vehicle_takes_the_place_of_its_rows_in_the_table(tmp_path):
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "cab"]
     fleet_of(tmp_path, rows)
@@ -300,6 +304,7 @@ def test_a_row_whose_date_is_damaged_is_a_damaged_store(tmp_path, date):
         write_file(table_path(tmp_path), [StoredRow(text, "a.bin")], tmp_path)
 
 
+@mark.slow
 def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypatch):
     monkeypatch.setattr(table_files, "ROWS_PER_FILE", 2)
     rows = [replace(FULL, file=f"{name}.bin", key=f"{name}-1", vehicle=name) for name in "bcd"]
@@ -316,6 +321,7 @@ def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypat
     assert sorted(vehicles) == ["a", "b", "c", "d"]
 
 
+@mark.slow
 def test_the_rows_of_a_vehicle_with_any_name_are_spliced(tmp_path):
     row = replace(FULL, key="a-1", vehicle="quad\x007")
     fleet_of(tmp_path, [row])
@@ -387,6 +393,7 @@ def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
     assert table_of(out) == before and statuses(out) == {}
 
 
+@mark.slow
 def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     logs = tmp_path / "logs"
     make_logs(logs, 1, "bug")
@@ -465,6 +472,7 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
     assert refusal(lambda: reasons([damaged])) is Folder.BASELINE_WITHOUT_FLIGHT
 
 
+@mark.slow
 def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
     make_logs(tmp_path / "logs", 7)
     seen = []

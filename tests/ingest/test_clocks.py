@@ -75,6 +75,7 @@ def test_a_wrap_of_the_only_clock_is_undone():
     assert np.allclose(clock_of(times % WRAP_MS).time, times)
 
 
+@mark.slow
 @given(st.floats(20, 4200), st.floats(0.5, 15), st.floats(0.02, 1.0))
 def test_a_reboot_starts_a_new_boot(before, after, step):
     first = before + step * np.arange(100)
@@ -102,6 +103,7 @@ def test_a_reboot_after_a_wrap_reads_its_own_time():
     assert made.boot.tolist() == [0] * 400 + [1] * 100
 
 
+@mark.slow
 @given(st.integers(0, 199), st.floats(0.001, 4e6), st.booleans())
 def test_a_stray_stamp_is_no_reboot(row, wrong, twice):
     """One anywhere; two together away from the ends, where they could as well be a boot cut short."""

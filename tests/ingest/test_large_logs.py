@@ -83,6 +83,7 @@ def resident_bytes(path):
     return 1024 * int(re.search(r"^Rss: +(\d+) kB", mapping, re.MULTILINE)[1])
 
 
+@mark.slow
 @mark.skipif(not Path("/proc/self/smaps").exists(), reason="needs the memory maps of Linux")
 def test_frames_that_are_compared_all_over_a_mapped_log_do_not_stay_in_memory(
     tmp_path, monkeypatch

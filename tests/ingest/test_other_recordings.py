@@ -158,6 +158,7 @@ def boots_and_codes(vehicle):
     return len(boots), [fact.code for fact in vehicle.repairs]
 
 
+@mark.slow
 @mark.parametrize("other_start", [5.0, 250.0, 380.0])
 def test_another_sender_for_a_while_is_left_out_of_a_stream(other_start):
     vehicle = stream_vehicle(
@@ -183,6 +184,7 @@ def test_a_reboot_while_nothing_was_received_is_one():
     assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])
 
 
+@mark.slow
 def test_a_reboot_to_near_zero_is_one_in_a_stream():
     vehicle = stream_vehicle(stream_part(0.0, 400.0, 440.0), stream_part(45.0, 3.0, 40.0))
     assert boots_and_codes(vehicle) == (2, [Repair.LOG_OF_SEVERAL_BOOTS])

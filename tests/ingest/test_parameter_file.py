@@ -34,6 +34,7 @@ def test_the_logs_own_parameters_stay(tmp_path):
     assert vehicle.repairs[-1].figures["count"] == 1
 
 
+@mark.slow
 def test_a_file_without_parameters_is_refused(tmp_path, capsys):
     path = tmp_path / "file.param"
     path.write_text("no parameters here\n")

@@ -67,6 +67,7 @@ def test_what_mavros_turned_is_turned_back(recorder):
     assert np.allclose(ours, [rates] * 5, rtol=0, atol=1e-12)
 
 
+@mark.slow
 def test_what_else_mavros_tells(recorder):
     mavros_flight(recorder)
     for at in (UNIX + TIMES).tolist():
@@ -110,6 +111,7 @@ def test_modes_tell_the_autopilot(mode, autopilot, recorder):
     )
 
 
+@mark.slow
 @mark.parametrize("prefix", ["/fmu/out/", "fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"])
 def test_wherever_px4s_topics_lie(prefix, recorder):
     px4_flight(recorder, prefix=prefix, system_id=7)
@@ -132,6 +134,7 @@ def test_the_system_id_is_the_most_frequent_one(recorder):
     assert recorder.vehicle().system == 7
 
 
+@mark.slow
 def test_versions_and_directions_of_topics(recorder):
     for at in TIMES.tolist():
         recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
@@ -200,6 +203,7 @@ def test_stamps_that_are_missing_or_astray_are_left_out(recorder):
     assert Flaw.NO_STAMP in [fact.figures.get("flaw") for fact in vehicle.repairs]
 
 
+@mark.slow
 def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(recorder):
     wrap = 2**32 / 1e6
     recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
@@ -313,6 +317,7 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
     assert unreadable(read_log, path).code is Source.ROS2_DAMAGED
 
 
+@mark.slow
 def test_the_battery_of_either_bridge(tmp_path):
     def write(recorder):
         px4_flight(recorder)
@@ -336,6 +341,7 @@ def test_the_battery_of_either_bridge(tmp_path):
         assert np.diff(signal.time) == approx([1, 1, 1, 1], abs=1e-6)
 
 
+@mark.slow
 def test_setpoints_of_mavros_are_turned_back(recorder):
     rpy = (0.3, -0.2, 1.0)
     pqr = np.array([0.5, -0.6, 0.7])

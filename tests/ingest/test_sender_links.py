@@ -51,6 +51,7 @@ def component_and_vehicle(frames):
     return log.components[0], log.vehicles[0]
 
 
+@mark.slow
 @mark.parametrize("delay", [0.0, 0.5, 2.0, 3.0, 60.0])
 def test_a_second_link_changes_nothing(delay):
     once = sent()
@@ -111,6 +112,7 @@ def test_equal_heartbeats_after_a_turn_of_the_numbers_are_no_copies():
     assert read(tlog(frames)).components[0].messages["HEARTBEAT"] == 600
 
 
+@mark.slow
 @mark.parametrize("share", [0.0, 0.3])
 @mark.parametrize(
     "other",
@@ -129,6 +131,7 @@ def test_two_vehicles_under_one_id_are_refused(other, share):
     assert "MAV_SYS_ID" in refusal.value.fact.advised
 
 
+@mark.slow
 def test_another_vehicle_beside_two_under_one_id_is_read():
     shared = merged(sent(), sent(start=160.0, first_sequence=77), sent(system=2))
     log = read(tlog([heartbeat(), *shared]))

@@ -96,6 +96,7 @@ def test_two_vehicles_with_equal_clocks_and_headings_are_refused(other):
     assert live_component(frames).has_two_senders
 
 
+@mark.slow
 @mark.parametrize("rate", [4.0, 10.0, 50.0])
 @mark.parametrize("offset", [0.0, 0.013])
 def test_one_vehicle_on_two_channels_is_read_as_one(rate, offset):

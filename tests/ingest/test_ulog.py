@@ -44,6 +44,7 @@ def same(ours, theirs):
     )
 
 
+@mark.slow
 @mark.parametrize("name", REAL)
 def test_values_are_those_pyulog_reads(name):
     path = shared(name)

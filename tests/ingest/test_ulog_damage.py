@@ -79,6 +79,7 @@ def test_a_record_that_is_too_short_loses_nothing_else(short):
     assert records.loss.lost_bytes == len(short)
 
 
+@mark.slow
 def test_a_topic_without_time_stamp_does_not_end_the_log(tmp_path):
     bare = definitions("bare:uint8_t state;", "odd:uint32_t timestamp;")
     topics = [subscription("bare", number=300), subscription("odd", number=301)]
@@ -123,6 +124,7 @@ def is_within_record(start):
     return start + 64 <= end
 
 
+@mark.slow
 @mark.parametrize("kind", ["removed", "zeros", "random"])
 def test_a_hole_without_marks_of_synchronisation_costs_few_records(kind):
     content = log(*UNMARKED)
@@ -223,6 +225,7 @@ def test_data_appended_after_a_crash_follows_a_record_that_is_cut():
     assert records.loss == RecordLoss()
 
 
+@mark.slow
 @mark.parametrize("filling", [b"A", b"D", b"F:", b"L", b"P", b"M\1A", b"\4\0D\0\0"])
 def test_bytes_that_look_like_records_are_skipped_at_once(filling):
     """None takes a second; the limit leaves room for a busy machine."""

@@ -20,6 +20,7 @@ from mavdem.plant.sampled_plant import WindComponent
 DT = 0.02
 
 
+@mark.slow
 @mark.parametrize("changed", [False, True])
 def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
     torque = default_rng(1).uniform(-1.0, 1.0, size=2500)
@@ -65,6 +66,7 @@ def test_an_unknown_torque_is_no_gust():
     assert not list(live.add(unknown))
 
 
+@mark.slow
 def test_a_session_runs_for_its_duration_and_reports_periodically(monkeypatch):
     """By a clock that goes on by a second each time that somebody looks."""
     monkeypatch.setattr("mavdem.live.session_loop.monotonic", count(100.0).__next__)

@@ -3,7 +3,7 @@
 import numpy as np
 from live_rows import REPORTED_HORIZON, flown
 from numpy.testing import assert_allclose
-from pytest import approx
+from pytest import approx, mark
 
 from mavdem.live import history as live_history
 from mavdem.live.history import LiveHistory
@@ -44,6 +44,7 @@ def test_the_timeline_goes_on_after_a_reboot():
     assert history.now == approx(106.98) and history.timeline_offset == approx(98.99)
 
 
+@mark.slow
 def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     monkeypatch.setattr(live_history, "MAX_ROWS", 100)
     history = LiveHistory()

@@ -84,6 +84,7 @@ def test_a_vehicle_that_sends_only_heartbeats_is_followed():
     assert asked.code is Rows.ATTITUDE_ASKED
 
 
+@mark.slow
 def test_a_plane_that_is_named_is_reported_to_be_none():
     frames = [
         (time, heartbeat(kind=1) if data[7] == 0 else data)

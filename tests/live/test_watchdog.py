@@ -134,6 +134,7 @@ def told(*messages, until=20.0):
     return replay(by_time(frames, sent))
 
 
+@mark.slow
 def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
     volts = {at: 12.4 if at < 8.0 else 8.0 for at in seconds}
@@ -308,6 +309,7 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
         assert len(capsys.readouterr().err.splitlines()) == count
 
 
+@mark.slow
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
     found = {fact.subject: fact for fact in made.stream.status().watch_facts}

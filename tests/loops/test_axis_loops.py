@@ -298,6 +298,7 @@ def test_gains_that_no_model_supports_are_not_to_be_loaded():
     assert "advises" not in tuning.judgement.next_step.sentence
 
 
+@mark.slow
 def test_no_notch_is_set_where_no_gains_are_advised():
     loop = made_up(2.5)
     retuned = replace(loop, record=replace(loop.record, earlier={"MC_ROLLRATE_P": 0.1}))

@@ -123,6 +123,7 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
 
 
+@mark.slow
 def test_a_step_response_begins_at_zero():
     numerator, denominator, _ = loop()
     asked = steered()
@@ -148,6 +149,7 @@ def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_
     assert measured(px4).peak_frequency.value == approx(4.0, rel=0.1)
 
 
+@mark.slow
 def test_a_slow_setpoint_does_not_show_a_fast_response():
     """Whatever follows at once looks the same: the band is too wide to be drawn."""
     asked = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
@@ -163,6 +165,7 @@ def test_pieces_too_short_for_a_window_give_no_step_response():
     assert found.code is StepResponses.TOO_LITTLE_ASKED
 
 
+@mark.slow
 def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
     asked = np.where(TIME < 12.8, steered(), 0.0)
     whole = Segment(0, 12.0, 60.0)
@@ -170,6 +173,7 @@ def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
     assert found.code is StepResponses.TOO_LITTLE_ASKED
 
 
+@mark.slow
 def test_nothing_is_estimated_without_setpoint_or_from_infinite_values():
     steps = np.floor(TIME)
     assert (

@@ -37,6 +37,7 @@ def figures(time, commands, lean, signatures=QUAD_X):
     return balance_figures([SteadyRun(time, commands, lean)], signatures, time[-1] - time[0])
 
 
+@mark.slow
 def test_mean_and_effect_of_lean_are_found_within_their_errors():
     away = []
     for seed in range(60):

@@ -51,6 +51,7 @@ def test_a_transient_of_some_seconds_is_no_loss(seed, duration):
     assert thrust_losses(detector.alarms) == []
 
 
+@mark.slow
 def test_a_loss_that_lasts_is_not_withdrawn(seed):
     detector = alarms_of(*commands(seed, np.inf))
     assert [*detector.weak_motors] == [0]

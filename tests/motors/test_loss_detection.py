@@ -102,6 +102,7 @@ LATER = {  # s, what the motors then have to give in place of 1
 }
 
 
+@mark.slow
 @mark.parametrize("faults", LATER.values(), ids=LATER)
 def test_every_fault_is_found_and_its_end(faults):
     time, commands = flight(6, 110.0, 0.005)

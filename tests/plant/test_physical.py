@@ -261,6 +261,7 @@ def test_several_doubts_are_one_reason():
     assert commands.code is ParameterDoubt.COMMANDS_TOO_FAST
 
 
+@mark.slow
 def test_gaps_are_not_filtered_across():
     flight = in_closed_loop(1, steering=1.0)
     whole = physical(flight)
@@ -392,6 +393,7 @@ def test_noise_of_commands_is_what_nothing_predicts():
     assert plain_share + noise_share / 2 < cut_windows(noisy).unpredicted_share < 1
 
 
+@mark.slow
 @mark.parametrize("lead, possible", [(0.6, False), (-0.3, True)], ids=["late", "early"])
 def test_jumps_may_come_early_in_a_step_and_not_late(lead, possible):
     """The log has the jumps earlier or later than the vehicle: the fit must move them back."""

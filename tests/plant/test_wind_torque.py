@@ -74,6 +74,7 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     assert_allclose(found_variance, variance, atol=1e-8 * variance.max())
 
 
+@mark.slow
 def test_a_steady_difference_of_motors_balances_wind_and_their_mean_is_no_torque():
     flight = in_closed_loop(2, steering=0.0, samples=1500)
 
@@ -118,6 +119,7 @@ def record_of(samples):
     return Record(np.zeros((samples, 1)), np.zeros((samples, 2)), DT, (samples,))
 
 
+@mark.slow
 def test_turbulence_alone_has_as_many_gusts_as_it_says():
     samples = 600_000
     band = np.zeros(600_000)
@@ -170,6 +172,7 @@ def test_a_motors_step_is_no_wind():
     )
 
 
+@mark.slow
 def test_what_a_weak_motor_lacks_is_no_wind():
     """Its loss and its repair, 20 s later, are no gusts, and the strength of the wind is that of the other flight."""
     flight = in_closed_loop(5, steering=0.0, samples=6000, wind=0.5)

@@ -33,6 +33,7 @@ def test_steps_of_both_gains_are_drawn_over_each_other():
     assert rate_now.y.max() > rate_advised.y.max() > 1, "the advised gains overshoot less"
 
 
+@mark.slow
 def test_kept_gains_are_not_compared():
     assert not gain_trial_groups(WITHOUT_TWIN, {"roll": advise(made_up(1.0))})
 

@@ -88,6 +88,7 @@ def flight():
     return mavdem.read_flight(LOGS / "ardupilot_wind5_steps.tlog")[:800]
 
 
+@mark.slow
 def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
     page = ElementTree.fromstring(flight._repr_html_())
     rows = [[cell.text for cell in row] for row in page.iter("tr")]

@@ -1,7 +1,7 @@
 """The integrator is of second order, and right where there is a formula for what it should give."""
 
 import numpy as np
-from pytest import approx
+from pytest import approx, mark
 from scipy.integrate import solve_ivp
 
 from sitl_scenarios.damage import Damage
@@ -81,6 +81,7 @@ def reference():
     return row
 
 
+@mark.slow
 def test_the_error_falls_with_the_square_of_the_step():
     truth = reference()
     errors = [np.linalg.norm(flown(steps) - truth) for steps in (2, 4, 8, 16)]

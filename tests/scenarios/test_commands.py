@@ -61,6 +61,7 @@ class Vehicle:
         return ack.result, said
 
 
+@mark.slow
 @each_autopilot
 def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     vehicle = Vehicle(autopilot)
@@ -89,6 +90,7 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert told(77) == 0
 
 
+@mark.slow
 @each_autopilot
 def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     vehicle = Vehicle(autopilot)
@@ -144,6 +146,7 @@ def test_ground_stations_find_an_ordinary_vehicle_without_mission_and_logs(autop
     assert answer.ts1 == 12345 and answer.tc1 == approx(1e9, rel=0.2)
 
 
+@mark.slow
 @each_autopilot
 def test_a_message_is_sent_once_on_request(autopilot):
     vehicle = Vehicle(autopilot)
@@ -155,6 +158,7 @@ def test_a_message_is_sent_once_on_request(autopilot):
     assert vehicle.command(512, 77)[0] == 2
 
 
+@mark.slow
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     def asked(vehicle, *streams):
         """How many messages come in two seconds, after groups were asked for with a rate, Hz, on or off."""

@@ -4,7 +4,7 @@ import numpy as np
 from made_up_motion import made_up_motion
 from numpy.testing import assert_allclose
 from pymavlink.dialects.v20 import all as dialect
-from pytest import approx
+from pytest import approx, mark
 
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.scenario import Faults, Scenario
@@ -64,6 +64,7 @@ class Nearby:
         return fly_live(scenario or Scenario(), simulation, self, speed, lambda _: None), simulation
 
 
+@mark.slow
 def test_it_flies_no_faster_than_asked(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(2.0, 4.0)
@@ -74,6 +75,7 @@ def test_it_flies_no_faster_than_asked(monkeypatch):
     assert_allclose(sent[:, 1] / 1e3 - 1.0, 4.0 * (sent[:, 0] - 50.0), atol=0.03)
 
 
+@mark.slow
 def test_what_is_asked_for_is_done(monkeypatch):
     rate = dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0)
     ground = Nearby(

@@ -74,6 +74,7 @@ def test_what_is_read_back_is_what_was_true(autopilot, tmp_path):
             assert_array_equal(sent[message][field][:, :4], wanted)
 
 
+@mark.slow
 def test_a_place_is_north_and_east_of_where_it_began_and_as_high(tmp_path):
     motion = made_up_motion()
     flown = scenario(rates={"GLOBAL_POSITION_INT": 5.0})
@@ -117,6 +118,7 @@ def test_each_seed_is_a_flight_of_its_own_day():
     assert days == [20454, 20455, 20454 + 295]
 
 
+@mark.slow
 def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     log = read(tmp_path, scenario(faults=Faults(reboot=8.0)), made_up_motion())
     (vehicle,) = log.vehicles

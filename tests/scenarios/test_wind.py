@@ -56,6 +56,7 @@ def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
     assert weather(wind=(nearer,), height=5.0).air_at(0, (1.5, 0.0, -5.0)).north == approx(-16 / 3)
 
 
+@mark.slow
 def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     """Off the axis by a half-width at twice the core's length, 8 m/s at the mouth are 2: of that, 0.25 are 0.5 m/s."""
     jet = Jet(kind="jet", speed=8.0, direction=0.0, distance=6.0, turbulence=0.25, s=0.01)

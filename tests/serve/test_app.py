@@ -52,6 +52,7 @@ UPLOAD_LOG = {"type": "flightreport", "description": "A walk", "feedback": "", "
 LOGLOADER = {"source": "auto", "email": "", "public": "false", "version": "1"}
 
 
+@mark.slow
 @mark.parametrize("fields", [UPLOAD_LOG, LOGLOADER])
 def test_an_upload_as_flight_review_has_it_is_answered_by_the_page(served, fields):
     answer = served.upload(("a.ulg", log("Sound.")), path="/upload", fields=fields)
@@ -170,6 +171,7 @@ def total(served, search):
     return served.get(f"/api/flights?{urlencode({'q': search})}").json["total"]
 
 
+@mark.slow
 def test_a_flight_is_changed_found_and_deleted(served):
     id = served.add("a.ulg", "One.")
     served.add("b.ulg", "Two.")
@@ -203,6 +205,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
     assert wrong.status == 400 and wrong.code == Request.BAD_REQUEST
 
 
+@mark.slow
 def test_names_are_kept_found_shown_and_taken_away(served):
     first = served.add("first.ulg", "Good.")
     second = served.add("second.ulg", "Bad.")
@@ -241,6 +244,7 @@ def test_names_are_limited_and_need_the_right_to_write(guarded):
     assert guarded.ask("PATCH", f"/api/flights/{id}", change, TOKEN).code == "bad_request"
 
 
+@mark.slow
 def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served):
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
     compared = served.get(f"/compare?a={a}&b={b}")
@@ -277,6 +281,7 @@ def test_damaged_results_are_said_to_be_and_odd_values_are_as_if_not_there(serve
     assert len(served.get("/api/flights").json["flights"]) == 3
 
 
+@mark.slow
 def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
     private = guarded.add("a.ulg", "Private.", token=TOKEN)
     link, public = (
@@ -517,6 +522,7 @@ def test_only_loopback_needs_no_token():
         assert unreadable(rights_for_host, host, token, False).code is code
 
 
+@mark.slow
 def test_the_interface_describes_itself(served):
     described = served.get("/api/openapi.json").json
     assert described["openapi"].startswith("3.1")

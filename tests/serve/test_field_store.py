@@ -79,6 +79,7 @@ def flight_with_log(server, content, headline="One."):
     return f"/api/flights/{id}"
 
 
+@pytest.mark.slow
 def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reader):
     flight = flight_with_log(served, FLIGHT.read_bytes())
     messages = {one["message"]: one for one in served.get(f"{flight}/fields").json["messages"]}
@@ -97,6 +98,7 @@ def test_fields_are_listed_and_plotted_from_one_reading_of_the_log(served, reade
     assert reader.logs == 1
 
 
+@pytest.mark.slow
 def test_nonsense_is_refused_in_a_sentence(served):
     flight = flight_with_log(served, FLIGHT.read_bytes())
     refused = {
@@ -126,6 +128,7 @@ def test_fields_need_the_right_to_the_log(tmp_path, reader):
     assert reader.logs == 0
 
 
+@pytest.mark.slow
 def test_a_log_that_was_read_is_plotted_while_another_is_read(tmp_path, store, reader):
     first, second = copy(FLIGHT, tmp_path / "1.tlog"), copy(FLIGHT, tmp_path / "2.tlog")
     count = len(store.samples(first, ROLL).time)
@@ -154,6 +157,7 @@ def test_a_changed_log_is_read_anew_and_a_deleted_one_leaves_nothing(tmp_path, s
     assert not column_files(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_columns_of_a_flight_go_with_it(tmp_path, reader, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     with serving(tmp_path / "library", fields=FieldStore(reader=reader)) as server:
@@ -181,6 +185,7 @@ def test_too_many_fields_or_bytes_are_refused_after_one_reading(
     assert not column_files(tmp_path)
 
 
+@pytest.mark.slow
 def test_columns_of_killed_servers_are_removed_and_those_of_others_stay(tmp_path, store):
     killed, alive = tmp_path / f"{FOLDER_PREFIX}1", tmp_path / f"{FOLDER_PREFIX}2"
     for folder in (killed, alive):

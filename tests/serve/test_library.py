@@ -172,6 +172,7 @@ def test_a_log_that_comes_again_while_it_is_deleted_stays(library, monkeypatch):
     assert (library.results_folder(entry) / PAGE_FILE).is_file()
 
 
+@mark.slow
 def test_a_fleet_is_shown_as_it_is(tmp_path):
     tmp_path /= "\udcff"  # whose name is not UTF-8
     rows = [FlightRow(file=f"/logs/{name}.bin", vehicle=name, axis="roll") for name in "abc"]
@@ -372,6 +373,7 @@ def test_a_log_whose_package_is_missing_is_kept_and_read_when_it_comes_again(lib
     assert received(library, name="extra.ulg").stage == Stage.WAITING
 
 
+@mark.slow
 def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch):
     monkeypatch.setattr("mavdem.serve.reading_threads.RETRY_SECONDS", 0.01)
     received(library)

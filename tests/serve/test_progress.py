@@ -3,7 +3,7 @@
 import json
 import time
 
-from pytest import approx
+from pytest import approx, mark
 from recorded_flights import short_flight
 from serving import log, serving
 
@@ -41,6 +41,7 @@ def test_the_end_of_the_queue_is_estimated_from_sizes_and_durations_before():
     assert estimated_seconds(20, history[:1]) == approx(2)
 
 
+@mark.slow
 def test_a_waiting_log_has_an_end_once_others_were_read(tmp_path):
     with serving(tmp_path, is_eager=False) as server:
         first_ids = [server.add(f"{number}.ulg", f"Read {number}") for number in range(3)]
@@ -58,6 +59,7 @@ def test_a_waiting_log_has_an_end_once_others_were_read(tmp_path):
         assert server.progress(ids[2])["ahead"] == 1
 
 
+@mark.slow
 def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
     """A thousand logs, whose progress all watchers ask for five times a second."""
     library = Library(tmp_path)

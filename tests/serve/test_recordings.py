@@ -97,6 +97,7 @@ def test_a_failure_is_one_sentence_and_the_next_request_tries_again(tmp_path):
         assert server.get(f"/api/flights/{id}").json["flight"]["stage"] == Stage.DONE
 
 
+@mark.slow
 def test_whoever_sees_a_flight_may_have_its_recordings_made_and_nobody_else(tmp_path):
     with serving(tmp_path, token="0123456789abcdef") as server:
         id = server.add("a.ulg", MODEL, token="0123456789abcdef")

@@ -48,6 +48,7 @@ def lines(telemetry):
     return found, find_spectral_lines(found["gyro_before"])
 
 
+@mark.slow
 def test_density_has_the_power_of_what_was_measured():
     telemetry = shaken(frame=80.0)
     samples = telemetry.messages["GYRO_BEFORE"]
@@ -140,6 +141,7 @@ def test_multiples_of_a_motors_line_up_to_six_to_2_percent_are_its_harmonics():
     assert [line.frequency for line in found] == approx(hertz, rel=2e-3)
 
 
+@mark.slow
 def test_motors_speeds_that_are_logged_name_their_order():
     telemetry = shaken(speed=140.0, steady=0.5)
     time = HOVER.stamps(10.0)
@@ -160,6 +162,7 @@ def advice(telemetry, crossover=12.0, **parameters):
     return notch_advice(controller, peaks, before, found.get("gyro"), crossover), controller
 
 
+@mark.slow
 def test_a_notch_takes_the_line_and_says_its_cost():
     telemetry = shaken(speed=140.0)
     fact, controller = advice(telemetry)
@@ -182,6 +185,7 @@ def test_a_notch_takes_the_line_and_says_its_cost():
     assert without.figures["phase_cost"] is None
 
 
+@mark.slow
 def test_a_notch_is_not_advised_where_there_is_nothing_to_take():
     none, _ = advice(shaken())
     assert none.code is NotchAdvice.NO_LINE_TO_REMOVE

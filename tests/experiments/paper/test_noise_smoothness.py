@@ -1,7 +1,7 @@
 """The smoothness of noise by F̄: its gradient and its maximum by brute force, and the checks on what it earns."""
 
 import numpy as np
-from pytest import approx, fixture
+from pytest import approx, fixture, mark
 
 from mavdem.experiments.paired_test import Paired
 from mavdem.experiments.paper.estimation import noise_smoothness
@@ -41,6 +41,7 @@ def test_the_gradient_by_smoothness_is_the_difference_of_free_energies(known_rec
         assert gradient == approx((above - below) / 2e-3, rel=1e-4)
 
 
+@mark.slow
 def test_the_learned_smoothness_is_the_maximum_on_a_fine_grid_and_near_the_true_one(known_record):
     record, data, fit_at = known_record
     learned = learn_smoothness(fit_at, GRID)

@@ -276,6 +276,7 @@ return {
 """What a phone shows of the bars, of the names of the lights, and the texts that it cuts."""
 
 
+@mark.slow
 def test_a_phone_shows_bars_the_names_of_lights_and_whole_texts_of_few_flights(tmp_path):
     told = {"file": f"/logs/{'a_log_with_a_long_name_' * 3}.ulg", "headline": "What is wrong. " * 9}
     text = fleet_page([flight_row("quad", number, **told) for number in range(2)])
