@@ -3,12 +3,9 @@
 from collections.abc import Sequence
 
 from mavdem.assessment.autopilot_messages import in_time_order
-from mavdem.assessment.first_failure import (
-    CAUSES_OF_ALL_MOTORS,
-    FIRST_RESPONSE_SECONDS,
-    first_failure,
-)
+from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
 from mavdem.assessment.flights import loss_onset
+from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import series_of_boot

@@ -10,7 +10,8 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with
 from pytest import approx, mark
 
 from mavdem.assessment.ending import ending_of
-from mavdem.assessment.first_failure import _is_first_at_limit, _weak_motor, first_failure
+from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
+from mavdem.assessment.first_failure import first_failure
 from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
@@ -125,8 +126,8 @@ def test_a_motor_below_its_limit_was_not_there_first(output, code, words):
 
 def test_the_first_motor_at_its_limit_is_first():
     at_limit = np.array([[False, False], [False, True], [True, True]])
-    assert [_is_first_at_limit(at_limit, motor) for motor in (0, 1)] == [False, True]
-    assert not _is_first_at_limit(at_limit[:1], 0)
+    assert [is_first_at_limit(at_limit, motor) for motor in (0, 1)] == [False, True]
+    assert not is_first_at_limit(at_limit[:1], 0)
 
 
 def test_names_none_where_the_controller_threw_it_over_or_swung_it():
@@ -291,7 +292,7 @@ def test_a_motor_is_named_within_two_thirds_of_half_the_way_to_the_next(angle, n
 
 def test_of_two_motors_at_one_place_none_is_named():
     places = {"geometry.positions": 2 * [(1, 1)] + 2 * [(-1, -1)]}
-    assert _weak_motor(Mock(**places), np.array([2.0, 1.0, -1.0, -2.0]), None) is None
+    assert weak_motor(Mock(**places), np.array([2.0, 1.0, -1.0, -2.0]), None) is None
 
 
 @mark.parametrize("force, hit", [(27.0, False), (29.0, True)])

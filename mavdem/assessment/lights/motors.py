@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.assessment.axis.overrides import limited_motors
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.first_failure import SPENT_THRUST_SHARE
+from mavdem.assessment.failure_by_commands import SPENT_THRUST_SHARE
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.motor_speeds import REPORTS_OF_MOTOR
 from mavdem.dataset.motor_outputs import motor_outputs_or_obstacle

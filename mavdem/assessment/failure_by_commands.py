@@ -1,0 +1,407 @@
+"""What the commands of the motors show of a loss: all off, all thrust in use, one motor too weak, or a frozen output.
+
+A motor with too little thrust lets the vehicle fall to its side. The autopilot drives that motor to its limit and the
+opposite one to idle, and the attitude is lost all the same. So a motor is named where three things agree: the commands,
+the side to which the vehicle fell, and that it did not swing before. All of it is measured from when the attitude began
+to leave its setpoint until it was lost: later every motor is at a limit. A vehicle that its own controller throws over
+falls the way it was commanded, and one that swings was commanded both ways before: they name no motor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.phases import AVERAGING_SECONDS, min_airborne_command
+from mavdem.dataset.quality import samples_at_limits
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts import Fact
+from mavdem.facts.ending import FailedFirst
+from mavdem.witnesses.boot_sensors import BootSensors
+from mavdem.witnesses.sensors import FULL_STICK
+
+ALIGNMENT_SHARE = 2 / 3
+"""A direction belongs to a motor if it is within this share of half the angle between neighbouring motors: then it
+belongs to no other."""
+
+SPENT_THRUST_SHARE = 0.9
+"""Mean command of all motors, as a share of the highest, from which on all thrust is in use
+(THRUST_LOSS_CHECK_MINIMUM_THROTTLE of ArduCopter's ``crash_check.cpp``)."""
+
+LEAST_SINK_RATE = 0.5
+"""Speed downward, m/s, from which on a vehicle sinks for certain: estimates drift by 0.1 to 0.3 m/s."""
+
+SINKING_SECONDS = 1.0
+"""Seconds before an impact in which a vehicle sinks at full throttle; a choice."""
+
+LIMITED_SHARE = 0.5
+"""Share of that time beyond which a motor must be at its limit; a choice."""
+
+MIN_COMMAND_RANGE = 0.05
+"""Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
+the distance from its limit at which it must be constant."""
+
+MIN_FROZEN_SAMPLES = 3
+"""Number of equal samples that show a frozen output: two may be equal by chance."""
+
+OFF_RATIO = 0.5
+"""Command of a motor, relative to its usual one, below which the motor is off: no vehicle hovers with half of it."""
+
+
+class Trouble(NamedTuple):
+    """The time just before a vehicle was lost, in which the commands of the motors are examined."""
+
+    interval: Interval
+    """Start and end, s since boot."""
+    names_at_limit: Sequence[str] = ()
+    """Names of the motors that were at their limit before an impact."""
+    fall_direction: complex | None = None
+    """Lean with which the vehicle fell, as in :func:`weak_motor`; None if it hit something."""
+
+
+class WeakMotor(NamedTuple):
+    """Indices of a motor with too little thrust, and of the motor on the other side of the vehicle."""
+
+    motor: int
+    """Index of the motor with too little thrust."""
+    opposite: int
+    """Index of the motor across from it, which the controller throttles to level the vehicle."""
+
+
+@dataclass(frozen=True, eq=False)
+class _LossCommands:
+    """The commands of k motors around a loss, as shares of their range: as usual, just before, and in it."""
+
+    motors: MotorOutputs
+    """The motors."""
+    recorded: TimeSeries
+    """All commands of the boot, (M, k)."""
+    time: Array
+    """(N,) times of the samples in the time of trouble, s since boot."""
+    now: Array
+    """(N, k) commands at these times."""
+    before: Array
+    """(L, k) commands in the ``AVERAGING_SECONDS`` before."""
+    usual: Array
+    """(k,) mean commands in the ``RECOVERY_SECONDS`` before, without the last ``LASTING_SECONDS``."""
+
+    @property
+    def change(self) -> Array:
+        """(k,) change of the mean commands from the usual ones."""
+        return self.now.mean(axis=0) - self.usual
+
+
+def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact | None:
+    """Returns the fact on what failed first, by the commands of the motors; None if they show nothing.
+
+    The commands in the time of trouble are compared with the usual ones before. They show, in this order: that all
+    motors were switched off, that all thrust was in use, that one motor is too weak (:func:`weak_motor`), or that the
+    output of one is frozen.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        trouble: while the attitude left its setpoint or the vehicle fell.
+    """
+    commands = _commands_around(signals, boot, trouble.interval)
+    if commands is None:
+        return None
+    cause_of_all = _all_off(commands) or _thrust_spent(commands, trouble)
+    if cause_of_all is not None:
+        return cause_of_all
+    if trouble.fall_direction is None:
+        _, impact = trouble.interval
+        sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
+        if sinking is not None:
+            return sinking
+    weak = weak_motor(commands.motors, commands.change, trouble.fall_direction)
+    if weak is None:
+        # A vehicle that fights for long drives all motors to and fro: what its controller did first shows the motor.
+        is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
+        first_change = commands.now[is_first].mean(axis=0) - commands.usual
+        weak = weak_motor(commands.motors, first_change, trouble.fall_direction)
+    if weak is None:
+        return _frozen_output(signals, commands)
+    return _failure_of_motor(commands, trouble, weak)
+
+
+def _commands_around(signals: Signals, boot: int, interval: Interval) -> _LossCommands | None:
+    """Selects the commands of the motors in the time of trouble, just before it, and in usual flight.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        interval: start and end of the time of trouble, s since boot.
+
+    Returns:
+        The commands; None if none were recorded in one of the three times.
+    """
+    motors = signals.motors
+    if motors is None:
+        return None
+    recorded = motors.range_fractions(boot)
+    start, _ = interval
+    usual = _commands_between(recorded, start - RECOVERY_SECONDS, start - LASTING_SECONDS)
+    before = _commands_between(recorded, start - AVERAGING_SECONDS, start)
+    is_now = in_intervals(recorded.time, [interval])
+    if not len(usual) or not len(before) or not is_now.any():
+        return None
+    return _LossCommands(
+        motors=motors,
+        recorded=recorded,
+        time=recorded.time[is_now],
+        now=recorded.values[is_now],
+        before=before,
+        usual=usual.mean(axis=0),
+    )
+
+
+def _all_off(commands: _LossCommands) -> Fact | None:
+    """Returns the fact that all motors were switched off, with the time; None if they were not.
+
+    Args:
+        commands: commands around the loss.
+    """
+    if not (commands.change < (OFF_RATIO - 1) * commands.usual).all():
+        return None
+    off_times = commands.time[(commands.now < OFF_RATIO * commands.usual).all(axis=1)]
+    time = off_times[0] if len(off_times) else commands.time[0]
+    return Fact(FailedFirst.ALL_OFF_FIRST, time=time)
+
+
+def _thrust_spent(commands: _LossCommands, trouble: Trouble) -> Fact | None:
+    """Returns the fact that all thrust was in use, since when, and the mean command; None if some was left.
+
+    While the attitude is lost the controller drives motors to their limits, so that the thrust before that counts.
+
+    Args:
+        commands: commands around the loss.
+        trouble: time and kind of the trouble.
+    """
+    start, end = trouble.interval
+    stop = commands.motors.scale.stop
+    is_attitude_lost = trouble.fall_direction is not None
+    counted_commands = commands.before if is_attitude_lost else commands.now
+    if counted_commands.mean() / stop <= SPENT_THRUST_SHARE:
+        return None
+    spent_since = _spent_since(commands.recorded, commands.time[0], stop)
+    counted_end = start if is_attitude_lost else end
+    is_spent = in_intervals(commands.recorded.time, [(spent_since, max(counted_end, spent_since))])
+    share = commands.recorded.values[is_spent].mean() / stop
+    return Fact(FailedFirst.THRUST_SPENT_FIRST, time=spent_since, share=share)
+
+
+def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor) -> Fact | None:
+    """Returns the fact that one motor failed: it was at its limit, or the opposite one at idle to make up for it.
+
+    Args:
+        commands: commands around the loss.
+        trouble: time and kind of the trouble. Without a side to which the vehicle fell, an earlier limit of this motor
+            alone must confirm it.
+        weak: the motor and its opposite one.
+
+    Returns:
+        The fact; None if neither motor was there, or the vehicle was commanded the other way shortly before, as one
+        that swings is.
+    """
+    scale = commands.motors.scale
+    idle = min_airborne_command(commands.motors)
+    name = commands.motors.geometry.names[weak.motor]
+    if trouble.fall_direction is None and list(trouble.names_at_limit) != [name]:
+        return None
+    opposite_was_at_limit, _ = samples_at_limits(commands.before[:, weak.opposite], scale)
+    motor_was_idle = commands.before[:, weak.motor] < idle
+    has_swung = (opposite_was_at_limit | motor_was_idle).any()
+    is_at_limit, _ = samples_at_limits(commands.now, scale)
+    opposite_is_idle = commands.now[:, weak.opposite] < idle
+    failed_samples = np.flatnonzero(is_at_limit[:, weak.motor] | opposite_is_idle)
+    if has_swung or not len(failed_samples):
+        return None
+    failure_time = commands.time[failed_samples[0]]
+    if is_first_at_limit(is_at_limit, weak.motor):
+        return Fact(FailedFirst.LIMIT_FIRST, time=failure_time, subject=name)
+    highest_command = commands.now[:, weak.motor].max()
+    return Fact(
+        FailedFirst.THRUST_MISSING_FIRST, time=failure_time, subject=name, share=highest_command
+    )
+
+
+def _spent_since(commands: TimeSeries, time: float, stop: float) -> float:
+    """Returns since when, s, all motors together used up their thrust without a break until a given time.
+
+    Args:
+        commands: (N, k) of k motors, as shares of their range.
+        time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
+        stop: the highest command.
+    """
+    is_left = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * stop
+    rows_with_rest = np.flatnonzero(is_left & (commands.time <= time))
+    first_row = rows_with_rest[-1] + 1 if len(rows_with_rest) else 0
+    return float(min(commands.time[min(first_row, len(commands.time) - 1)], time))
+
+
+def is_first_at_limit(at_limit: Flags, motor: int) -> bool:
+    """Returns whether one motor reached its upper limit, and no other one before it.
+
+    Args:
+        at_limit: (N, k) whether each of k motors is at its upper limit in each of N samples, in the order of time.
+        motor: index of the motor.
+    """
+    limited_rows = np.flatnonzero(at_limit.any(axis=1))
+    return len(limited_rows) > 0 and bool(at_limit[limited_rows[0], motor])
+
+
+def _sinking_at_full_throttle(
+    signals: Signals, boot: int, motors: MotorOutputs, time: float
+) -> Fact | None:
+    """Returns the fact that the vehicle sank at full throttle with a motor at its limit.
+
+    Then all thrust is in use, however low the mean command is: a mixer lowers the other motors to keep the attitude.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        motors: its motors.
+        time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
+
+    Returns:
+        The fact; None if it did not.
+    """
+    interval = (time - SINKING_SECONDS, time)
+    stick = BootSensors(signals, boot).stick
+    climb = BootSensors(signals, boot).climb_estimate
+    if stick is None or climb is None:
+        return None
+    stick_travel = stick.values[in_intervals(stick.time, [interval])]
+    climb_rates = climb.values[in_intervals(climb.time, [interval])]
+    commands = motors.range_fractions(boot)
+    rows = in_intervals(commands.time, [interval])
+    if not len(stick_travel) or not len(climb_rates) or not rows.any():
+        return None
+    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_SHARE
+    is_full_throttle = stick_travel.min() >= FULL_STICK
+    is_sinking = climb_rates.max() <= -LEAST_SINK_RATE
+    if not (is_full_throttle and is_sinking and has_limited_motor):
+        return None
+    limited_names = []
+    for motor, name in enumerate(motors.geometry.names):
+        if at_limit[:, motor].any():
+            limited_names.append(name)
+    return Fact(
+        FailedFirst.THRUST_SPENT_FIRST,
+        time=interval[0],
+        share=commands.values[rows].mean() / motors.scale.stop,
+        names=tuple(limited_names),
+    )
+
+
+def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
+    """Returns the commands (N, k) of k motors between two times, s, without the ends."""
+    is_between = (commands.time > start) & (commands.time < end)
+    return commands.values[is_between]
+
+
+def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
+    """Returns the fact that one motor's output froze while the others worked to save the vehicle.
+
+    Exactly one motor must be constant, over ``MIN_FROZEN_SAMPLES``, while the range of the commands is on average
+    ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
+
+    Args:
+        signals: signals of the vehicle.
+        commands: commands around the loss.
+
+    Returns:
+        The fact; None if no output froze.
+    """
+    motors = commands.motors
+    ranges = np.ptp(commands.now, axis=0)
+    first_commands = commands.now[0]
+    is_above_idle = first_commands > min_airborne_command(motors)
+    is_below_limit = first_commands < motors.scale.stop - MIN_COMMAND_RANGE
+    frozen_motors = np.flatnonzero((ranges == 0) & is_above_idle & is_below_limit)
+    has_enough_samples = len(commands.now) >= MIN_FROZEN_SAMPLES
+    others_worked = ranges.mean() >= MIN_COMMAND_RANGE
+    if len(frozen_motors) != 1 or not has_enough_samples or not others_worked:
+        return None
+    name = motors.geometry.names[frozen_motors[0]]
+    settings = changed_functions(signals, [name])
+    return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
+
+
+def changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
+    """Finds the outputs of motors whose assignment was changed during the log.
+
+    The parameter SERVOn_FUNCTION assigns output n to a motor. If it is changed in flight, the output no longer drives
+    its motor, so that the change itself may be the failure.
+
+    Args:
+        signals: signals of the vehicle, whose ``initial_parameters`` are those that were changed.
+        names: names of the motors.
+
+    Returns:
+        The names of the changed parameters.
+    """
+    assert signals.motors is not None
+    geometry = signals.motors.geometry
+    channel_by_motor = dict(zip(geometry.names, geometry.channels, strict=True))
+    changed_parameters = signals.telemetry.initial_parameters
+    changed_functions = []
+    for name in names:
+        parameter = f"SERVO{channel_by_motor[name]}_FUNCTION"
+        if parameter in changed_parameters:
+            changed_functions.append(parameter)
+    return changed_functions
+
+
+def weak_motor(
+    motors: MotorOutputs, change: Array, fall_direction: complex | None
+) -> WeakMotor | None:
+    """Finds the one motor to whose side the vehicle fell and which the commands try to lift.
+
+    The sum of the motors' positions, weighted with the changes of their commands, points to the side that the commands
+    lift. That direction and the one of the fall must both be aligned with one motor, and with no other.
+
+    Args:
+        motors: k motors.
+        change: (k,) change of the commands, as shares of the motors' range.
+        fall_direction: lean with which the vehicle fell, rad: forward and, as imaginary part, to the right; None if it
+            fell upright.
+
+    Returns:
+        The motor and its opposite one, whose command decreased; None if the commands show no such pair.
+    """
+    # Forward is the real part, right the imaginary part, as in the fall's direction.
+    positions = np.array([complex(*position) for position in motors.geometry.positions])
+    if not len(positions) or not positions.all():
+        # The positions are not known, or a motor at the centre has no direction.
+        return None
+    # Half the angle between neighbouring motors is π over their number.
+    max_angle = ALIGNMENT_SHARE * pi / len(positions)
+    lift_direction = change @ positions
+    if fall_direction is None:
+        fall_direction = lift_direction
+    # The angle of a quotient of complex numbers is the angle between their directions: (k,) from each motor.
+    lift_angles = abs(np.angle(lift_direction / positions))
+    fall_angles = abs(np.angle(fall_direction / positions))
+    is_aligned = (lift_angles < max_angle) & (fall_angles < max_angle)
+    motor = int(np.argmax(change))
+    is_only_one = np.count_nonzero(is_aligned) == 1
+    if not (is_aligned[motor] and is_only_one):
+        return None
+    angles_from_motor = abs(np.angle(positions / positions[motor]))
+    opposite = int(np.argmax(angles_from_motor))
+    if change[opposite] < 0 and angles_from_motor[opposite] > pi - max_angle:
+        return WeakMotor(motor, opposite)
+    return None

@@ -1,0 +1,127 @@
+"""Why all motors of a vehicle went to idle in the air: a reported failsafe or switch, or the pilot's throttle."""
+
+from collections.abc import Sequence
+from math import inf
+
+import numpy as np
+
+from mavdem.assessment.battery_levels import cell_count, voltage_levels
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.phases import series_of_boot
+from mavdem.dataset.signals import Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import FailedFirst
+from mavdem.facts.events import Reported
+from mavdem.witnesses.boot_sensors import BootSensors
+
+FIRST_RESPONSE_SECONDS = 0.3
+"""Seconds in which a controller answers a failure before the vehicle has turned: three samples at 10 Hz."""
+
+STOP_REASON_SECONDS = 2.0
+"""Seconds around the stop of all motors within which its reason is reported."""
+
+REASONS_OF_STOP = (
+    Reported.MOTORS_STOPPED,
+    Reported.FLIGHT_TERMINATED,
+    Reported.RADIO_LOST,
+    Reported.BATTERY_ALARMED,
+    Reported.BATTERY_SPENT,
+    Reported.GROUND_STATION_LOST,
+    Reported.FENCE_BREACHED,
+    Reported.FAILSAFE,
+    Reported.ESTIMATOR_DIVERGED,
+)
+"""Reports of the autopilot that explain why it stopped all motors, whatever the pilot did.
+
+A warning of a low battery comes again and again, so that it explains a stop only where the pilot did not close the
+throttle.
+"""
+
+BATTERY_ALARMS = (Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT)
+"""Reports of an empty battery. As a mere state of the battery they say nothing of the motors."""
+
+
+def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
+    """Returns the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
+
+    Args:
+        signals: signals of the vehicle.
+        events: events of the flight, with those that the autopilot reports.
+        boot: number of the boot.
+        cause: the fact that all motors went to idle, with its time.
+
+    Returns:
+        The reason, or the fact itself if the log shows none.
+    """
+    stop_time = cause.time or 0.0
+    earliest = stop_time - STOP_REASON_SECONDS
+    latest = stop_time + STOP_REASON_SECONDS
+    first_battery_warning = None
+    for event in events:
+        if event.figures.get("boot") != boot or not _is_reported_in(event, (earliest, latest)):
+            continue
+        is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
+        if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):
+            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too.
+            continue
+        if event.code in REASONS_OF_STOP:
+            return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
+        if event.code is Reported.BATTERY_WARNED and first_battery_warning is None:
+            first_battery_warning = event
+    # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
+    throttle_closing = BootSensors(signals, boot).throttle_closed(
+        (earliest, stop_time + FIRST_RESPONSE_SECONDS)
+    )
+    if throttle_closing is not None:
+        return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=throttle_closing.time)
+    if first_battery_warning is not None:
+        return Fact(
+            FailedFirst.FAILSAFE_FIRST, time=first_battery_warning.time, cause=first_battery_warning
+        )
+    return cause
+
+
+def _is_reported_in(event: Fact, interval: Interval) -> bool:
+    """Returns whether the autopilot reported an event in an interval, s since boot.
+
+    Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.
+    """
+    earliest, latest = interval
+    start = event.time or 0.0
+    end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
+    return start <= latest and end >= earliest
+
+
+def _reports_failsafe(alarm: Fact) -> bool:
+    """Returns whether an alarm of the battery is an act of the autopilot: a failsafe, by an error code or in words."""
+    text = alarm.figures.get("text") or ""
+    return "error_code" in alarm.figures or "failsafe" in text.lower()
+
+
+def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
+    """Returns whether a battery was low before a time, by its median voltage over ``RECOVERY_SECONDS``.
+
+    The low level is the limit, since most logs do not contain the autopilot's critical voltage, which may be anywhere
+    below it.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        time: time when the motors stopped, s since boot.
+
+    Returns:
+        Whether it was low; False if no voltage or no limit is known.
+    """
+    parameters = signals.telemetry.parameters
+    for battery in signals.batteries:
+        voltage = series_of_boot(battery.voltage, boot)
+        if voltage is None:
+            continue
+        volts = voltage.values[in_intervals(voltage.time, [(time - RECOVERY_SECONDS, time)])]
+        cells = cell_count(parameters, battery) or 0
+        low = voltage_levels(parameters, battery.number, cells).watch
+        if len(volts) and np.median(volts) < low:
+            return True
+    return False
