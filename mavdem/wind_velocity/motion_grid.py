@@ -9,6 +9,7 @@ import numpy as np
 from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags, Indices, as_real_array
+from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import Airflow
 
@@ -59,6 +60,9 @@ Gusts balance smaller ones.
 
 MIN_VELOCITY_RESPONSE = 0.3
 """Least acceleration per tilt times gravity: in free flight it is 0.7 to 1.5."""
+
+INDEPENDENT_STEPS = 8
+"""Number of steps in a block whose sum is taken for independent of the next: a change of means spans three steps."""
 
 
 class MotionGrid(NamedTuple):
@@ -134,6 +138,17 @@ class _Bins:
     count: int
     """Number of steps."""
 
+    start: float
+    """Beginning of the first step, s."""
+
+    def select(self, rows: Flags) -> _Bins:
+        """Returns the assignment of some samples to the same steps.
+
+        Args:
+            rows: flags (N,) of the samples to keep.
+        """
+        return _Bins(self.index[rows], self.fraction[rows], self.count, self.start)
+
     def _sums(self, values: Array) -> Array:
         """Returns the sums of values (k, N) in each step (k, count)."""
         return np.array([np.bincount(self.index, row, self.count) for row in values])
@@ -161,6 +176,21 @@ class _Bins:
         with_ones = np.vstack([np.ones(len(self.index)), values])
         sums = self._sums(with_ones)
         return np.diff(sums[1:] / sums[0])
+
+
+def _bins(time: Array, step: float) -> _Bins:
+    """Assigns samples to the steps of an even grid.
+
+    Args:
+        time: stamps of the samples (N,), s, ascending.
+        step: time step of the grid, s.
+    """
+    # The grid begins half a sampling interval before the first sample, so that this sample is not at an edge.
+    start = float(time[0] - np.median(np.diff(time)) / 2)
+    count = int((time[-1] - start) / step + ROUNDING_STEPS) + 1
+    position = (time - start) / step
+    index = np.minimum((position + ROUNDING_STEPS).astype(int), count - 1)
+    return _Bins(index, position - index, count, start)
 
 
 def motion_grid(
@@ -191,13 +221,7 @@ def motion_grid(
     # North and east components of body z per down component, (2, N): the tangent of the tilt.
     tilt = body_z[:2] / body_z[2]
 
-    # The grid begins half a sampling interval before the first sample, so that this sample is not at an edge.
-    start = time[0] - np.median(np.diff(time)) / 2
-    count = int((time[-1] - start) / step + ROUNDING_STEPS) + 1
-    position = (time - start) / step
-    index = np.minimum((position + ROUNDING_STEPS).astype(int), count - 1)
-    bins = _Bins(index, position - index, count)
-
+    bins = _bins(time, step)
     # A step without samples divides by 0, and becomes NaN.
     with np.errstate(divide="ignore", invalid="ignore"):
         body_axes = bins.triangular_means(np.vstack([body_x, body_y])).T.reshape(-1, 2, 3)
@@ -218,7 +242,7 @@ def motion_grid(
     timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
     scale_error = SCALE_ERROR * acceleration[:, :2]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
-    middle = start + step * np.arange(1, count)
+    middle = bins.start + step * np.arange(1, bins.count)
     grid = MotionGrid(middle, body_axes, mean_velocity, force, force_error, step)
     return grid.select(_near_complete_steps(grid))
 
@@ -340,9 +364,13 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     """Checks that the velocity belongs to a vehicle that flies freely, by comparing it with the tilt.
 
-    A multirotor accelerates by about g times its tilt. So changes of the acceleration are regressed on changes of tilt
-    times g. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. Nothing is checked if
-    the result would not be reliable: samples are slow, few, or the tilt hardly changes.
+    A multirotor accelerates by about g times its tilt. So the slope of the changes of its acceleration by those of tilt
+    times g is about 1 in free flight, and about 0 if the vehicle is carried or held. Slow samples miss some of the
+    tilt, which would flatten the slope. So the changes are taken twice, from the samples with even and with odd
+    numbers, and each is the instrumental variable of the other: what only one of them shows does not count.
+
+    Nothing is checked if the result would not be reliable: samples are slow, few, or the tilt hardly changes. A slope
+    is too small only where the difference is significant.
 
     Args:
         samples: samples of the flight's motion.
@@ -354,19 +382,32 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     if interval > FAST_SAMPLE_SECONDS:
         return
     step = max(FAST_SAMPLE_SECONDS, 2 * interval)
-    grid = motion_grid(samples.time, samples.attitude, samples.velocity, step)
-    # Gravity along body x and y is the acceleration by the tilt; with the specific force, it is that of the vehicle.
-    gravity = GRAVITY * grid.body_axes[:, :, 2]
-    level_axes = grid.body_axes[:, :, :2]
-    expected = np.einsum("ti,tij->tj", gravity, level_axes)
-    measured = np.einsum("ti,tij->tj", grid.force + gravity, level_axes)
-    both_complete = grid.complete[1:] & grid.complete[:-1]
-    expected_changes = np.diff(expected, axis=0)[both_complete].ravel()
-    measured_changes = np.diff(measured, axis=0)[both_complete].ravel()
-    if len(expected_changes) <= MIN_COMPARED_STEPS:
+    bins = _bins(samples.time, step)
+    _, _, body_z = _body_axes(samples.attitude)
+    # Acceleration to north and east by the thrust of a vehicle that keeps its height, (2, N).
+    expected = -GRAVITY * body_z[:2] / body_z[2]
+    is_even = np.arange(len(samples.time)) % 2 == 0
+    # A step without samples divides by 0, and becomes NaN.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        acceleration = bins.mean_differences(samples.velocity[:, :2].T) / step
+        even, odd = (
+            np.diff(bins.select(rows).triangular_means(expected[:, rows]), axis=1)
+            for rows in (is_even, ~is_even)
+        )
+    measured = np.diff(acceleration, axis=1)
+    is_complete = np.isfinite(even + odd + measured).all(axis=0)
+    if 2 * is_complete.sum() <= MIN_COMPARED_STEPS:
         return
-    if expected_changes.std() <= MIN_TILT_CHANGE:
+    even, odd, measured = (changes[:, is_complete] for changes in (even, odd, measured))
+    # Per step, the sums of both axes: of the squared change of the tilt, and of its product with the acceleration's.
+    squares = 2 * (even * odd).sum(axis=0)
+    products = ((even + odd) * measured).sum(axis=0)
+    if squares.sum() <= 2 * even.size * MIN_TILT_CHANGE**2:
         return
-    covariance = expected_changes @ measured_changes
-    if covariance < MIN_VELOCITY_RESPONSE * (expected_changes @ expected_changes):
+    slope = products.sum() / squares.sum()
+    # Adjacent changes share samples, changes of different blocks hardly any.
+    starts = np.arange(0, len(squares), INDEPENDENT_STEPS)
+    residuals = np.add.reduceat(products - slope * squares, starts)
+    standard_error = np.sqrt((residuals**2).sum()) / squares.sum()
+    if slope + SIGNIFICANT_SIGMAS * standard_error < MIN_VELOCITY_RESPONSE:
         raise NotLearnable(Airflow.VELOCITY_INCONSISTENT)

@@ -233,6 +233,20 @@ def test_what_is_no_free_flight_is_refused():
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
 
+def test_quick_tilts_between_slow_samples_do_not_make_a_flight_a_held_vehicle():
+    time = np.arange(0, 60, 0.01)
+    phase = time % 1.2
+    roll = np.where(phase < 0.1, 0.25, np.where(phase < 0.2, -0.25, 0.0))
+    east = np.cumsum(9.81 * np.tan(roll)) * 0.01
+    attitude, velocity = (np.zeros((len(time), 3)) for _ in range(2))
+    attitude[:, 0], velocity[:, 1] = roll, east
+    slow = slice(None, None, 23)
+    assert mavdem.estimate_wind(time[slow], attitude[slow], velocity[slow]).calm
+    assert refused(mavdem.estimate_wind, time, attitude, 0.01 * velocity).code is (
+        Airflow.VELOCITY_INCONSISTENT
+    )
+
+
 def test_the_drag_of_fast_laps_is_searched_until_it_is_found():
     # Hardly accelerating, it needs 5.5 m/s² at 14.5 m/s against the wind, and 4.2 m/s² at 19.6 m/s with it: 4.8 m/s.
     wind = mavdem.wind(shared("real/logs/px4_crash_hovers_at_12_percent.ulg"))
