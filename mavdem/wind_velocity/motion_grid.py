@@ -242,7 +242,7 @@ def motion_grid(
     timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
     scale_error = SCALE_ERROR * acceleration[:, :2]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
-    middle = bins.start + step * np.arange(1, bins.count)
+    middle = bins.start + step * np.arange(1, bins.count, dtype=np.float64)
     grid = MotionGrid(middle, body_axes, mean_velocity, force, force_error, step)
     return grid.select(_near_complete_steps(grid))
 
