@@ -73,7 +73,7 @@ class StatusLines:
             self._print_new(status, sentences)
             return
         # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
-        remarks = [*sentences[1:], watched_quantities(status.watch_facts)]
+        remarks = [*sentences[1:], watched_quantities(status.watch_facts, status.obstacle)]
         remark_line = Text(" ".join(remarks), _style(*status.active_alarms))
         self._terminal_text.update(Group(sentences[0], remark_line), refresh=True)
 

@@ -107,6 +107,7 @@ class LiveSession:
             self._latencies,
             self._learning,
             self.judging,
+            self._clock_speed,
             TimeAccount(),
         )
         # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact, Missing, Session, Spent
 from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
+from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
@@ -39,6 +40,9 @@ class StatusReport:
 
     judging: ModelJudging
     """Judges the latest model by its predictions."""
+
+    clock_speed: ClockSpeed
+    """Knows how fast the vehicle's clock runs."""
 
     time_account: TimeAccount
     """The account of the session's time."""
@@ -125,7 +129,8 @@ class StatusReport:
             message_time=self.silence.message_time,
             motion_time=self.silence.motion_time,
             learned_rows=self.learning.learned_rows,
-            dt=0.0 if row_format is None else row_format.dt,
+            # The account is of this computer's time, and rows are steps of the vehicle's.
+            dt=0.0 if row_format is None else row_format.dt / self.clock_speed.speed,
             status=self.stream.status(),
         )
         return self.time_account.update(now, state)

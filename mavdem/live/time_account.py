@@ -25,7 +25,7 @@ class AccountedState:
     """Number of rows that the learner used so far."""
 
     dt: float
-    """Time between two rows, s; 0 before any."""
+    """Time between two rows, s of this computer's clock; 0 before any."""
 
     status: SessionStatus
     """Status of link and vehicle."""

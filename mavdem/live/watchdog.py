@@ -63,6 +63,9 @@ Healthy vehicles that yaw or climb reach about half of it.
 CALM_SECONDS = 10.0
 """Time without what an alarm is about, after which it is over, s: a choice."""
 
+LISTENING_SECONDS = 3.0
+"""Time after the first review of a boot in which no message counts as missing, s: some come once a second."""
+
 LATE_REPORT_SECONDS = 2.0
 """How long before the latest search for reports one may be dated that is new in this one, s: a choice."""
 
@@ -134,6 +137,8 @@ class Watchdog:
         self._thorough_time = -inf
         # Why the latest light on the power says nothing of the battery; None where it does, or before any.
         self._battery_obstacle: Fact | None = None
+        # Time of the first review of the boot, s of the boot clock; None before it.
+        self._first_review_time: float | None = None
         self._report_time = -inf
         self._change_count = 0
         # The review that has begun; None between reviews.
@@ -388,10 +393,16 @@ class Watchdog:
             motion: the motion of the last minute; None if too little was received.
         """
         obstacles = self._message_obstacles(review.now, motion)
+        if self._first_review_time is None:
+            self._first_review_time = review.now
+        is_new = review.now - self._first_review_time < LISTENING_SECONDS
         for kind in Watched:
             if kind is Watched.MOTORS:
                 continue
             obstacle = obstacles.get(kind)
+            if obstacle is not None and obstacle.code is Watch.MESSAGE_MISSING and is_new:
+                # Messages of 1 Hz have not had the time to come.
+                continue
             if obstacle is None and not review.is_flying and kind is not Watched.WARNINGS:
                 obstacle = Fact(Watch.ON_GROUND_NOW)
             self.set_watched(kind, obstacle, review.now)

@@ -139,14 +139,15 @@
     ctx.font = `${10 * ratio}px system-ui, sans-serif`; ctx.textAlign = "left"; ctx.textBaseline = "top";
     ctx.strokeStyle = colour("--card"); ctx.lineWidth = 3 * ratio;
     if (dotDistance) ctx.textAlign = "center";
-    let end = -Infinity;
+    const taken = [];
     for (const [i, [x, name, fill]] of data.marks.entries()) {
       // Names of marks stand one below the other, since marks may be close together; on an axis of names none are. The
-      // numbers of events stand in one line, as far as there is room.
+      // numbers of events stand in one line, as far as there is room: those of alarms, which come first, keep theirs.
       const isEvent = data.group === "flight", [right, down] = dotDistance ? [0, 0] : [isEvent ? 2 : 3, isEvent ? 0 : 12 * i];
       const left = chart.valToPos(x, "x", true) + right * ratio;
-      if (isEvent && left < end) continue;
-      end = left + ctx.measureText(name).width + 2 * ratio;
+      const end = left + ctx.measureText(name).width + 2 * ratio;
+      if (isEvent && taken.some(other => left < other.end && end > other.left)) continue;
+      taken.push({ left, end });
       const textAndPosition = [name, left, bbox.top + (3 + down) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }

@@ -59,7 +59,7 @@ class Column(NamedTuple):
     """A column of the table of flights."""
 
     kind: str
-    """How the page sorts and shows it: "text", "number", "health" or "notes"."""
+    """How the page sorts and shows it: "text", "number", "health", "lights" or "notes"."""
 
     cell: Callable[[AxisRows], str]
     """Makes the cell of a flight; empty where the quantity is not known."""
@@ -166,15 +166,15 @@ def _wind(flight: AxisRows) -> str:
 
 
 COLUMNS = {
-    "flight": Column("text", _file_name, "10rem", "flight"),
-    "vehicle": Column("text", _vehicle, "7rem", "vehicle"),
+    "flight": Column("text", _file_name, "11rem", "flight"),
+    "vehicle": Column("text", _vehicle, "8rem", "vehicle"),
     "date": Column("text", _date, "6rem", "date"),
-    "tier": Column("text", _tier, "2.8rem"),
+    "tier": Column("text", _tier, "2.6rem"),
     "health": Column("health", _badge, "5.8rem", "health"),
-    "lights": Column("text", _warning_lights, "9.5rem", "lights"),
-    "motor": Column("text", _suspect_motors, "3.6rem"),
+    "lights": Column("lights", _warning_lights, "8rem", "lights"),
+    "motor": Column("text", _suspect_motors, "3.4rem"),
     "notes": Column("notes", _notes, "auto", "notes"),
-    "settled (s)": Column("number", _settled_seconds, "5rem"),
+    "settled (s)": Column("number", _settled_seconds, "4.4rem"),
     "wind (m/s)": Column("number", _wind, "6rem"),
 }
 """Columns of the table of flights, by their headers."""

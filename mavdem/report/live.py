@@ -13,13 +13,15 @@ from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 
 
-def watched_quantities(watch_facts: Sequence[Fact]) -> str:
+def watched_quantities(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
     """Returns in one line what is watched without a model and since when, and why the rest is not watched.
 
     Args:
         watch_facts: a fact for each quantity that is watched or cannot be.
+        obstacle: why nothing is learned, where that stands above the line: it is not repeated as a reason.
     """
-    sentences = render_section("live_watched", watched=watch_facts)
+    stated = "" if obstacle is None else obstacle.sentence
+    sentences = render_section("live_watched", watched=watch_facts, stated=stated)
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
 
 

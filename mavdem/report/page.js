@@ -100,7 +100,10 @@
   // A search shows the rows of the table below it that have all its words.
   for (const search of document.querySelectorAll("input[data-table]")) search.addEventListener("input", () => {
     const words = search.value.toLowerCase().split(/\s+/);
-    for (const row of document.getElementById(search.dataset.table).tBodies[0].rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
+    const { rows } = document.getElementById(search.dataset.table).tBodies[0];
+    for (const row of rows) row.hidden = !words.every(word => row.textContent.toLowerCase().includes(word));
+    const shown = [...rows].filter(row => !row.hidden).length;
+    search.closest("p").querySelector("[role=status]").textContent = `${shown < rows.length ? `${shown} of ` : ""}${rows.length} rows`;
   });
 
   // On a phone the list of contents is closed until it is wanted, and after it was used; and the plots of all axes but

@@ -260,10 +260,9 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
     """Returns the report on the motors: tables of each motor, and of the motion that they cause as a sentence.
 
     There are two sources. A model gives the control effectiveness: the angular acceleration per unit of motor output.
-    The hover figures tell how hard each motor works: its mean output ("trim"), the deviation of that from the mean of
-    all motors, the headroom up to the limit, and the time at a limit. They share one table where the inputs of the
-    model are these motors. A model may have other inputs, such as the controller's demand; then each source has its own
-    table.
+    The hover figures tell how hard each motor works: its mean output as flown, the headroom up to the limit, and the
+    time at a limit. They share one table where the inputs of the model are these motors. A model may have other inputs,
+    such as the controller's demand; then each source has its own table.
 
     Args:
         learned: a model; None, or one without physical parameters, adds no column.
@@ -290,7 +289,10 @@ def motor_blocks(learned: Learned | None, hover: HoverFigures | None) -> Blocks:
 
 
 def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
-    """Returns the columns of a table of motors: trim, its deviation, headroom, and time at the limits.
+    """Returns the columns of a table of motors: mean command, its share of the range, headroom, and time at the limits.
+
+    The commands are as flown. The deviation of one from their mean is left out: it includes what lean and manoeuvres
+    ask for, so that it would contradict the trim that the light of the motors judges.
 
     The lower limit has a column only if a motor reached it.
 
@@ -302,15 +304,11 @@ def _hover_columns(hover: HoverFigures) -> dict[str, list[str]]:
     """
     # Commands of a bus, such as DShot, have no unit, so they are shown as shares of their range.
     if hover.unit:
-        trim_column = {f"trim ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
+        columns = {f"command ({hover.unit})": [f"{output:.4g}" for output in hover.trim]}
     else:
-        trim_column = {"trim (% of range)": [f"{100 * share:.1f}" for share in hover.trim_of_range]}
-    # Adding 0.0 turns a rounded -0.0 into 0.0, so that it is shown as +0.0.
-    columns = {
-        **trim_column,
-        "trim deviation (% of mean)": [
-            f"{round(deviation, 1) + 0.0:+.1f}" for deviation in hover.imbalance
-        ],
+        columns = {}
+    columns |= {
+        "of range (%)": [f"{100 * share:.1f}" for share in hover.trim_of_range],
         "headroom (%)": [f"{100 * headroom:.0f}" for headroom in hover.headroom],
         "at upper limit (%)": [f"{100 * share:.1f}" for share in hover.at_upper_limit],
     }

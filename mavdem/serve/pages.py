@@ -46,6 +46,7 @@ from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
 from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY
+from mavdem.serve.search import search_problems
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
 
@@ -129,6 +130,7 @@ class Pages:
                 entries=result.entries,
                 total=result.total,
                 query=result.query,
+                problems=search_problems(result.query),
                 order=result.order,
                 offset=result.offset,
                 page=FLIGHTS_PER_PAGE,

@@ -4,8 +4,10 @@ import re
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.serve import Stage
+from mavdem.report.numbers import listed
 from mavdem.serve.index import CONTENT_HASH_SQL
 
 MAX_SEARCH_WORDS = 20
@@ -19,6 +21,12 @@ TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 
 NUMBER_COLUMNS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
 """Columns that are compared as numbers, by the names that a search has for them."""
+
+LEVEL_COLUMNS = {"level", *map(str, Light)}
+"""Columns with a level, by their own names."""
+
+LEVELS = tuple(map(str, Level))
+"""The levels."""
 
 LIST_COLUMNS = {"mode": "modes", "tag": "tags"}
 """Columns with lists separated by commas, by the name that a search has for one item."""
@@ -83,6 +91,29 @@ def search_condition(text: str) -> SqlCondition:
         conditions.append(condition)
     values = tuple(value for condition in conditions for value in condition.values)
     return SqlCondition(" and ".join(condition.where for condition in conditions), values)
+
+
+def search_problems(text: str) -> list[str]:
+    """Returns what is wrong with the values in a search: a number or a level that is none.
+
+    Args:
+        text: words of the search.
+    """
+    problems = []
+    for word in text.split()[:MAX_SEARCH_WORDS]:
+        term = TERM_PATTERN.fullmatch(word)
+        if term is None:
+            continue
+        name, operator, value = term.groups()
+        is_order = operator in ("<", ">", "<=", ">=")
+        if name in NUMBER_COLUMNS and (is_order or name not in LEVEL_COLUMNS):
+            with suppress(ValueError):
+                float(value)
+                continue
+            problems.append(f"{value} is not a number")
+        elif name in LEVEL_COLUMNS and value.lower() not in LEVELS:
+            problems.append(f"{value} is no level: these are {listed(LEVELS)}")
+    return problems
 
 
 def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:

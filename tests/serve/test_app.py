@@ -211,6 +211,7 @@ def test_names_are_kept_found_shown_and_taken_away(served):
     second = served.add("second.ulg", "Bad.")
     changed = served.ask("PATCH", f"/api/flights/{first}", {"given_name": "  First\n hover "})
     assert changed.json["given_name"] == "First hover"
+    assert "<h1>First hover <small" in served.get(f"/f/{first}").text
     named = {"vehicle": "quad 7", "name": "Red <b> quad"}
     assert served.ask("PUT", "/api/vehicle", named).json["name"] == "Red <b> quad"
     assert total(served, "quad red") == 2

@@ -34,10 +34,17 @@ from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.run import ServerOptions, serve
-from mavdem.serve.search import search_condition
+from mavdem.serve.search import search_condition, search_problems
 from mavdem.serve.stored_files import stored_file_name
 
 ALL = search_condition("")
+
+
+def test_a_search_says_which_value_is_no_number_and_which_no_level():
+    assert search_problems("quad wind>5 wind:bad motors:watch motor:3 MC_ROLL_P<6") == []
+    number, level = search_problems("wind>abc level:foo")
+    assert number == "abc is not a number"
+    assert level == "foo is no level: these are good, watch, bad and unknown"
 
 
 def received(library, said="One.", name="a.ulg", **columns):

@@ -61,9 +61,12 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         doubts.append(ReceiverDoubt.SATELLITES)
     limits = {"dilution": MAX_DILUTION, "accuracy": _accuracy_limit(signals.telemetry)}
     figures: dict[str, float | None] = {}
+    dilution_usual = None
     for name, quantity in QUANTITIES.items():
         values = evidence.values_in_flight(recorded_quantity(signals, quantity))
         figures[name] = float(np.quantile(values, TYPICAL_SHARE)) if len(values) else None
+        if len(values) and name == "dilution":
+            dilution_usual = float(np.median(values))
         if len(values) and name in limits and np.median(values) > limits[name]:
             doubts.append(ReceiverDoubt(name))
     jamming = figures["jamming"]
@@ -73,7 +76,9 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         HardwareFact.RECEIVER_MEASURED,
         Level.WATCH if doubts else Level.GOOD,
         satellites=np.quantile(satellites, 1 - TYPICAL_SHARE),
+        satellites_usual=np.median(satellites),
         dilution=figures["dilution"],
+        dilution_usual=dilution_usual,
         accuracy=figures["accuracy"],
         noise=figures["noise"],
         jamming=jamming,

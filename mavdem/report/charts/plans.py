@@ -57,7 +57,10 @@ _MOTOR_NUMBER = re.compile(r"motor (\d+)")
 def frame_plan(
     motors: MotorOutputs | None, condition: Condition | None, light: Fact
 ) -> Plan | None:
-    """Returns the vehicle from above: each motor at its position, with trim deviation and headroom.
+    """Returns the vehicle from above: each motor at its position, with mean command and headroom.
+
+    The commands are as flown, with what lean and manoeuvres ask for. How unevenly the motors work without that is for
+    the light to say.
 
     Args:
         motors: outputs with the geometry of the motors; None if they were not logged.
@@ -76,13 +79,9 @@ def frame_plan(
     # The outermost motor lies at RADIUS from the centre.
     positions = np.array(motors.geometry.positions, np.float64)
     positions *= RADIUS / max(np.hypot(*positions.T).max(), 1e-9)
-    half_widths = condition.share_interval or (None,) * count
     levels = motor_levels(light, np.array(hover.imbalance))
     drawn_motors = []
-    for number, ((forward, right), half_width) in enumerate(
-        zip(positions.tolist(), half_widths, strict=True)
-    ):
-        deviation = f"{100 * (hover.trim_share[number] - 1):+.1f} %".replace("-", "−")
+    for number, (forward, right) in enumerate(positions.tolist()):
         drawn_motors.append(
             {
                 "name": number + 1,
@@ -90,18 +89,18 @@ def frame_plan(
                 "y": round(-forward, 1),
                 # The disc's area, not its radius, is the motor's share of its range.
                 "share": hover.trim_of_range[number] ** 0.5,
-                "deviation": deviation,
-                "half": "" if half_width is None else f"± {100 * half_width:.1f} %",
+                "command": f"{100 * hover.trim_of_range[number]:.0f} %",
                 "headroom": f"{100 * hover.headroom[number]:.0f} % left",
                 "level": levels[number],
             }
         )
     motor_texts = [
-        f"motor {motor['name']} {motor['deviation']} {motor['half']}, {motor['headroom']}"
-        for motor in drawn_motors
+        f"motor {motor['name']} {motor['command']}, {motor['headroom']}" for motor in drawn_motors
     ]
     svg = svg_of("frame", motors=drawn_motors, size=150.0 / count**0.9)
-    return Plan("From above", f"Trim deviation and headroom: {listed(motor_texts)}.", svg)
+    return Plan(
+        "From above", f"Mean command, of its range, and headroom: {listed(motor_texts)}.", svg
+    )
 
 
 def motor_levels(light: Fact, imbalance: Array) -> list[Level]:

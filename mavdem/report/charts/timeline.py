@@ -107,6 +107,10 @@ class Timeline(NamedTuple):
             if np.isfinite(event.seconds):
                 colour = BAD if event.is_alarm else MEASURED
                 event_marks.append(Mark(event.seconds, label, colour))
+        # Where numbers have no room beside each other, the first ones are drawn: alarms, and of those the latest, since
+        # what a flight ended with comes after what led to it.
+        event_marks.reverse()
+        event_marks.sort(key=lambda mark: mark.colour != BAD)
         training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
         return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 

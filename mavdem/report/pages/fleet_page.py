@@ -109,6 +109,7 @@ def fleet_page(
         blocks=blocks[:first_blocks],
         unused_blocks=blocks[first_blocks:],
         vehicles=vehicles,
+        nameless_bad=_nameless_bad_flights(summaries),
         unjudged=_repeated_differences(vehicles),
         lights=[*Light],
         light_counts=_light_counts(summaries),
@@ -222,6 +223,9 @@ class Calendar(NamedTuple):
     days: int
     """Days of each column."""
 
+    last_day: date
+    """The day of the latest flight, UTC."""
+
     most: int
     """Largest number of flights in a column."""
 
@@ -250,6 +254,10 @@ class VehiclePart:
     """The words that find its flights in the table."""
     last: LastFlight
     """Its latest flight."""
+    link: str
+    """Address of the page of that flight; empty without one."""
+    other_lights: str
+    """How many lights of that flight are good and how many unknown, as in "5 good, 2 unknown"."""
     flights: int
     """Number of its flights."""
     bars: FlightBars
@@ -292,9 +300,11 @@ def _vehicle_parts(
     ranked = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
     drawn = [name for name in ranked if vehicles[name].flight_count > 1][:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
+    latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
     parts = []
     for name in ranked:
         vehicle = vehicles[name]
+        latest_line = latest_lines[name]
         needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
         parts.append(
             VehiclePart(
@@ -303,6 +313,8 @@ def _vehicle_parts(
                 serial=short_name(name) if names.vehicle(name) != name or is_serial(name) else "",
                 searched=names.vehicle(name),
                 last=vehicle.last,
+                link=latest_line.link if latest_line is not None else "",
+                other_lights=_other_lights(vehicle.last),
                 flights=vehicle.flight_count,
                 bars=_bars(vehicle.levels, bar_count),
                 note=_note(vehicle),
@@ -314,6 +326,59 @@ def _vehicle_parts(
             )
         )
     return parts
+
+
+def _latest_line(summary: VehicleSummary) -> FlightLine | None:
+    """Returns the line of the latest flight under a name, which is the last one; None without a flight."""
+    health_column = [*COLUMNS].index("health")
+    for line in reversed(summary.lines):
+        if line.cells[health_column] != NOT_USED:
+            return line
+    return None
+
+
+def _other_lights(flight: LastFlight) -> str:
+    """Returns how many lights of a flight are good, and how many unknown; those that warn are shown by name."""
+    counts = Counter(flight.lights.values())
+    return ", ".join(
+        f"{counts[level]} {level}" for level in (Level.GOOD, Level.UNKNOWN) if counts[level]
+    )
+
+
+class NamelessFlight(NamedTuple):
+    """A bad flight whose vehicle is not known."""
+
+    link: str
+    """Address of its page; empty without one."""
+
+    file: str
+    """Name of its log."""
+
+    date: str
+    """When it began, up to the minute; empty where it is not known."""
+
+    headline: str
+    """What is wrong."""
+
+
+def _nameless_bad_flights(summaries: Sequence[VehicleSummary]) -> list[NamelessFlight]:
+    """Returns the bad flights under names that several vehicles may share, the newest first.
+
+    The latest flight of a name that has a part of the page is shown there.
+
+    Args:
+        summaries: summary of the flights under each name.
+    """
+    parts = vehicles_with_parts(summaries)
+    shared = [summary for summary in summaries if summary.has_shared_name]
+    shown_lines = [_latest_line(summary) for summary in shared if summary.name in parts]
+    flights = []
+    for line in _newest_first(shared):
+        cells = dict(zip(COLUMNS, line.cells, strict=True))
+        if line not in shown_lines and BADGE_LEVELS[cells["health"]] is Level.BAD:
+            headline, *_ = cells["notes"].split("\n")
+            flights.append(NamelessFlight(line.link, cells["flight"], cells["date"], headline))
+    return flights
 
 
 def _labels(summaries: Sequence[VehicleSummary], names: GivenNames) -> dict[str, str]:
@@ -379,7 +444,7 @@ def _calendar(lines: Sequence[FlightLine]) -> Calendar | None:
         column_start = first_day + timedelta(column_days * number)
         columns.append(CalendarColumn(column_start, counts_in_order))
     most_flights = max(counts.total() for counts in counts_by_column)
-    return Calendar(columns, column_days, most_flights)
+    return Calendar(columns, column_days, last_day, most_flights)
 
 
 def _level_counts_by_day(lines: Sequence[FlightLine]) -> dict[date, Counter[Level]]:

@@ -16,6 +16,7 @@ from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.axis.findings import findings_of
 from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
+from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues, Names
@@ -385,7 +386,12 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
             columns[axis] = tuple(timeline.marked(chart) for chart in charts)
     light = assessment.lights["tracking"]
     blocks = [*_tracking_blocks(light, assessment.tracking)]
-    return Chapter("Three axes", blocks, [Group.of_axes(columns, light)])
+    scope = ""
+    ending = None if assessment.evidence is None else assessment.evidence.ending
+    if ending is not None and ending.time is not None and light.level is not Level.UNKNOWN:
+        # Tracking is judged in settled flight, and the plots show the loss too.
+        scope = f" in settled flight, until {loss_onset(ending):.1f} s"
+    return Chapter("Three axes", blocks, [Group.of_axes(columns, light)], level_scope=scope)
 
 
 def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
@@ -403,7 +409,13 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         cells = []
         for key in TRACKING_FIGURES:
             value = fact.figures.get(key)
-            cells.append("" if value is None else with_unit(value, display_unit(fact.units[key])))
+            if value is None:
+                cells.append("")
+            elif key == "delay" and value == 0:
+                # No loop is without a delay: the setpoint moved too little to show it.
+                cells.append("not known")
+            else:
+                cells.append(with_unit(value, display_unit(fact.units[key])))
         if any(cells):
             rows.append([axis, *cells])
     if rows:
@@ -619,7 +631,10 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     text = "Errors one step ahead; correlations between the lines may be chance (99 %)."
     groups = [Group.side_by_side(model_charts.residual_charts(learned), text)]
     title = f"The model of {axis}, and how it was learned"
-    return Chapter(title, [*detail_blocks(learned), table], groups, folded=True)
+    # The settings of the learner are for who develops it, and belong to no book of a vehicle.
+    return Chapter(
+        title, [*detail_blocks(learned), table], groups, folded=True, is_printed=False
+    )
 
 
 def live_page(
@@ -658,7 +673,13 @@ def live_page(
     chapters = []
     if learned is not None:
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
-    advised_gains = [event for event in events if isinstance(event.fact.code, Gains | LoopActions)]
+    advised_gains = [
+        event
+        for event in events
+        # That gains are being computed is over when the page is written.
+        if isinstance(event.fact.code, Gains | LoopActions)
+        and event.fact.code is not Gains.ADVICE_AWAITED
+    ]
     if advised_gains:
         chapters.append(Chapter("Gains", [Sentence(event.sentence) for event in advised_gains]))
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt

@@ -14,6 +14,7 @@ from importlib.resources import files
 from typing import Any
 
 from jinja2 import Environment
+from markupsafe import escape
 
 from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
@@ -34,6 +35,9 @@ from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
 """The element of a flight's page with its own policy, which is for a file without a server."""
+
+TITLE = re.compile(r"<h1>(.*?)</h1>")
+"""The title of a flight's page, which is the name of its log."""
 
 CHART_SCRIPTS = ("sharp.js", "uplot/uPlot.iife.min.js", "charts.js", "page.js", "notch.js")
 """The scripts within a page: those that draw its charts, and what else it does."""
@@ -134,12 +138,21 @@ def first_plots(history: TimeHistory) -> str:
 def with_bar(page: str, **values: Any) -> str:
     """Returns the page of a flight with a bar above it, and without its own security policy.
 
+    A name that was given to the flight is the page's title, with the log's beside it.
+
     Args:
         page: HTML of the flight's page.
         **values: values that the template of the bar uses, by name.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
     bar = render_server_page("bar", self_set_parameters=pattern, **values)
+    given_name = values["given"].flights.get(values["flight"].content_hash)
+    if given_name:
+        page = TITLE.sub(
+            lambda title: f'<h1>{escape(given_name)} <small class="soft">{title[1]}</small></h1>',
+            page,
+            count=1,
+        )
     return with_fleet_remark(without_policy(page, **values), bar)
 
 

@@ -83,11 +83,17 @@ class Chapter(NamedTuple):
     folded: bool = False
     """Whether only the title is shown until it is opened."""
 
+    is_printed: bool = True
+    """Whether paper has it."""
+
     is_side_by_side: bool = False
     """Whether charts and blocks stand beside each other where there is room."""
 
     level: Level | None = None
     """Level of what it is about, which is shown beside its title; None without."""
+
+    level_scope: str = ""
+    """What of the flight the level is about, where that is not all of it."""
 
     searchable: Table | None = None
     """A long table below the rest, with a field to search its rows, which is not printed; None without."""
