@@ -632,9 +632,7 @@ def _learning_chapter(axis: str, learned: Learned) -> Chapter:
     groups = [Group.side_by_side(model_charts.residual_charts(learned), text)]
     title = f"The model of {axis}, and how it was learned"
     # The settings of the learner are for who develops it, and belong to no book of a vehicle.
-    return Chapter(
-        title, [*detail_blocks(learned), table], groups, folded=True, is_printed=False
-    )
+    return Chapter(title, [*detail_blocks(learned), table], groups, folded=True, is_printed=False)
 
 
 def live_page(
