@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mavdem.assessment import Assessment
 from mavdem.assessment.axis.figures import ALL_AXES
 from mavdem.assessment.axis.tuning import Tuning, tuned
 from mavdem.assessment.evidence import Evidence
@@ -24,7 +25,7 @@ from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
 from mavdem.report.blocks import Sentence
 from mavdem.report.loops import is_of_loops, tune_blocks
-from mavdem.report.pages.page import tune_page
+from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import conclusion
 from mavdem.report.templates import headline
 
@@ -103,7 +104,7 @@ def tune_command(
     with progress("Choosing gains", measured=False):
         tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
     if out:
-        _write_tuning(out, source, tuning, evidence)
+        _write_tuning(out, source, tuning, assessment, evidence)
     if as_json:
         print_json(tune_document(source, margins, tuning))
     else:
@@ -112,16 +113,19 @@ def tune_command(
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
 
-def _write_tuning(folder: Path, source: str, tuning: Tuning, evidence: Evidence) -> None:
+def _write_tuning(
+    folder: Path, source: str, tuning: Tuning, assessment: Assessment, evidence: Evidence
+) -> None:
     """Writes the page and, if gains are advised, the parameter files for ground stations.
 
     Args:
         folder: Folder for the files.
         source: Path of the log.
         tuning: The gains to set.
+        assessment: Assessment of the log, which the page is made from.
         evidence: Evidence of the log, with the parameters that the vehicle has now.
     """
-    texts = {PAGE_FILE: tune_page(Path(source).name, tuning, evidence)}
+    texts = {PAGE_FILE: tune_page(Path(source).name, tuning, assessment)}
     for ending, text in tuning.files(evidence.signals.telemetry).items():
         texts[f"gains{ending}"] = text
     with replaced_files(folder, list(texts), stale_names=GAIN_FILES) as paths:
@@ -149,7 +153,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
     # report is about, or of something that has no bearing on them.
     if is_grounded:
         blocks = [Sentence("", headline(judgement.headline)), *blocks]
-    if is_grounded or is_of_loops(judgement.next_step, judgement):
+    if is_grounded or tuning.refusal or is_of_loops(judgement.next_step, judgement):
         blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:
         blocks.append(Sentence(str(folder / PAGE_FILE), "Page:"))

@@ -5,13 +5,15 @@ of them. Identification models the sampling and the controller's cycle, and show
 """
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import default_rng
 
 from mavdem.arrays import Array
 from mavdem.loops.axis_loops import Loop
-from mavdem.loops.margins import Complex
+from mavdem.loops.margins import Complex, OpenLoop
+from mavdem.loops.step_figures import IntervalEstimate, rise_times, with_interval
 
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""
@@ -26,6 +28,10 @@ GAIN_DEVIATION = 0.02
 
 Below 1 Hz drag and position control act too, which identification leaves out.
 """
+STEP_SECONDS = {"rate": 0.6, "attitude": 2.0}
+"""Duration of predicted step responses, s, by the loop: a choice, in which usual loops settle."""
+PREDICTED_POINTS = 300
+"""Points of a predicted step from which overshoot and rise time are computed: every 2 ms of 0.6 s."""
 GAIN_SEED = 37
 """Seed of the draws of that error, so that the same flight has the same figures."""
 
@@ -72,6 +78,33 @@ def step_from_frequency_response(frequency: Array, closed: Complex, time: Array)
         Step response (K,).
     """
     return np.asarray(steps_from_frequency_responses(frequency, closed[None], time)[0])
+
+
+class PredictedStep(NamedTuple):
+    """Figures of the step response that an identified loop predicts, with their 90 % intervals."""
+
+    overshoot: IntervalEstimate
+    """Largest value of the step less 1; 0 or more."""
+    rise_time: IntervalEstimate
+    """Time from 10 to 90 % of the step, s."""
+
+
+def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
+    """Computes overshoot and rise time of the step that a closed loop predicts, from the estimate and its draws.
+
+    Args:
+        loop: the rate or attitude loop; row 0 of its responses is the estimate, later rows are draws.
+        duration: time after the step that is computed, s.
+
+    Returns:
+        The figures; None if the estimated loop is unstable.
+    """
+    if not loop.stable[0]:
+        return None
+    time = np.linspace(0.0, duration, PREDICTED_POINTS)
+    steps = steps_from_frequency_responses(loop.frequency, loop.closed[loop.stable], time)
+    overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
+    return PredictedStep(with_interval(overshoots), with_interval(rise_times(time, steps)))
 
 
 def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Array) -> Array:

@@ -45,6 +45,8 @@ MAX_CROSSOVER_FRACTION = 0.15
 
 At this fraction a period of the crossover has seven samples. A choice.
 """
+LOG_RATE_STEP = 50.0
+"""Step in which a rate to record at is advised, Hz: what autopilots offer is not finer."""
 BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 """Denominator s² + √2 s + 1 of a second-order Butterworth filter at half of its cut-off frequency, s = 0.5 j.
 
@@ -155,7 +157,15 @@ def _cautions(loop: Loop) -> list[Fact]:
         if rate.frequency[nearest] >= nyquist_frequency:
             cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
-        cautions.append(Fact(Loops.CROSSOVER_FAST, crossover=rate.crossover, rate=1 / record.dt))
+        least_rate = rate.crossover / MAX_CROSSOVER_FRACTION
+        cautions.append(
+            Fact(
+                Loops.CROSSOVER_FAST,
+                crossover=rate.crossover,
+                rate=1 / record.dt,
+                least_rate=LOG_RATE_STEP * np.ceil(least_rate / LOG_RATE_STEP),
+            )
+        )
     return cautions
 
 

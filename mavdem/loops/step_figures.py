@@ -56,7 +56,7 @@ def step_figures(
         "peak": gains.max(axis=1),
         "peak_frequency": frequency[gains.argmax(axis=1)],
     }
-    return {name: _with_interval(figure) for name, figure in values.items()}
+    return {name: with_interval(figure) for name, figure in values.items()}
 
 
 def rise_times(time: Array, steps: Array) -> Array:
@@ -121,7 +121,7 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
     return np.interp(sample, np.arange(len(time)), time)
 
 
-def _with_interval(values: Array) -> IntervalEstimate:
+def with_interval(values: Array) -> IntervalEstimate:
     """Returns a figure with its 90 % interval.
 
     Args:

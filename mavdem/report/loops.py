@@ -19,9 +19,10 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains, Loops
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
-from mavdem.loops.axis_loops import LoopsByAxis
-from mavdem.loops.filters import gyro_filters
+from mavdem.loops.axis_loops import Loop, LoopsByAxis
+from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
+from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import listed, rounded
@@ -57,7 +58,7 @@ beside −3 dB: with two thirds of the gains it may fall to a fifth, though the 
 """
 
 
-def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = False) -> Blocks:
+def tune_blocks(tuning: Tuning, is_full: bool = True, has_tables_elsewhere: bool = False) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
     Each remedy is stated once, and not at all if the next step, which is shown with the report, contains it.
@@ -66,7 +67,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
         tuning: advice for each axis, or the fact that says why there is none.
         is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
             the gains to set and the margins that change with them, and beside it how far these can be trusted.
-        has_gain_table: whether the page has a table of the gains elsewhere, so that this report repeats none.
+        has_tables_elsewhere: whether a page has tables of gains and margins elsewhere, so that this report has none.
     """
     blocks = Blocks()
     stated_remedies = _texts_of_next_step(tuning)
@@ -80,10 +81,10 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_gain_table: bool = Fal
         if isinstance(advice, Fact):
             continue
         is_doubtful = axis in tuning.doubtful_axes
-        if not advice.refusals:
-            blocks.append(_gain_and_margin_table(advice, is_doubtful, has_gain_table))
+        if not advice.refusals and not has_tables_elsewhere:
+            blocks.append(_gain_and_margin_table(advice, is_doubtful))
         # The limits of gains that change stand beside the page's table of gains.
-        gains_stand_elsewhere = has_gain_table and bool(advice.parameters)
+        gains_stand_elsewhere = has_tables_elsewhere and bool(advice.parameters)
         for limit in [limit for limit in unshown_limits if axis in limit.axes]:
             unshown_limits.remove(limit)
             if not (gains_stand_elsewhere and limit.is_about_gains_to_set):
@@ -287,6 +288,24 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
     return isinstance(reason.code, Gains | Loops) or reason in lights_of_loops
 
 
+def tuning_result(tuning: Tuning) -> Fact:
+    """Returns the fact that heads the report of ``mavdem tune``.
+
+    It is the headline of the judgement if that is bad or about control loops, and otherwise the rating of the margins
+    of the axis whose gains change, or of the first one.
+
+    Args:
+        tuning: advice for each axis, with the judgement of the flight.
+    """
+    headline = tuning.judgement.headline
+    if headline.is_bad or is_of_loops(headline, tuning.judgement):
+        return headline
+    changed = [advice for advice in tuning.advice if advice.parameters]
+    first = [*changed, *tuning.advice][0]
+    rating = first.rating
+    return rating.replace(subject=f"{first.before.axis} {rating.subject}")
+
+
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
     """Returns sentences on how far margins and advised gains can be trusted, for the axes with an identified loop.
 
@@ -301,18 +320,19 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
 
 def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
     """Returns the sentences of :func:`gain_limits`, each with the axes that share it."""
-    # Cautions are compared without the axis that they name.
-    axes_by_caution: dict[Fact, list[str]] = {}
+    # Texts are compared without the axis that they name, so that figures that round alike are alike.
+    facts_by_text: dict[str, list[tuple[str, Fact]]] = {}
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
             for caution_of_loop in advice.before.cautions:
-                axes_by_caution.setdefault(caution_of_loop.replace(axis=""), []).append(axis)
+                text = caution_of_loop.replace(axis="").advised
+                facts_by_text.setdefault(text, []).append((axis, caution_of_loop))
     limits = []
-    for caution_of_loop, axes in axes_by_caution.items():
-        facts_on_axes = [(axis, caution_of_loop) for axis in axes]
+    for facts_on_axes in facts_by_text.values():
         (sentence,) = sentences_by_axes(facts_on_axes, attrgetter("advised"))
-        is_about_gains = is_about_gains_to_set(caution_of_loop)
-        limits.append(_GainLimit(tuple(axes), sentence, is_about_gains))
+        axes = tuple(axis for axis, _ in facts_on_axes)
+        _, first_fact = facts_on_axes[0]
+        limits.append(_GainLimit(axes, sentence, is_about_gains_to_set(first_fact)))
     return limits
 
 
@@ -333,7 +353,7 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _gain_and_margin_table(advice: Advice, is_doubtful: bool, has_gain_table: bool) -> Table:
+def _gain_and_margin_table(advice: Advice, is_doubtful: bool) -> Table:
     """Returns a table of the gains that change, and of the margins of the loop around them, now and with these gains.
 
     The loop is the rate loop in the first stage and where no gains change, and the attitude loop in the second.
@@ -341,14 +361,12 @@ def _gain_and_margin_table(advice: Advice, is_doubtful: bool, has_gain_table: bo
     Args:
         advice: on the axis, with its loops.
         is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
-        has_gain_table: whether the gains stand in another table, so that this one has the margins alone.
     """
     loops = [*compared_loops(advice).values()]
     loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
     rows = []
     for name, value in advice.parameters.items():
-        if not has_gain_table:
-            rows.append([name, f"{advice.gains[name].now:.4g}", f"{value:.4g}"])
+        rows.append([name, f"{advice.gains[name].now:.4g}", f"{value:.4g}"])
     for attribute in TUNED_FIGURES:
         figure = LOOP_FIGURES[attribute]
         cells = [_figure_text(getattr(loop, loop_name), attribute, figure.scale) for loop in loops]
@@ -362,6 +380,41 @@ def _gain_and_margin_table(advice: Advice, is_doubtful: bool, has_gain_table: bo
     return Table([f"{advice.before.axis}, {loop_name} loop (90 % interval)", *headers], rows)
 
 
+def margin_overview(tuning: Tuning) -> Table | None:
+    """Returns one table of the margins and the predicted steps of all axes, now and with the advised gains.
+
+    An axis has a row for the gains that flew and, where gains change, one for these. The loop is the attitude loop
+    where its gain changes, and otherwise the rate loop.
+
+    Args:
+        tuning: advice for each axis, or the fact that says why there is none.
+
+    Returns:
+        The table; None if no axis has a loop whose margins are known.
+    """
+    rows = []
+    for axis, advice in tuning.axes.items():
+        if not isinstance(advice, Advice) or advice.refusals:
+            continue
+        loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
+        doubt = "doubtful: " if axis in tuning.doubtful_axes else ""
+        for variant, loop in compared_loops(advice).items():
+            open_loop = getattr(loop, loop_name)
+            cells = [f"{axis} {loop_name}, {variant}"]
+            for attribute in TUNED_FIGURES:
+                scale = LOOP_FIGURES[attribute].scale
+                cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
+            step = predicted_step(open_loop, STEP_SECONDS[loop_name])
+            overshoot = "" if step is None else rounded(100 * step.overshoot.value)
+            rise_time = "" if step is None else rounded(1e3 * step.rise_time.value)
+            rows.append([*cells, overshoot, rise_time, rounded(loop.lean_in_wind)])
+    if not rows:
+        return None
+    margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
+    steps = ["overshoot of a step (%)", "rise time (ms)", "error by wind torque, sd (°)"]
+    return Table(["loop (90 % interval)", *margins, *steps], rows)
+
+
 def _axis_details(advice: Advice, is_doubtful: bool) -> Blocks:
     """Returns sentences on the gains, tables of all margins now and as advised, and on filters and measurements.
 
@@ -373,9 +426,21 @@ def _axis_details(advice: Advice, is_doubtful: bool) -> Blocks:
     loops = compared_loops(advice)
     blocks: Blocks = [block for block in gain_blocks(advice) if isinstance(block, Sentence)]
     blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
-    filters = gyro_filters(loop.controller, loop.crossover)
-    blocks += render_section("loop_filters", filters=filters, crossover=loop.crossover)
-    return blocks + render_section("loop_measured", loop=loop)
+    blocks += filter_sentences(loop)
+    # Where a measured step speaks against the loop, it is said that it does, not that nothing was measured.
+    if not is_doubtful or loop.agrees is not None:
+        blocks += render_section("loop_measured", loop=loop)
+    return blocks
+
+
+def filter_sentences(loop: Loop) -> list[Sentence]:
+    """Returns the sentence on the gyro's filters of a loop, their delay and phase lag; none without filters."""
+    return render_section(
+        "loop_filters",
+        filters=gyro_filters(loop.controller, loop.crossover),
+        delay=gyro_delay(loop.controller),
+        crossover=loop.crossover,
+    )
 
 
 def margin_tables(loops: LoopsByAxis, doubtful: Container[str] = ()) -> Iterator[Table]:

@@ -136,9 +136,10 @@ def render_section(name: str, record: object = None, /, **values: Any) -> list[S
 def sentences_by_axes(
     facts: Iterable[tuple[str, Fact]], text_of_fact: Callable[[Fact], str] = str
 ) -> list[Sentence]:
-    """Renders facts about axes as sentences, one for all axes that share a fact: "Roll and pitch: …".
+    """Renders facts about axes as sentences, one for all axes that share a text: "Roll and pitch: …".
 
-    Facts are compared without their axis; a group is then rendered as one fact about all its axes.
+    Texts are compared without their axis, so that figures that round alike are alike; a group is then rendered as one
+    fact about all its axes.
 
     Args:
         facts: pairs of an axis and a fact about it.
@@ -147,12 +148,12 @@ def sentences_by_axes(
     Returns:
         Sentences in the order in which their facts come first.
     """
-    groups = group_by(facts, lambda axis_and_fact: axis_and_fact[1].replace(axis=""))
+    groups = group_by(facts, lambda pair: text_of_fact(pair[1].replace(axis="")))
     sentences = []
-    for fact, axes_and_facts in groups.items():
+    for axes_and_facts in groups.values():
         axes = listed(axis for axis, _ in axes_and_facts)
-        lead = f"{axes.capitalize()}:"
-        sentences.append(Sentence(text_of_fact(fact.replace(axis=axes)), lead))
+        _, fact = axes_and_facts[0]
+        sentences.append(Sentence(text_of_fact(fact.replace(axis=axes)), f"{axes.capitalize()}:"))
     return sentences
 
 

@@ -33,7 +33,7 @@ def test_margins_gains_and_files_say_the_same_and_refusals_write_nothing(tmp_pat
     assert read_parameters(written) == gains
     assert written.read_text().count("\t9\n1\t1\t") == len(gains) - 1
     page = (out / "tune.html").read_text()
-    assert page.count('<figure class="chart"') == 10 and 'class="headline"' in page
+    assert page.count('<figure class="chart"') == 13 and 'class="headline"' in page
     assert "Stage 1 of 2, rate P, I and D" in page and roll["stage"] == 1
     assert run(*words) == 0
     assert [file.name for file in out.iterdir()] == ["tune.html"]  # no gains of the run before

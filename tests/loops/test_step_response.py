@@ -5,6 +5,7 @@ from unittest.mock import Mock
 
 import numpy as np
 from hover import Hover, asking, changed, only
+from made_up_loop import made_up
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark
@@ -16,7 +17,7 @@ from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts.loops import StepResponses
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
-from mavdem.loops.identified_step import step_from_frequency_response
+from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
 from mavdem.loops.step_response import (
     attitude_step_response,
@@ -121,6 +122,13 @@ def test_wind_that_the_attitude_controller_answers_does_not_bias_it(is_corrected
     assert found.peak_frequency.value == approx(12.0, rel=0.1)
     outer = measured(telemetry, attitude_step_response)
     assert outer.loop == "attitude" and outer.step[-1] == approx(1.0, abs=0.1)
+
+
+def test_of_higher_gains_a_faster_step_with_more_overshoot_is_predicted():
+    usual, high = (predicted_step(made_up(factor).rate, 0.6) for factor in (1.0, 2.0))
+    assert high.rise_time.value < usual.rise_time.value
+    assert high.overshoot.value > usual.overshoot.value
+    assert usual.rise_time.low <= usual.rise_time.value <= usual.rise_time.high
 
 
 @mark.slow

@@ -45,9 +45,9 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import margin_tables, tune_blocks
+from mavdem.report.loops import margin_overview, margin_tables, tune_blocks
 from mavdem.report.pages.flight_page import review_page
-from mavdem.report.pages.page import tune_page
+from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.review import review_screen
 from mavdem.view.plots import recording_to_file
 from mavdem.view.recording import RecordingTabs
@@ -231,7 +231,7 @@ def searches_once():
 def without_pictures():
     """Pages have no pictures of open loops, which take a third of their time and are not searched for advice."""
     with MonkeyPatch.context() as patch:
-        for module in ("loop_chapters", "page"):
+        for module in ("loop_chapters", "tune_page"):
             patch.setattr(f"mavdem.report.pages.{module}.loop_charts", lambda *_: ())
         yield
 
@@ -298,7 +298,7 @@ def surfaces(assessment, tuning, path):
         "tune": " ".join(texts(tune_blocks(tuning))),
         "tune, short": " ".join(texts(tune_blocks(tuning, is_full=False))),
         "tune's next step": tuning.judgement.next_step.advised,
-        "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning, assessment.evidence)),
+        "tune page": re.sub(r"<[^>]+>", " ", tune_page("flight", tuning, assessment)),
         "tune document": str(complete_document("tune", tune_document("flight", "default", tuning))),
         "live": " ".join(fact.advised for fact in facts_of_tuning(tuning)),
         "files": " ".join(tuning.files(assessment.evidence.signals.telemetry).values()),
@@ -396,7 +396,7 @@ def test_a_doubtful_loop_is_called_so_in_each_cell():
 
 @mark.slow
 def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
-    fast = Fact(Loops.CROSSOVER_FAST, crossover=17.0, rate=100.0)
+    fast = Fact(Loops.CROSSOVER_FAST, crossover=17.0, rate=100.0, least_rate=150.0)
     tuning = tunings["below the goal"]
     roll = tuning.axes["roll"]
     roll = replace(roll, before=replace(roll.before, cautions=(fast,)))
@@ -408,6 +408,17 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     assert table.header[1:] == ["now", "with these gains"] and caution.text == fast.advised
     labels = [label for label, *_ in table.rows]
     assert labels[-5:-2] == ["phase margin (°)", "gain margin (dB)", "maximum sensitivity Ms"]
+
+
+def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, without_pictures):
+    name = "below the goal"
+    page = tune_page("flight", tunings[name], assessments[name])
+    chapters = re.findall(r"<details( open)?>\s*<summary><h2>([^<]*)</h2>", page)
+    opened = [title for is_open, title in chapters if is_open]
+    assert opened == ["Step response", "Margins"]
+    assert chapters[0][1] == "Step response"
+    assert page.index('<th class="words">gain</th>') < page.index("Step response</h2>")
+    assert margin_overview(tunings[name]).rows[0][0] == "roll rate, now"
 
 
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):

@@ -12,7 +12,7 @@ from mavdem.assessment.judgement import Judgement, repairs_before_tuning
 from mavdem.assessment.record import Assessment
 from mavdem.containers import group_by
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, Facts
+from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import Loops
@@ -174,6 +174,7 @@ def tuned(
                 for advice in new_gains
                 for caution in advice.before.cautions
             ),
+            missing=_unknown_of_motors(judgement, new_gains),
             others=other_axes,
             arguments=tuple(evidence.command_arguments),
         )
@@ -192,6 +193,24 @@ def tuned(
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
     )
     return freeze(tuning)
+
+
+def _unknown_of_motors(judgement: Judgement, new_gains: Sequence[Advice]) -> tuple[str, ...]:
+    """Returns the lights on what higher gains strain, motors and vibration, that are unknown; none if no gain rises.
+
+    Args:
+        judgement: the judgement of the flight.
+        new_gains: advice on the axes whose gains change.
+    """
+    rises = any(gain.set > gain.now for advice in new_gains for gain in advice.gains.values())
+    if not rises:
+        return ()
+    lights = judgement.lights
+    return tuple(
+        str(name)
+        for name in (Light.MOTORS, Light.VIBRATION)
+        if name in lights and lights[name].level is Level.UNKNOWN
+    )
 
 
 def _advises_to_tune(next_step: Fact) -> bool:

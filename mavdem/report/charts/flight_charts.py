@@ -81,7 +81,9 @@ SENSITIVITY_LEVELS = 1.0, MARGIN_TARGETS["default"].ms
 """Horizontal lines of a sensitivity |S|: 1, as without a loop, and the largest one that is allowed."""
 
 
-def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> dict[str, Charts]:
+def step_charts(
+    responses: Responses, advised: StepsByLoop = NO_STEPS, *, has_gain: bool = True
+) -> dict[str, Charts]:
     """Returns charts of the closed-loop responses of each axis, measured and predicted.
 
     An axis has the step responses of rate and angle, and the gain |T| of the rate loop. Axes without a measured
@@ -90,6 +92,7 @@ def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> dict[s
     Args:
         responses: responses by axis and loop.
         advised: predicted step responses with the advised gains, by axis and loop.
+        has_gain: whether the gain |T| is among the charts.
 
     Returns:
         The charts by axis.
@@ -101,7 +104,8 @@ def step_charts(responses: Responses, advised: StepsByLoop = NO_STEPS) -> dict[s
             if isinstance(response.measured, StepResponse):
                 title = f"{axis.capitalize()} {loop_name}"
                 advised_step = advised.get(axis, {}).get(loop_name)
-                charts += _response_charts(title, response, response.measured, advised_step)
+                of_loop = [*_response_charts(title, response, response.measured, advised_step)]
+                charts += of_loop if has_gain else of_loop[:1]
         if charts:
             charts_of_axes[axis] = tuple(charts)
     return charts_of_axes

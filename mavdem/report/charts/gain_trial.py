@@ -1,7 +1,5 @@
 """Charts of what advised gains would do, over the same with the gains that flew: steps, tracking, and lean in wind."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from mavdem.arrays import Flags
@@ -10,14 +8,12 @@ from mavdem.assessment.axis.twin import GainTrial, TwinMotion, try_gains
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
 from mavdem.loops.advice import Advice, AdviceByAxis, advised_parameters
-from mavdem.loops.axis_loops import Loop
-from mavdem.loops.identified_step import step_from_frequency_response
+from mavdem.loops.axis_loops import LoopsByAxis
+from mavdem.loops.identified_step import STEP_SECONDS, step_from_frequency_response
 from mavdem.loops.step_response import StepResponse
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.palette import PHYSICAL, PREDICTED, TRUTH
 
-STEP_SECONDS = {"rate": 0.6, "attitude": 2.0}
-"""Duration of the step responses that are drawn, s, by the loop: a choice, in which usual loops settle."""
 STEP_POINTS = 200
 """Points of a step response that are drawn: a choice, enough for a smooth line."""
 HOVER_SECONDS = 4.0
@@ -75,13 +71,13 @@ def gain_trial_groups(
         for loop_name in STEP_SECONDS:
             response = responses.get(axis, {}).get(loop_name)
             if response is None or not isinstance(response.measured, StepResponse):
-                charts.append(_step_chart(loops, loop_name))
+                charts.append(predicted_step_chart(loops, loop_name))
         caption = CAPTION.format(hovers=", and hovers, both" if in_wind else "")
         if charts:
             caption = STEP_CAPTION + caption
         # Instead of flights there may be a fact, which states why the twin cannot fly.
         if isinstance(trial, GainTrial):
-            charts += _twin_charts(axis, trial)
+            charts += twin_charts(axis, trial)
         if charts:
             # Four charts stand in two rows, so that they leave no gap; fewer stand side by side.
             column_count = 2 if len(charts) == 4 else len(charts)
@@ -90,7 +86,7 @@ def gain_trial_groups(
     return groups
 
 
-def _twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
+def twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
     """Returns the charts of the twin's flights about one axis: on recorded setpoints, and in a hover in wind.
 
     Args:
@@ -112,13 +108,13 @@ def _twin_charts(axis: str, trial: GainTrial) -> list[Chart]:
     return charts
 
 
-def _step_chart(loops: Mapping[str, Loop], loop_name: str) -> Chart:
-    """Returns the chart of the predicted step responses of one loop, with the gains that flew and the advised ones.
+def predicted_step_chart(loops: LoopsByAxis, loop_name: str) -> Chart:
+    """Returns the chart of the predicted step responses of one loop, with the gains that flew and any advised ones.
 
     Each is computed from the closed-loop frequency response of the estimated plant.
 
     Args:
-        loops: loops of one axis, by "now" (with the gains that flew) and "advised".
+        loops: loops of one axis, by "now" (with the gains that flew) and, where gains change, "advised".
         loop_name: "rate" or "attitude".
     """
     duration = STEP_SECONDS[loop_name]

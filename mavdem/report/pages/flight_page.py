@@ -18,7 +18,6 @@ from mavdem.assessment.axis.responses import advised_steps
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.identity import day_in_file_name
-from mavdem.assessment.noise_spectra import GYRO, MeasuredNoise
 from mavdem.containers import JsonValues, Names
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
@@ -30,16 +29,10 @@ from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import Gains, LoopActions
 from mavdem.facts.session import Spent
 from mavdem.loops.advice import AdviceByAxis
-from mavdem.loops.axis_loops import Loop
-from mavdem.loops.filters import gyro_filters
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
 from mavdem.report.charts import model_charts
 from mavdem.report.charts.chart import MAX_POINTS, MAX_POINTS_OF_SMALL_PAGE, Group
-from mavdem.report.charts.flight_charts import (
-    spectrogram_charts,
-    spectrum_chart,
-)
 from mavdem.report.charts.flown_path import flown_path
 from mavdem.report.charts.plans import frame_plan, rose_of_wind
 from mavdem.report.charts.timeline import Timeline, live_timeline, timeline_of
@@ -52,6 +45,11 @@ from mavdem.report.notch_trial import NotchTrial, notch_trial
 from mavdem.report.numbers import display_unit, with_unit
 from mavdem.report.pages.hardware_chapters import hardware_chapters
 from mavdem.report.pages.loop_chapters import loops_chapters, responses_chapter
+from mavdem.report.pages.noise_chapters import (
+    fastest_loop,
+    gyro_chapter,
+    other_sensors_chapter,
+)
 from mavdem.report.pages.page import (
     Chapter,
     Head,
@@ -118,9 +116,6 @@ TRACKING_FIGURES = {
     "rate_error": "rate error (RMS)",
 }
 """Columns of the table of tracking: header by the figure of the axis's fact."""
-
-OTHER_SENSORS = "accelerometer", "demand", "d_term"
-"""Signals besides the gyro whose spectra are shown, by their names in ``MeasuredNoise``."""
 
 
 def review_page(assessment: Assessment) -> str:
@@ -353,12 +348,12 @@ def _flight_chapters(
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
     yield from loops_chapters(assessment, evidence, advice)
-    gyro_chapter = _gyro_chapter(assessment, timeline, is_full)
+    gyro = gyro_chapter(assessment, timeline, is_full)
     if is_full:
         trial = _notch_trial(name, assessment, evidence)
-        gyro_chapter = gyro_chapter._replace(notch_trial=trial)
-    yield gyro_chapter
-    yield _other_sensors_chapter(assessment.noise, timeline, is_full)
+        gyro = gyro._replace(notch_trial=trial)
+    yield gyro
+    yield other_sensors_chapter(assessment.noise, timeline, is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
     yield _condition_chapter(analysis)
     yield _wind_chapter(assessment, analysis)
@@ -422,32 +417,6 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         yield Table(["tracking", *TRACKING_FIGURES.values()], rows)
 
 
-def _gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bool) -> Chapter:
-    """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms.
-
-    The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
-
-    Args:
-        assessment: assessment of the log.
-        timeline: charts over time, whose events are marked in the spectrogram.
-        is_full: whether there are spectrograms, which take much of a page.
-    """
-    noise = assessment.noise
-    blocks: Blocks = [Sentence(str(fact)) for fact in noise.facts]
-    fastest = _fastest_loop(assessment)
-    if fastest is not None:
-        filters = gyro_filters(fastest.controller, fastest.crossover)
-        blocks += render_section("loop_filters", filters=filters, crossover=fastest.crossover)
-    groups = [*_spectrum_groups(noise, GYRO, timeline, is_full, fastest)]
-    return Chapter("Spectra", blocks, groups)
-
-
-def _fastest_loop(assessment: Assessment) -> Loop | None:
-    """Returns the identified rate loop with the highest crossover frequency, which filters concern most."""
-    loops = assessment.identified_loops.values()
-    return max(loops, key=lambda loop: loop.crossover, default=None)
-
-
 def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
     """Returns the notch filter whose settings the page lets one try.
 
@@ -461,7 +430,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     """
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
-    loop = _fastest_loop(assessment)
+    loop = fastest_loop(assessment)
     frequencies = []
     for speed_controller in speed_controllers(signals):
         speeds = evidence.values_in_flight(speed_controller.speed)
@@ -470,51 +439,6 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     return notch_trial(
         name, signals.telemetry, assessment.noise, controller, loop, tuple(frequencies)
     )
-
-
-def _other_sensors_chapter(
-    noise: MeasuredNoise, timeline: Timeline | None, is_full: bool
-) -> Chapter:
-    """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged.
-
-    Args:
-        noise: spectra of all sensors.
-        timeline: timeline of the flight; None if no vehicle flew.
-        is_full: whether there are spectrograms, which take much of a page.
-    """
-    groups: list[Group] = []
-    for sensor in OTHER_SENSORS:
-        groups += _spectrum_groups(noise, sensor, timeline, is_full)
-    title = "Other spectra"
-    return Chapter(title, (), groups, folded=True)
-
-
-def _spectrum_groups(
-    noise: MeasuredNoise,
-    sensor: str,
-    timeline: Timeline | None,
-    is_full: bool,
-    loop: Loop | None = None,
-) -> Iterator[Group]:
-    """Yields the spectrum of a sensor before and after its filters, and its spectrograms; nothing if not logged.
-
-    Args:
-        noise: spectra of all sensors.
-        sensor: name of the sensor in ``noise``.
-        timeline: timeline of the flight, whose events are marked in the spectrogram over time.
-        is_full: whether there are spectrograms, which take much of a page.
-        loop: the loop whose filters are drawn, if any.
-    """
-    spectrum = noise.spectra.get(f"{sensor}_before", noise.spectra.get(sensor))
-    if spectrum is None:
-        return
-    yield Group.side_by_side([spectrum_chart(noise, loop, sensor)])
-    if is_full:
-        charts = [*spectrogram_charts(spectrum)]
-        # The first spectrogram is over time; a second one, over throttle, has no place for events.
-        if timeline is not None:
-            charts[0] = timeline.marked(charts[0])._replace(spans=())
-        yield Group.side_by_side(charts, "The stronger the blue, the higher the power.")
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:

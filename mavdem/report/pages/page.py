@@ -13,25 +13,19 @@ from typing import NamedTuple
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis import LogAnalysis
-from mavdem.assessment.axis.tuning import Tuning
-from mavdem.assessment.evidence import Evidence
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.event import Event
 from mavdem.flight import Flight
-from mavdem.loops.advice import Advice
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.brief_events import first_of, worst_events
 from mavdem.report.charts.chart import MAX_POINTS, Group, Plan
-from mavdem.report.charts.flight_charts import loop_charts
-from mavdem.report.charts.gain_trial import gain_trial_groups
 from mavdem.report.charts.timeline import Timeline
-from mavdem.report.gain_changes import GainChanges, gain_changes
-from mavdem.report.loops import compared_loops, tune_blocks, tune_details
+from mavdem.report.gain_changes import GainChanges
 from mavdem.report.notch_trial import NotchTrial
 from mavdem.report.numbers import display_unit, name_with_unit, rounded
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.screen import conclusion, flight_title, model_screen
+from mavdem.report.screen import flight_title, model_screen
 from mavdem.report.templates import without_full_stop
 from mavdem.report.why import why_text
 
@@ -271,46 +265,6 @@ def render_document(
         points=max_points,
         has_charts=has_charts,
     )
-
-
-def tune_page(name: str, tuning: Tuning, evidence: Evidence) -> str:
-    """Renders the page of ``mavdem tune``: margins, advised gains, and charts of the loops of each axis.
-
-    Args:
-        name: name of the log, the title of the page.
-        tuning: the advice for each axis.
-        evidence: signals and measurements of the vehicle, from which its twin is built.
-
-    Returns:
-        The page as HTML.
-    """
-    judgement = tuning.judgement
-    changes = gain_changes(
-        name,
-        evidence.signals.telemetry,
-        tuning.axes,
-        judgement.next_step,
-        tuning.notch_parameters,
-    )
-    blocks = tune_blocks(tuning, is_full=False, has_gain_table=changes is not None)
-    chapters = [Chapter("Margins and gains", blocks)]
-    trials = gain_trial_groups(evidence, tuning.axes)
-    caption = "Gain, phase and sensitivity of the open loops, with 90 % bands; dashed, where the gain is 1."
-    for axis, advice in tuning.axes.items():
-        if isinstance(advice, Advice):
-            loops = compared_loops(advice)
-            columns = (loop_charts(loops, "rate"), loop_charts(loops, "attitude"))
-            groups = [Group(columns, caption)]
-            if axis in trials:
-                groups.insert(0, trials[axis])
-            chapters.append(Chapter(f"Loops of {axis}", (), groups))
-    subtitle = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
-    conclusion_blocks = conclusion(judgement)
-    chapters.append(Chapter("All margins, and what they rest on", tune_details(tuning)))
-    result = [conclusion_blocks[0], conclusion_blocks[-1]]
-    # Of the lights, those of the loops are what the page is about, and the others are not.
-    head = Head(judgement.headline.level, {}, changes=changes)
-    return render_document(name, subtitle, result, chapters, head=head)
 
 
 def notebook_html(blocks: Sequence[Block]) -> str:

@@ -1,0 +1,167 @@
+"""The page of ``mavdem tune``: gains to load, the steps and margins that decide on them, and what these rest on."""
+
+from collections.abc import Mapping, Sequence
+from itertools import chain
+
+from mavdem.assessment import Assessment
+from mavdem.assessment.axis.responses import advised_steps
+from mavdem.assessment.axis.tuning import Tuning
+from mavdem.assessment.axis.twin import GainTrial, try_gains
+from mavdem.facts.lights import Light
+from mavdem.loops.advice import Advice
+from mavdem.loops.identified_step import STEP_SECONDS
+from mavdem.loops.step_response import StepResponse
+from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.charts.chart import Group, Panel
+from mavdem.report.charts.flight_charts import loop_charts, step_charts
+from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
+from mavdem.report.gain_changes import gain_changes
+from mavdem.report.loops import (
+    compared_loops,
+    margin_overview,
+    tune_blocks,
+    tune_details,
+    tuning_result,
+)
+from mavdem.report.pages.noise_chapters import gyro_chapter
+from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.templates import headline
+
+SUBTITLE = "Margins of the loops, and gains to set. Nothing was sent to the vehicle."
+"""What stands below the title."""
+
+STEP_CAPTION = (
+    "Response to a step of the setpoint. Grey: this flight's with its 90 % band, measured or, where the rate rises "
+    "within few messages, of the identified loop. Blue: predicted with the gains that flew. Green: with the "
+    "advised ones."
+)
+"""What stands below the charts of the steps."""
+
+LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with the phase margin."
+"""What stands below the charts of the open loops."""
+
+
+def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
+    """Renders the page of ``mavdem tune``.
+
+    What a pilot decides by comes first: the verdict, the gains to load, the step responses and the margins with both
+    sets of gains. What they rest on is folded: the twin's flights, the open loops, the gyro's noise and filters.
+
+    Args:
+        name: name of the log, the title of the page.
+        tuning: the advice for each axis.
+        assessment: assessment of the log.
+
+    Returns:
+        The page as HTML.
+    """
+    evidence = assessment.evidence
+    assert evidence is not None
+    judgement = tuning.judgement
+    changes = gain_changes(
+        name,
+        evidence.signals.telemetry,
+        tuning.axes,
+        judgement.next_step,
+        tuning.notch_parameters,
+    )
+    blocks: Blocks = []
+    overview = margin_overview(tuning)
+    if overview is not None:
+        blocks.append(overview)
+    blocks += tune_blocks(tuning, is_full=False, has_tables_elsewhere=True)
+    gyro = gyro_chapter(assessment, timeline=None, is_full=True)
+    chapters = [
+        _step_chapter(tuning, assessment),
+        Chapter("Margins", blocks),
+        _twin_chapter(tuning, assessment),
+        _open_loops_chapter(tuning, assessment),
+        gyro._replace(title="Gyro noise and filters", folded=True),
+        Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
+    ]
+    heading = tuning_result(tuning)
+    result = [Sentence("", headline(heading)), Sentence(str(judgement.next_step), "Next:")]
+    # Of the lights, those of the loops are what the page is about, and the others are not.
+    head = Head(heading.level, {}, changes=changes)
+    return render_document(name, SUBTITLE, result, chapters, head=head)
+
+
+def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
+    """Returns the chapter of step responses: as measured, predicted, and with advised gains.
+
+    Where no response was measured, the identified loop's alone are drawn.
+
+    Args:
+        tuning: the advice for each axis.
+        assessment: assessment of the log, with the measured responses.
+    """
+    responses = {axis: assessment.responses.get(axis, {}) for axis in tuning.axes}
+    steps = advised_steps(responses, tuning.axes)
+    panels = dict[str, dict[str, Sequence[Panel]]]()
+    for axis, advice in tuning.axes.items():
+        panels[axis] = {}
+        for loop_name in STEP_SECONDS:
+            response = responses[axis].get(loop_name)
+            if response is not None and isinstance(response.measured, StepResponse):
+                of_loop = {axis: {loop_name: response}}
+                panels[axis][loop_name] = step_charts(of_loop, steps, has_gain=False)[axis]
+            elif isinstance(advice, Advice):
+                panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
+    groups = _groups(panels, assessment, STEP_CAPTION)
+    return Chapter("Step response", (), groups)
+
+
+def _groups(
+    panels: Mapping[str, Mapping[str, Sequence[Panel]]], assessment: Assessment, caption: str
+) -> list[Group]:
+    """Returns panels as one group with a column for each axis or, of a single axis, for each loop; none without panels.
+
+    Args:
+        panels: panels by axis, and then by loop, "rate" or "attitude".
+        assessment: assessment of the log, whose light of the margins names the axis that decides.
+        caption: text below the panels.
+    """
+    panels = {axis: loops for axis, loops in panels.items() if loops}
+    if not panels:
+        return []
+    if len(panels) == 1:
+        (columns,) = panels.values()
+    else:
+        columns = {axis: [*chain(*loops.values())] for axis, loops in panels.items()}
+    return [Group.of_axes(columns, assessment.lights[Light.MARGINS], caption)]
+
+
+def _twin_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
+    """Returns the folded chapter of the twin's flights with both sets of gains; empty if no gains change.
+
+    Args:
+        tuning: the advice for each axis.
+        assessment: assessment of the log, of whose vehicle the twin is a simulation.
+    """
+    assert assessment.evidence is not None
+    columns = dict[str, list[Panel]]()
+    if tuning.parameters:
+        trial = try_gains(assessment.evidence, tuning.parameters)
+        if isinstance(trial, GainTrial):
+            for axis, advice in tuning.axes.items():
+                if isinstance(advice, Advice) and advice.parameters:
+                    columns[axis] = [*twin_charts(axis, trial)]
+    caption = CAPTION.format(hovers=", and hovers, both")
+    groups = [Group.of_axes(columns, caption=caption)] if columns else []
+    return Chapter("The twin with both sets of gains", (), groups, folded=True)
+
+
+def _open_loops_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
+    """Returns the folded chapter of gain, phase and sensitivity of the open loops.
+
+    Args:
+        tuning: the advice for each axis.
+        assessment: assessment of the log, whose light of the margins names the axis that decides.
+    """
+    panels = {}
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice):
+            loops = compared_loops(advice)
+            panels[axis] = {name: loop_charts(loops, name) for name in STEP_SECONDS}
+    groups = _groups(panels, assessment, LOOP_CAPTION)
+    return Chapter("Open loops", (), groups, folded=True)
