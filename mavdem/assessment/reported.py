@@ -5,20 +5,18 @@ from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.arrays import Flags
+from mavdem.arrays import Array
 from mavdem.assessment.autopilot_messages import (
     in_time_order,
     merge_repeats,
     mode_change_reason,
     reported_problems,
 )
+from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
-from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
 from mavdem.assessment.restarts import restarts
 from mavdem.confidence import Interval
-from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.phases import (
@@ -33,32 +31,13 @@ from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import Reported
-from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.ingest.telemetry import Columns
-from mavdem.ingest.vocabulary import CRITICAL, OFF_GROUND
+from mavdem.ingest.vocabulary import OFF_GROUND
 from mavdem.witnesses.boot_sensors import BootSensors
-from mavdem.witnesses.position import position_fix, receiver_message
-
-EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
-"""The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
-
-LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
-"""The charge state "low" of BATTERY_STATUS; larger values are worse, but for ``CHARGING``."""
-
-CHARGING = mavlink_constant("MAV_BATTERY_CHARGE_STATE_CHARGING")
-"""The charge state of a battery that is charged."""
-
-SENSOR_MASKS = ("health", "present", "enabled")
-"""Ends of the names of three bit masks of SYS_STATUS, ``onboard_control_sensors_…``, with a bit for each sensor."""
 
 MAX_TOUCH_DOWN_DROP = 3.0
 """Height, m, by which a vehicle that has landed may still seem to sink: a choice, beyond the barometer's error in the
 downwash over the ground. One that sinks farther had its motors stopped in the air."""
-
-MAX_MOTORS = 16
-"""Number of motors in PX4's ``motor_failure_mask``, one bit each."""
-
 
 FAILSAFE_TRIGGERS = (
     Reported.BATTERY_WARNED,
@@ -96,36 +75,6 @@ CONFIRMATION_SECONDS = 5.0
 2 s, and one message may be lost."""
 
 
-class Fault(NamedTuple):
-    """What a field or bit of a message reports when it is set."""
-
-    code: Reported
-    """Code of the event."""
-    subject: str = ""
-    """What is at fault; empty if the code names it."""
-
-
-FAILURE_DETECTORS = {
-    "fd_roll": Fault(Reported.ATTITUDE_FAILED, "roll"),
-    "fd_pitch": Fault(Reported.ATTITUDE_FAILED, "pitch"),
-    "fd_alt": Fault(Reported.ALTITUDE_FAILED),
-    "fd_motor": Fault(Reported.MOTOR_FAILED),
-    "fd_imbalanced_prop": Fault(Reported.PROPELLER_IMBALANCED),
-}
-"""Faults by the fields of PX4's ``failure_detector_status``."""
-
-SENSOR_FAULTS = {
-    "SENSOR_3D_GYRO": Fault(Reported.SENSOR_FAILED, "gyro"),
-    "SENSOR_3D_ACCEL": Fault(Reported.SENSOR_FAILED, "accel"),
-    "SENSOR_3D_MAG": Fault(Reported.SENSOR_FAILED, "compass"),
-    "SENSOR_ABSOLUTE_PRESSURE": Fault(Reported.SENSOR_FAILED, "barometer"),
-    "SENSOR_GPS": Fault(Reported.SENSOR_FAILED, "gps"),
-    "SENSOR_RC_RECEIVER": Fault(Reported.RADIO_LOST),
-    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED, "attitude"),
-}
-"""Faults by the bits of SYS_STATUS: the name of the bit is MAV_SYS_STATUS_ and the key (MAV_SYS_STATUS_SENSOR)."""
-
-
 class CountingField(NamedTuple):
     """A field of a message whose every change is an event."""
 
@@ -148,40 +97,6 @@ COUNTING_FIELDS = (
 """The estimator's primary lane, and the counter of its resets of the position."""
 
 
-class FaultSignal(NamedTuple):
-    """For each sample of a message, whether it reports one fault."""
-
-    message: str
-    """Name of the message."""
-    is_faulty: Flags
-    """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
-    code: Reported
-    """Code of the event."""
-    subject: str = ""
-    """What is at fault; empty if the code names it."""
-    columns: Columns | None = None
-    """The N samples, where they are not all of the message: of one of several batteries."""
-    instance: str = ""
-    """Name of the battery, even where it is the only one; empty where the subject says what is at fault."""
-
-    def is_about(self, subject: str) -> bool:
-        """Returns whether a text with this subject may be about the same battery, motor or axis.
-
-        Args:
-            subject: subject of the text; empty if it names none, so that it may be about any.
-        """
-        reported = self.instance or self.subject
-        return not subject or not reported or subject == reported
-
-    def columns_of(self, signals: Signals) -> Columns:
-        """Returns the N samples, with their times and boots.
-
-        Args:
-            signals: signals of the vehicle, with the message.
-        """
-        return self.columns or signals.telemetry.messages[self.message]
-
-
 def reported_events(signals: Signals) -> Facts:
     """Returns the events that the autopilot reports, in order of boot and time.
 
@@ -192,47 +107,64 @@ def reported_events(signals: Signals) -> Facts:
     Args:
         signals: signals of the vehicle.
     """
-    states_of_faults = list(_fault_signals(signals))
+    states_of_faults = list(fault_signals(signals))
     problems = [
         _without_contradicted_claim(problem, states_of_faults, signals)
         for problem in reported_problems(signals.telemetry)
     ]
+    possible_problems = [problem for problem in problems if _can_be(problem, signals)]
     events = []
     for span in recorded_spans(signals):
-        boot = span.boot
-        states = [
+        flights = flights_in_boot(signals, span.boot)
+        # Faults shortly before arming and after disarming belong to the flight too.
+        around_armed = [
+            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
+            for start, end in armed_intervals(signals, span.boot)
+        ]
+        state_changes = [
             *_arming_events(signals, span),
             *_take_offs_and_landings(signals, span),
             *_mode_changes(signals, span),
         ]
-        restarts_of_boot = list(restarts(signals, span))
-        faults = [
-            *restarts_of_boot,
-            *_estimator_changes(signals, span),
-            *_lasting_faults(signals, span, states_of_faults),
-            *(fact for fact in problems if fact.figures["boot"] == boot and _can_be(fact, signals)),
-        ]
-        if any(fact.figures.get("watchdog") for fact in restarts_of_boot):
-            # The restart states the watchdog already.
-            faults = [fact for fact in faults if not _is_watchdog_report(fact)]
-        flights = flights_in_boot(signals, boot)
-        # Faults shortly before arming and after disarming belong to the flight too.
-        around_armed = [
-            (start - AVERAGING_SECONDS, end + AVERAGING_SECONDS)
-            for start, end in armed_intervals(signals, boot)
-        ]
-        merged_faults = merge_repeats(faults)
-        for fact in in_time_order([*states, *merged_faults]):
+        faults = merge_repeats(_faults_of_boot(signals, span, possible_problems, states_of_faults))
+        for fact in in_time_order([*state_changes, *faults]):
             time = fact.time or 0.0
-            trigger = _trigger_of(fact, merged_faults)
+            trigger = _trigger_of(fact, faults)
             if trigger is not None:
                 fact = fact.replace(cause=trigger)
             # After a restart in flight the motors may be off: that is bad nevertheless.
             is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.replace(Level.WATCH)
-            events.append(fact.replace(height=_height_at(signals, boot, flights, time)))
+            events.append(fact.replace(height=_height_at(signals, span.boot, flights, time)))
     return tuple(events)
+
+
+def _faults_of_boot(
+    signals: Signals,
+    span: Segment,
+    problems: Sequence[Fact],
+    states_of_faults: Sequence[FaultSignal],
+) -> list[Fact]:
+    """Returns what went wrong in one boot by the autopilot's reports, in no particular order.
+
+    Args:
+        signals: signals of the vehicle.
+        span: the recorded part of the boot.
+        problems: what texts and codes report, of all boots.
+        states_of_faults: what messages may report for a time, of all boots.
+    """
+    restarts_of_boot = list(restarts(signals, span))
+    faults = [
+        *restarts_of_boot,
+        *_estimator_changes(signals, span),
+        *_lasting_faults(signals, span, states_of_faults),
+        *(problem for problem in problems if problem.figures["boot"] == span.boot),
+    ]
+    if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
+        # The restart states the watchdog already.
+        return [fault for fault in faults if not _is_watchdog_report(fault)]
+    return faults
 
 
 def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> float | None:
@@ -247,9 +179,9 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
     Returns:
         The height, m; None if no height was recorded.
     """
-    begun_flights = [flight for flight in flights if flight[0] <= time]
-    if begun_flights:
-        take_off, _ = max(begun_flights)
+    take_offs = [take_off for take_off, _ in flights if take_off <= time]
+    if take_offs:
+        take_off = max(take_offs)
         return BootSensors(signals, boot, take_off).height_at(time)
     return None if BootSensors(signals, boot).height_at(time) is None else 0.0
 
@@ -390,32 +322,44 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
     vehicle = signals.telemetry.vehicle
     if vehicle in SURFACE_VEHICLES:
         return
-    detected_changes = np.zeros(0)
-    landed_state = series_of_boot(signals.landed_state, span.boot)
-    if landed_state is not None:
-        # The state 0 is "undefined".
-        is_defined = landed_state.values > 0
-        in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
-        is_change = np.diff(in_air, prepend=in_air[:1])
-        detected_changes = landed_state.time[is_defined][is_change]
+    detected_changes = _detected_changes(signals, span.boot)
     motor_message = DEMAND_MESSAGE if signals.motors is None else signals.motors.message
     for flight in flights_in_boot(signals, span.boot):
-        for code, flight_limit in zip(
-            (Reported.OFF_GROUND, Reported.ON_GROUND), flight, strict=True
-        ):
-            if not isfinite(flight_limit) or not without_grounded([flight], signals, span.boot):
+        if not without_grounded([flight], signals, span.boot):
+            continue
+        take_off, landing = flight
+        for code, time in ((Reported.OFF_GROUND, take_off), (Reported.ON_GROUND, landing)):
+            # An end of the flight that the record does not have is infinite.
+            if not isfinite(time):
                 continue
-            distances = abs(detected_changes - flight_limit)
-            message, time = motor_message, flight_limit
+            distances = abs(detected_changes - time)
             if np.any(distances <= AVERAGING_SECONDS):
-                message = "EXTENDED_SYS_STATE"
-                time = detected_changes[np.argmin(distances)]
-            elif vehicle not in POSSIBLE_MULTIROTORS:
+                detected_time = detected_changes[np.argmin(distances)]
+                yield _event(signals, span, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
-            elif code is Reported.ON_GROUND and _is_high(signals, span.boot, flight):
-                # The motors were stopped in the air.
-                continue
-            yield _event(signals, span, message, code, time)
+            stopped_in_air = code is Reported.ON_GROUND and _is_high(signals, span.boot, flight)
+            if vehicle in POSSIBLE_MULTIROTORS and not stopped_in_air:
+                yield _event(signals, span, motor_message, code, time)
+
+
+def _detected_changes(signals: Signals, boot: int) -> Array:
+    """Returns the times (K,) at which the land detector reports that the vehicle left the ground or touched it, s.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+
+    Returns:
+        Times since boot; empty without messages of the land detector.
+    """
+    landed_state = series_of_boot(signals.landed_state, boot)
+    if landed_state is None:
+        return np.zeros(0)
+    # The state 0 is "undefined".
+    is_defined = landed_state.values > 0
+    in_air = np.isin(landed_state.values[is_defined], OFF_GROUND)
+    is_change = np.diff(in_air, prepend=in_air[:1])
+    return landed_state.time[is_defined][is_change]
 
 
 def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
@@ -521,119 +465,3 @@ def _lasting_faults(
                 until=end if end < span.end else None,
                 subject=fault.subject,
             )
-
-
-def _fault_signals(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields every fault that a message may report for a time, with the samples that report it.
-
-    These are failsafes, a lost GPS fix or radio, low voltages and charges, unhealthy sensors, and PX4's failure
-    detectors.
-
-    Args:
-        signals: signals of the vehicle, with the messages of all boots.
-
-    Yields:
-        The message, flags (N,) of its N samples that report the fault, the code of the event, and perhaps its subject.
-        The flags are empty for a message that the log does not have.
-    """
-
-    def column(message: str, field: str) -> NDArray[Any]:
-        """Returns (N,) values of a field, empty if it was not recorded."""
-        return signals.telemetry.messages.get(message, {}).get(field, np.zeros(0, np.int64))
-
-    is_critical = column("HEARTBEAT", "system_status") >= CRITICAL
-    yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
-
-    receiver = receiver_message(signals.telemetry)
-    fix = position_fix(signals)
-    if receiver is not None and fix is not None:
-        has_fix = fix.values > 0
-        is_lost = np.zeros(len(has_fix), dtype=np.bool_)
-        for boot in np.unique(fix.boot):
-            # A fix can be lost only after there was one in the same boot: a receiver needs time after a restart.
-            rows = fix.boot == boot
-            is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
-        columns = {"time": fix.time, "boot": fix.boot}
-        yield FaultSignal(receiver, is_lost, Reported.GPS_LOST, columns=columns)
-
-    yield FaultSignal("input_rc", column("input_rc", "rc_lost") > 0, Reported.RADIO_LOST)
-
-    # The voltage is in mV; it is 0 where the board does not measure it.
-    board_voltage = column("POWER_STATUS", "Vcc")
-    is_possible = board_voltage >= 1000 * POSSIBLE_BOARD_VOLTAGE[0]
-    is_low = is_possible & (board_voltage < 1000 * BOARD_VOLTAGE_LIMITS.bad)
-    yield FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
-
-    yield from _battery_faults(signals)
-
-    yield from _sensor_faults(
-        *(
-            column("SYS_STATUS", f"onboard_control_sensors_{mask}").astype(np.int64)
-            for mask in SENSOR_MASKS
-        )
-    )
-
-    message = "failure_detector_status"
-    for field, fault in FAILURE_DETECTORS.items():
-        is_detected = column(message, field) > 0
-        yield FaultSignal(message, is_detected, fault.code, fault.subject)
-    failed_motors = column(message, "motor_failure_mask").astype(np.int64)
-    for motor in range(MAX_MOTORS):
-        # Bit i of the mask stands for motor i + 1.
-        has_failed = failed_motors >> motor & 1 > 0
-        if has_failed.any():
-            subject = f"motor {motor + 1}"
-            yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, subject)
-
-
-def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields a signal for each battery and level, true while the autopilot reports it low, critical or spent.
-
-    The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
-    that of SYS_STATUS, which is one of them, would repeat it.
-
-    Args:
-        signals: signals of the vehicle.
-    """
-    batteries = []
-    for battery in battery_columns(signals.telemetry):
-        # The state 0 is "undefined": a battery that never has another one reports nothing.
-        if battery.columns.get("charge_state", np.zeros(0)).any():
-            batteries.append(battery)
-    if any(battery.message == "BATTERY_STATUS" for battery in batteries):
-        batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
-    has_several = len(batteries) > 1 or len(signals.batteries) > 1
-    for battery in batteries:
-        name = battery_name(battery.number)
-        subject = name if has_several else ""
-        charge = battery.columns["charge_state"]
-        is_low = charge == LOW_CHARGE
-        is_emergency = charge == EMERGENCY_CHARGE
-        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
-        flags_by_code = {
-            Reported.BATTERY_WARNED: is_low,
-            Reported.BATTERY_ALARMED: is_critical,
-            Reported.BATTERY_SPENT: is_emergency,
-        }
-        for code, is_faulty in flags_by_code.items():
-            yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns, name)
-
-
-def _sensor_faults(
-    health: NDArray[np.int64], present: NDArray[np.int64], enabled: NDArray[np.int64]
-) -> Iterator[FaultSignal]:
-    """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
-
-    A sensor is at fault where it is present and enabled, and not healthy any more. One that was never healthy in a log
-    did not fail in it: autopilots clear the bit as well before calibration, or where they do not use the sensor.
-    Signals of sound sensors are yielded too: they are never faulty.
-
-    Args:
-        health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).
-    """
-    unhealthy = ~health & present & enabled
-    for sensor, fault in SENSOR_FAULTS.items():
-        bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
-        was_healthy = np.logical_or.accumulate(health & bit > 0)
-        has_failed = was_healthy & (unhealthy & bit > 0)
-        yield FaultSignal("SYS_STATUS", has_failed, fault.code, fault.subject)

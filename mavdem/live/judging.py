@@ -115,23 +115,24 @@ class ModelJudging:
             The model to show. If a limit cycle or a weak motor caused the torque that was estimated as the wind's, it
             is marked so.
         """
+        is_of_latest_motors = (
+            model is not None
+            and row_format is not None
+            and model.record.input_names == row_format.geometry.names
+        )
         with suppress(ValueError):
-            if (
-                model is None
-                or row_format is None
-                or model.record.input_names != row_format.geometry.names
-            ):
+            if model is None or row_format is None or not is_of_latest_motors:
                 self.findings = findings_of(model, alarms=alarms)
                 self.judgement = None
-            else:
-                self.findings, self.judgement = judge_model(
-                    model, row_format, alarms, self._recording_name
-                )
-                torque_is_own = any(
-                    override.is_bad and override.code in OWN_TORQUE_OVERRIDES
-                    for override in self.findings.overrides
-                )
-                model = with_oscillation_torque_marked(model, torque_is_own)
+                return model
+            self.findings, self.judgement = judge_model(
+                model, row_format, alarms, self._recording_name
+            )
+            vehicle_made_torque = any(
+                override.is_bad and override.code in OWN_TORQUE_OVERRIDES
+                for override in self.findings.overrides
+            )
+            return with_oscillation_torque_marked(model, vehicle_made_torque)
         return model
 
     def use_judgement_of_recording(self, judgement: Judgement) -> None:

@@ -146,28 +146,17 @@ class SampleFreeEnergy:
             The function, with all factors that do not depend on the sample.
         """
         model = posterior.model
-        T = posterior.samples.sample_count
         totals = _terms_without_errors(posterior)
         totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
+        # Every sample has an equal share of what belongs to the training data as a whole.
+        sample_count = posterior.samples.sample_count
+        constants = np.array([totals.get(term, 0.0) / sample_count for term in Term])
         noise_precisions = np.exp(posterior.lambda_)
-        # The uncertainty of λ adds this share to the weight of the errors of each noise. Errors that λ leaves alone
-        # have the index −1, which picks the 0 appended at the end.
-        expected_precisions = expected_noise_precisions(
-            posterior.lambda_, posterior.lambda_covariance
-        )
-        added_share = np.append(expected_precisions / noise_precisions - 1.0, 0.0)
-        rows = _rows_by_term(model)
-        error_weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
-        for column, term in enumerate(SAMPLE_TERMS):
-            if term is Term.MEAN_FIELD:
-                error_weights[:, column] = added_share[model.noise_of_error]
-            else:
-                error_weights[rows[term], column] = 1.0
         return cls(
-            constants=np.array([totals.get(term, 0.0) / T for term in Term]),
+            constants=constants,
             error_operator=model.error_operator(posterior.theta),
             error_precision=model.error_precision(noise_precisions),
-            error_weights=error_weights,
+            error_weights=_error_weights(posterior),
             mean_field_curvature=model.mean_field_curvature_in_states(
                 noise_precisions, posterior.theta_covariance
             ),
@@ -243,6 +232,32 @@ class SampleFreeEnergy:
             rows = slice(first, first + EVALUATED_SAMPLES)
             values[rows] = self.terms(data[rows]).sum(axis=1)
         return values
+
+
+def _error_weights(posterior: Posterior) -> Array:
+    """Returns the weight with which each squared error counts in each of the ``SAMPLE_TERMS``.
+
+    An error counts once in the term of the outputs, inputs or states that it belongs to. In the mean-field term it
+    counts with the share that the uncertainty of λ adds to the expected precision of its noise.
+
+    Args:
+        posterior: the posterior of the training data.
+
+    Returns:
+        Weights (dim ε̃, 4).
+    """
+    model = posterior.model
+    expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
+    # Errors that λ leaves alone have the index −1, which picks the 0 appended at the end.
+    added_shares = np.append(expected_precisions / np.exp(posterior.lambda_) - 1.0, 0.0)
+    rows = _rows_by_term(model)
+    weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
+    for column, term in enumerate(SAMPLE_TERMS):
+        if term is Term.MEAN_FIELD:
+            weights[:, column] = added_shares[model.noise_of_error]
+        else:
+            weights[rows[term], column] = 1.0
+    return weights
 
 
 def expected_noise_precisions(lambda_: Array, lambda_covariance: Array) -> Array:

@@ -234,6 +234,11 @@ class GenerativeModel:
         """Columns of X in the joint vector [ỹ; η̃; X]; those of the data come before them."""
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
 
+    @property
+    def joint_size(self) -> int:
+        """Length of the joint vector [ỹ; η̃; X]."""
+        return self.hidden_columns.start + self.n * (self.p + 1) + self.r * (self.d + 1)
+
     def error_operator(self, theta: Array) -> Array:
         """Returns the matrix E that maps data and hidden states to the prediction errors, ε̃ = E [ỹ; η̃; x̃; ṽ].
 
@@ -308,15 +313,21 @@ class GenerativeModel:
 
     @cached_property
     def _regressor_layout(self) -> RegressorLayout:
-        """Which columns of the joint vector [ỹ; η̃; X], and which parameters, belong to each row of [A B] and of C."""
+        """Which columns of the joint vector [ỹ; η̃; X], and which parameters, belong to each row of [A B] and of C.
+
+        X = [x; x′; …; v; v′; …] stacks the states and then the inputs, order after order.
+        """
         n, r, m = self.sizes
-        joint_size = self.hidden_columns.start + n * (self.p + 1) + r * (self.d + 1)
+        # (p + 1, n): one row of columns for each order of x.
         x_columns = self.hidden_columns.start + np.arange(n * (self.p + 1)).reshape(-1, n)
-        # Inputs have derivatives up to order d only. Those of higher order are marked by a column after the last one.
-        v_columns = np.full((self.q + 1, r), joint_size)
+        # (q + 1, r): the same of v. Inputs have derivatives up to order d only; in the place of higher ones stands the
+        # index after the last column, where the users of this layout put zeros.
+        column_of_zeros = self.joint_size
+        v_columns = np.full((self.q + 1, r), column_of_zeros)
         modelled_orders = min(self.d, self.q) + 1
         first_v_column = x_columns[-1, -1] + 1
         v_columns[:modelled_orders] = first_v_column + np.arange(modelled_orders * r).reshape(-1, r)
+        # The numbers of the parameters in the places of A, B and C.
         A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
         return RegressorLayout(
             state_columns=np.hstack([x_columns[: self.q + 1], v_columns]),
@@ -425,15 +436,14 @@ class GenerativeModel:
         )
         # Inputs may have fewer derivatives than states. The layout gives all that they lack one column after the last.
         # So the matrix has one row and one column too many, which are cut off in the end.
-        joint_size = self.hidden_columns.start + self.n * (self.p + 1) + self.r * (self.d + 1)
-        curvature = np.zeros((joint_size + 1, joint_size + 1))
+        curvature = np.zeros((self.joint_size + 1, self.joint_size + 1))
         columns = layout.state_columns.ravel()
         curvature[np.ix_(columns, columns)] = np.kron(self.state_temporal_precision, state_weights)
         columns = layout.output_columns.ravel()
         curvature[np.ix_(columns, columns)] += np.kron(
             self.output_temporal_precision, output_weights
         )
-        hidden = slice(self.hidden_columns.start, joint_size)
+        hidden = slice(self.hidden_columns.start, self.joint_size)
         return curvature[hidden, hidden]
 
     def mean_field_squared_errors(

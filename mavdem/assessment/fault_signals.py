@@ -1,0 +1,234 @@
+"""Faults that messages report for a time: failsafes, lost fixes and radios, low batteries, and failed sensors."""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.arrays import Flags
+from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
+from mavdem.dataset.batteries import battery_columns, battery_name
+from mavdem.dataset.signals import Signals
+from mavdem.facts.events import Reported
+from mavdem.ingest.mavlink.dialect import mavlink_constant
+from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.vocabulary import CRITICAL
+from mavdem.witnesses.position import position_fix, receiver_message
+
+EMERGENCY_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_EMERGENCY")
+"""The charge state "emergency", which is worse than "critical": the vehicle must land at once."""
+
+LOW_CHARGE = mavlink_constant("MAV_BATTERY_CHARGE_STATE_LOW")
+"""The charge state "low" of BATTERY_STATUS; larger values are worse, but for ``CHARGING``."""
+
+CHARGING = mavlink_constant("MAV_BATTERY_CHARGE_STATE_CHARGING")
+"""The charge state of a battery that is charged."""
+
+SENSOR_MASKS = ("health", "present", "enabled")
+"""Ends of the names of three bit masks of SYS_STATUS, ``onboard_control_sensors_…``, with a bit for each sensor."""
+
+MAX_MOTORS = 16
+"""Number of motors in PX4's ``motor_failure_mask``, one bit each."""
+
+MILLIVOLTS_PER_VOLT = 1000
+"""Millivolts of a volt: the unit of POWER_STATUS."""
+
+
+class Fault(NamedTuple):
+    """What a field or bit of a message reports when it is set."""
+
+    code: Reported
+    """Code of the event."""
+    subject: str = ""
+    """What is at fault; empty if the code names it."""
+
+
+FAILURE_DETECTORS = {
+    "fd_roll": Fault(Reported.ATTITUDE_FAILED, "roll"),
+    "fd_pitch": Fault(Reported.ATTITUDE_FAILED, "pitch"),
+    "fd_alt": Fault(Reported.ALTITUDE_FAILED),
+    "fd_motor": Fault(Reported.MOTOR_FAILED),
+    "fd_imbalanced_prop": Fault(Reported.PROPELLER_IMBALANCED),
+}
+"""Faults by the fields of PX4's ``failure_detector_status``."""
+
+SENSOR_FAULTS = {
+    "SENSOR_3D_GYRO": Fault(Reported.SENSOR_FAILED, "gyro"),
+    "SENSOR_3D_ACCEL": Fault(Reported.SENSOR_FAILED, "accel"),
+    "SENSOR_3D_MAG": Fault(Reported.SENSOR_FAILED, "compass"),
+    "SENSOR_ABSOLUTE_PRESSURE": Fault(Reported.SENSOR_FAILED, "barometer"),
+    "SENSOR_GPS": Fault(Reported.SENSOR_FAILED, "gps"),
+    "SENSOR_RC_RECEIVER": Fault(Reported.RADIO_LOST),
+    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED, "attitude"),
+}
+"""Faults by the bits of SYS_STATUS: the name of the bit is MAV_SYS_STATUS_ and the key (MAV_SYS_STATUS_SENSOR)."""
+
+
+class FaultSignal(NamedTuple):
+    """For each sample of a message, whether it reports one fault."""
+
+    message: str
+    """Name of the message."""
+    is_faulty: Flags
+    """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
+    code: Reported
+    """Code of the event."""
+    subject: str = ""
+    """What is at fault; empty if the code names it."""
+    columns: Columns | None = None
+    """The N samples, where they are not all of the message: of one of several batteries."""
+    instance: str = ""
+    """Name of the battery, even where it is the only one; empty where the subject says what is at fault."""
+
+    def is_about(self, subject: str) -> bool:
+        """Returns whether a text with this subject may be about the same battery, motor or axis.
+
+        Args:
+            subject: subject of the text; empty if it names none, so that it may be about any.
+        """
+        reported = self.instance or self.subject
+        return not subject or not reported or subject == reported
+
+    def columns_of(self, signals: Signals) -> Columns:
+        """Returns the N samples, with their times and boots.
+
+        Args:
+            signals: signals of the vehicle, with the message.
+        """
+        return self.columns or signals.telemetry.messages[self.message]
+
+
+def fault_signals(signals: Signals) -> Iterator[FaultSignal]:
+    """Yields every fault that a message may report for a time, with the samples that report it.
+
+    Args:
+        signals: signals of the vehicle, with the messages of all boots.
+
+    Yields:
+        The message, flags (N,) of its N samples that report the fault, the code of the event, and perhaps its subject.
+        The flags are empty for a message that the log does not have.
+    """
+    telemetry = signals.telemetry
+    is_critical = _column(telemetry, "HEARTBEAT", "system_status") >= CRITICAL
+    yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
+    yield from _lost_fix(signals)
+    is_radio_lost = _column(telemetry, "input_rc", "rc_lost") > 0
+    yield FaultSignal("input_rc", is_radio_lost, Reported.RADIO_LOST)
+    yield _low_board_voltage(telemetry)
+    yield from _battery_faults(signals)
+    health, present, enabled = (
+        _column(telemetry, "SYS_STATUS", f"onboard_control_sensors_{mask}").astype(np.int64)
+        for mask in SENSOR_MASKS
+    )
+    yield from _sensor_faults(health, present, enabled)
+    yield from _detected_failures(telemetry)
+
+
+def _column(telemetry: Telemetry, message: str, field: str) -> NDArray[Any]:
+    """Returns (N,) values of a field of a message; empty if it was not recorded."""
+    return telemetry.messages.get(message, {}).get(field, np.zeros(0, np.int64))
+
+
+def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
+    """Yields the signal of a lost GPS fix; nothing without a receiver.
+
+    A fix can be lost only after there was one in the same boot: a receiver needs time after a restart.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    receiver = receiver_message(signals.telemetry)
+    fix = position_fix(signals)
+    if receiver is None or fix is None:
+        return
+    has_fix = fix.values > 0
+    is_lost = np.zeros(len(has_fix), dtype=np.bool_)
+    for boot in np.unique(fix.boot):
+        rows = fix.boot == boot
+        is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
+    columns = {"time": fix.time, "boot": fix.boot}
+    yield FaultSignal(receiver, is_lost, Reported.GPS_LOST, columns=columns)
+
+
+def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
+    """Returns the signal of a supply voltage of the board below its limit; 0 V are no measurement.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    volts = _column(telemetry, "POWER_STATUS", "Vcc") / MILLIVOLTS_PER_VOLT
+    lowest_possible, _ = POSSIBLE_BOARD_VOLTAGE
+    is_low = (volts >= lowest_possible) & (volts < BOARD_VOLTAGE_LIMITS.bad)
+    return FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
+
+
+def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
+    """Yields the signal of each of PX4's ``FAILURE_DETECTORS``, and of each motor that they found.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
+    message = "failure_detector_status"
+    for field, fault in FAILURE_DETECTORS.items():
+        is_detected = _column(telemetry, message, field) > 0
+        yield FaultSignal(message, is_detected, fault.code, fault.subject)
+    failed_motors = _column(telemetry, message, "motor_failure_mask").astype(np.int64)
+    for motor in range(MAX_MOTORS):
+        # Bit i of the mask stands for motor i + 1.
+        has_failed = failed_motors >> motor & 1 > 0
+        if has_failed.any():
+            yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, f"motor {motor + 1}")
+
+
+def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
+    """Yields a signal for each battery and level, true while the autopilot reports it low, critical or spent.
+
+    The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
+    that of SYS_STATUS, which is one of them, would repeat it.
+
+    Args:
+        signals: signals of the vehicle.
+    """
+    batteries = []
+    for battery in battery_columns(signals.telemetry):
+        # The state 0 is "undefined": a battery that never has another one reports nothing.
+        if battery.columns.get("charge_state", np.zeros(0)).any():
+            batteries.append(battery)
+    if any(battery.message == "BATTERY_STATUS" for battery in batteries):
+        batteries = [battery for battery in batteries if battery.message == "BATTERY_STATUS"]
+    has_several = len(batteries) > 1 or len(signals.batteries) > 1
+    for battery in batteries:
+        name = battery_name(battery.number)
+        subject = name if has_several else ""
+        charge = battery.columns["charge_state"]
+        is_low = charge == LOW_CHARGE
+        is_emergency = charge == EMERGENCY_CHARGE
+        is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
+        flags_by_code = {
+            Reported.BATTERY_WARNED: is_low,
+            Reported.BATTERY_ALARMED: is_critical,
+            Reported.BATTERY_SPENT: is_emergency,
+        }
+        for code, is_faulty in flags_by_code.items():
+            yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns, name)
+
+
+def _sensor_faults(
+    health: NDArray[np.int64], present: NDArray[np.int64], enabled: NDArray[np.int64]
+) -> Iterator[FaultSignal]:
+    """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
+
+    A sensor is at fault where it is present and enabled, and not healthy any more. One that was never healthy in a log
+    did not fail in it: autopilots clear the bit as well before calibration, or where they do not use the sensor.
+    Signals of sound sensors are yielded too: they are never faulty.
+
+    Args:
+        health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).
+    """
+    unhealthy = ~health & present & enabled
+    for sensor, fault in SENSOR_FAULTS.items():
+        bit = mavlink_constant(f"MAV_SYS_STATUS_{sensor}")
+        was_healthy = np.logical_or.accumulate(health & bit > 0)
+        has_failed = was_healthy & (unhealthy & bit > 0)
+        yield FaultSignal("SYS_STATUS", has_failed, fault.code, fault.subject)
