@@ -54,8 +54,8 @@ def resource_use(process_id: int) -> ResourceUse:
         process = psutil.Process(process_id)
         times = process.cpu_times()
         memory = process.memory_info()
-        allocated = getattr(memory, "private", getattr(memory, "data", memory.rss))
-        return ResourceUse(times.user + times.system, allocated / MEBIBYTE)
+        allocated_bytes = getattr(memory, "private", getattr(memory, "data", memory.rss))
+        return ResourceUse(times.user + times.system, allocated_bytes / MEBIBYTE)
     return ResourceUse(0.0, 0.0)
 
 

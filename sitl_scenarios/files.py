@@ -241,7 +241,7 @@ def scenario_toml(scenario: Scenario) -> str:
         for key, value in scenario
         if isinstance(value, tuple | BaseModel) or key in SECTION_KINDS
     }
-    lines = _value_lines(scenario, excluded=sections)
+    lines = _value_lines(scenario, excluded_keys=sections)
     for key, value in sections.items():
         is_list = isinstance(value, tuple)
         header = f"[[{key}]]" if is_list else f"[{key}]"
@@ -278,12 +278,12 @@ def _kind_lines(key: str) -> list[str]:
     return lines
 
 
-def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str]:
+def _value_lines(section: BaseModel, excluded_keys: Collection[str] = ()) -> list[str]:
     """Returns a line of TOML for each key of a section, with the key's meaning and range as a comment.
 
     Args:
         section: The whole scenario, or one of its sections.
-        excluded: Keys that get no line.
+        excluded_keys: Keys that get no line.
 
     Returns:
         Lines such as "speed = 5.0  # Of the wind, m/s; from 0 to 60".
@@ -291,7 +291,7 @@ def _value_lines(section: BaseModel, excluded: Collection[str] = ()) -> list[str
     # Meanings and ranges are those of the JSON schema that pydantic derives from the model's fields.
     schema = type(section).model_json_schema(mode="validation")["properties"]
     lines = []
-    for key, value in section.model_dump(mode="json", exclude=set(excluded)).items():
+    for key, value in section.model_dump(mode="json", exclude=set(excluded_keys)).items():
         line = f"{_toml_key(key)} = {_toml_value(value)}"
         meaning = schema[key].get("description", "").removesuffix(".")
         notes = [note for note in (meaning, _value_range(schema[key])) if note]

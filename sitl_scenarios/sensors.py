@@ -162,8 +162,8 @@ class StateEstimator:
         older, newer = self._states[0], self._states[1]
         # Linear interpolation: the larger the delay, the nearer the delayed time is to the earlier cycle. It is written
         # out, because a function of each vector would take twice as long.
-        old = self._cycle_fraction
-        new = 1.0 - old
+        older_weight = self._cycle_fraction
+        newer_weight = 1.0 - older_weight
         old_north, old_east, old_down = older.position
         new_north, new_east, new_down = newer.position
         old_north_speed, old_east_speed, old_down_speed = older.velocity
@@ -180,27 +180,27 @@ class StateEstimator:
         ) = next(self._noise)  # fmt: skip
         half_roll, half_pitch = self._misalignment_half_angles
         attitude = (
-            new * new_w + old * old_w,
-            new * new_x + old * old_x,
-            new * new_y + old * old_y,
-            new * new_z + old * old_z,
+            newer_weight * new_w + older_weight * old_w,
+            newer_weight * new_x + older_weight * old_x,
+            newer_weight * new_y + older_weight * old_y,
+            newer_weight * new_z + older_weight * old_z,
         )
         half_angles = (half_roll + roll_noise, half_pitch + pitch_noise, yaw_noise)
         return State(
             (
-                new * new_north + old * old_north + north_noise,
-                new * new_east + old * old_east + east_noise,
-                new * new_down + old * old_down + down_noise,
+                newer_weight * new_north + older_weight * old_north + north_noise,
+                newer_weight * new_east + older_weight * old_east + east_noise,
+                newer_weight * new_down + older_weight * old_down + down_noise,
             ),
             (
-                new * new_north_speed + old * old_north_speed + north_speed_noise,
-                new * new_east_speed + old * old_east_speed + east_speed_noise,
-                new * new_down_speed + old * old_down_speed + down_speed_noise,
+                newer_weight * new_north_speed + older_weight * old_north_speed + north_speed_noise,
+                newer_weight * new_east_speed + older_weight * old_east_speed + east_speed_noise,
+                newer_weight * new_down_speed + older_weight * old_down_speed + down_speed_noise,
             ),
             normalised(rotated(attitude, half_angles)),
             (
-                new * new_p + old * old_p + p_noise,
-                new * new_q + old * old_q + q_noise,
-                new * new_r + old * old_r + r_noise,
+                newer_weight * new_p + older_weight * old_p + p_noise,
+                newer_weight * new_q + older_weight * old_q + q_noise,
+                newer_weight * new_r + older_weight * old_r + r_noise,
             ),
         )

@@ -210,20 +210,22 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     delay = scenario.sensors.delay + scenario.cycle / 2
     arrays["delay"] = np.array(delay)
     arrays["lag"] = np.array([mean_lag, *body.rotor_lags])
-    for number, name in enumerate(AXES):
-        model = axis_model(scenario.vehicle, name)
-        arrays[f"{name}_A"] = model.A
-        arrays[f"{name}_B"] = model.B
+    for axis_number, axis in enumerate(AXES):
+        model = axis_model(scenario.vehicle, axis)
+        arrays[f"{axis}_A"] = model.A
+        arrays[f"{axis}_B"] = model.B
         if mean_lag:
-            lagged = _with_rotor_lag(model, mean_lag)
-            arrays[f"{name}_lag_A"] = lagged.A
-            arrays[f"{name}_lag_B"] = lagged.B
+            model_with_lag = _with_rotor_lag(model, mean_lag)
+            arrays[f"{axis}_lag_A"] = model_with_lag.A
+            arrays[f"{axis}_lag_B"] = model_with_lag.B
         # The damping by the vehicle's own rate is in A. On the ground nothing moves and nothing acts.
-        moment_acceleration = motion.moment[:, number] / body.inertia[number]
+        moment_acceleration = motion.moment[:, axis_number] / body.inertia[axis_number]
         rate_damping = model.A[-1, -1]
-        arrays[f"{name}_disturbance"] = moment_acceleration - rate_damping * motion.rates[:, number]
-        effect = arrays.get(f"{name}_effect", model.B[-1])
-        arrays |= true_loops(scenario, number, effect)
+        arrays[f"{axis}_disturbance"] = (
+            moment_acceleration - rate_damping * motion.rates[:, axis_number]
+        )
+        effect = arrays.get(f"{axis}_effect", model.B[-1])
+        arrays |= true_loops(scenario, axis_number, effect)
     return arrays
 
 
@@ -465,11 +467,11 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         without hover has none.
     """
     is_hover = motion.landed_state == IN_AIR
-    undamaged = sound_condition(airframe(scenario.vehicle).rotors)
-    history = damage_history(scenario) or [(np.inf, undamaged)]
+    sound_motors = sound_condition(airframe(scenario.vehicle).rotors)
+    history = damage_history(scenario) or [(np.inf, sound_motors)]
     first_time, _ = history[0]
     last_time, final_condition = history[-1]
-    before = HoverPart(is_hover & (motion.time < BOOT_SECONDS + first_time), undamaged)
+    before = HoverPart(is_hover & (motion.time < BOOT_SECONDS + first_time), sound_motors)
     after = HoverPart(is_hover & (motion.time >= BOOT_SECONDS + last_time), final_condition)
     flown_parts = [part for part in (before, after) if part.rows.any()]
     arrays: dict[str, Array] = {}

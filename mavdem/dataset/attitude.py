@@ -253,7 +253,7 @@ class _IntegratedRates(NamedTuple):
     """Number of attitude messages in the time that the rates cover."""
 
 
-def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
+def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     """Integrates a body rate to an Euler angle, and holds it to the attitude that was sent.
 
     The integral alone would drift away from the angle. So the difference between the sent and the integrated angle is
@@ -261,7 +261,7 @@ def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     fast rate, and agrees with the slow messages.
 
     Args:
-        sent: Attitude as it was sent.
+        attitude: Attitude as it was sent.
         tuning: Body rate and its setpoint (N, 2), rad/s.
 
     Returns:
@@ -271,19 +271,19 @@ def _integrated_rates(sent: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     angle = np.full_like(rate, np.nan)
     euler_rate = rate.copy()
     covered_count = 0
-    for boot, rows in rows_by_value(sent.boot).items():
-        sent_time = sent.time[rows]
+    for boot, rows in rows_by_value(attitude.boot).items():
+        sent_time = attitude.time[rows]
         is_covered = (tuning.boot == boot) & _is_between_messages(tuning.time, sent_time)
         if not np.any(is_covered):
             continue
         time = tuning.time[is_covered]
         integral = cumulative_integral(rate[is_covered], np.diff(time))
-        drift = sent.angle[rows] - np.interp(sent_time, time, integral)
+        drift = attitude.angle[rows] - np.interp(sent_time, time, integral)
         angle[is_covered] = integral + np.interp(time, sent_time, drift)
         is_in_span = (sent_time >= time[0]) & (sent_time <= time[-1])
         covered_count += int(np.count_nonzero(is_in_span))
         # Only the body rate of this axis is fast; what the other rates add changes with the attitude.
-        coupling = sent.euler_rate[rows] - sent.rate[rows]
+        coupling = attitude.euler_rate[rows] - attitude.rate[rows]
         euler_rate[is_covered] += np.interp(time, sent_time, coupling)
     return _IntegratedRates(angle, euler_rate, covered_count)
 

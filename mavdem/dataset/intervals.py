@@ -27,9 +27,9 @@ def true_intervals(time: Array, condition: Flags) -> Intervals:
     Returns:
         The intervals, the first from -inf or the last to inf where the condition is true at the end of the record.
     """
-    padded = np.concatenate([[False], condition, [False]]).astype(np.int8)
+    padded_condition = np.concatenate([[False], condition, [False]]).astype(np.int8)
     # Changes alternate: the first true row of a run, then the row after its last true one.
-    changes = np.flatnonzero(np.diff(padded))
+    changes = np.flatnonzero(np.diff(padded_condition))
     intervals = []
     for first_row, row_after in zip(changes[::2], changes[1::2], strict=True):
         start = -inf if first_row == 0 else float(time[first_row])
@@ -48,8 +48,8 @@ def longest_true_duration(time: Array, condition: Flags) -> float:
     Returns:
         The longest time, s.
     """
-    recorded = np.clip(true_intervals(time, condition), time[0], time[-1])
-    return float(max((end - start for start, end in recorded), default=0.0))
+    recorded_intervals = np.clip(true_intervals(time, condition), time[0], time[-1])
+    return float(max((end - start for start, end in recorded_intervals), default=0.0))
 
 
 def split_at_gaps(time: Array, is_gap: Flags) -> Intervals:

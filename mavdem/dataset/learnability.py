@@ -675,10 +675,10 @@ def _best_segment(judge: _SegmentJudge, segments: Sequence[Segment]) -> Learnabi
     Returns:
         The result for that segment or, if none can be learned from, for the first.
     """
-    refused = []
+    refused_segments = []
     for segment in segments:
         learnability = judge.learnability(segment)
         if learnability.learnable:
             return learnability
-        refused.append(learnability)
-    return refused[0]
+        refused_segments.append(learnability)
+    return refused_segments[0]

@@ -126,8 +126,10 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
             first_obstacle = result
     if first_obstacle is not None:
         return first_obstacle
-    preferred = next(iter(MOTOR_MESSAGES))
-    return Fact(MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.name_in_source(preferred))
+    preferred_message_name = next(iter(MOTOR_MESSAGES))
+    return Fact(
+        MotorObstacle.NO_MOTOR_MESSAGE, name=telemetry.name_in_source(preferred_message_name)
+    )
 
 
 def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
@@ -291,23 +293,23 @@ def _combined_outputs(
             outputs = _interpolated_outputs(main_bank.series, bank.series, outputs)
         columns.append(outputs)
     stamps = {"time": main_bank.series.time, "boot": main_bank.series.boot}
-    combined = clean_series(stamps, np.column_stack(columns))
-    if not len(combined.time):
+    combined_series = clean_series(stamps, np.column_stack(columns))
+    if not len(combined_series.time):
         return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
     # The resolution is that of the outputs as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
     if scale.stop == 1.0:
         # No parameter says where the upper stop is. One that a parameter states is not guessed from a few samples.
-        scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined.values)))
+        scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined_series.values)))
     return MotorOutputs(
         message=message,
-        time=combined.time,
-        boot=combined.boot,
-        outputs=combined.values,
+        time=combined_series.time,
+        boot=combined_series.boot,
+        outputs=combined_series.values,
         geometry=geometry,
         scale=scale,
         sent_count=main_bank.series.sent_count,
-        unused_count=main_bank.series.unused_count + combined.unused_count,
+        unused_count=main_bank.series.unused_count + combined_series.unused_count,
     )
 
 
@@ -357,14 +359,14 @@ def _interpolated_outputs(main: TimeSeries, bank: TimeSeries, outputs: Array) ->
     Returns:
         (N,) outputs; NaN in boots of which ``bank`` has no sample.
     """
-    interpolated = np.full(len(main.time), np.nan)
+    interpolated_outputs = np.full(len(main.time), np.nan)
     for boot in np.intersect1d(main.boot, bank.boot):
         main_rows = main.boot == boot
         bank_rows = bank.boot == boot
-        interpolated[main_rows] = np.interp(
+        interpolated_outputs[main_rows] = np.interp(
             main.time[main_rows], bank.time[bank_rows], outputs[bank_rows]
         )
-    return interpolated
+    return interpolated_outputs
 
 
 def _observed_upper_stop(fractions: Array) -> float:

@@ -140,16 +140,16 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
     # A vehicle that lies on its back has crashed.
     roll = tilts[0]
     flights = intersection(flights, true_intervals(roll.time, abs(roll.values) < np.pi / 2))
-    settled = []
+    intervals = []
     for flight in flights:
         level_part = without_transients(flight, climb_rate)
         if level_part is not None:
-            settled.append(level_part)
+            intervals.append(level_part)
     if climb_rate is not None:
-        settled = _without_long_climbs(settled, climb_rate)
+        intervals = _without_long_climbs(intervals, climb_rate)
     for tilt in tilts:
-        settled = intersection(settled, true_intervals(tilt.time, abs(tilt.values) < MAX_TILT))
-    return settled
+        intervals = intersection(intervals, true_intervals(tilt.time, abs(tilt.values) < MAX_TILT))
+    return intervals
 
 
 def _flights_in_air(signals: Signals, boot: int) -> Intervals:
@@ -282,23 +282,23 @@ def _operating_intervals(signals: Signals, boot: int) -> Intervals:
     """
     if series_of_boot(signals.armed, boot) is None:
         return []
-    armed = armed_intervals(signals, boot)
+    armed_spans = armed_intervals(signals, boot)
     reports = series_of_boot(signals.landed_state, boot)
     if reports is None or signals.telemetry.vehicle in SURFACE_VEHICLES:
-        return armed
+        return armed_spans
     is_undefined = reports.values == UNDEFINED_LANDED_STATE
     if is_undefined.all():
-        return armed
+        return armed_spans
     is_off_ground = np.isin(reports.values, OFF_GROUND) | is_undefined
-    return intersection(armed, true_intervals(reports.time, is_off_ground))
+    return intersection(armed_spans, true_intervals(reports.time, is_off_ground))
 
 
 def armed_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of a boot in which the vehicle is armed; all times where no heartbeat was recorded."""
-    armed = series_of_boot(signals.armed, boot)
-    if armed is None:
+    armed_series = series_of_boot(signals.armed, boot)
+    if armed_series is None:
         return [(-inf, inf)]
-    return true_intervals(armed.time, armed.values > 0)
+    return true_intervals(armed_series.time, armed_series.values > 0)
 
 
 def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
@@ -370,8 +370,10 @@ def _with_samples_near(time: Array) -> Intervals:
     Returns:
         Start and end of each interval, s.
     """
-    recorded = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
-    return [(start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded]
+    recorded_spans = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
+    return [
+        (start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded_spans
+    ]
 
 
 def _last_defined(landed_states: Array) -> Array:
@@ -430,14 +432,14 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     if climb_rate is not None:
         speed = TimeSeries(climb_rate.time, climb_rate.boot, abs(moving_average(climb_rate)))
         flights = [flight for flight in flights if _has_vertical_speed(flight, speed)]
-    excluded = []
+    excluded_intervals = []
     for flight in flights:
         if _ignored_tilt_setpoints(signals, boot, flight):
-            excluded.append(flight)
+            excluded_intervals.append(flight)
     for start, end in intersection(flights, grounded_intervals(signals, boot)):
         if end - start >= MIN_GROUND_SECONDS:
-            excluded.append((start, end))
-    return intersection(flights, complement(sorted(excluded)))
+            excluded_intervals.append((start, end))
+    return intersection(flights, complement(sorted(excluded_intervals)))
 
 
 def _has_vertical_speed(flight: Interval, speed: TimeSeries) -> bool:

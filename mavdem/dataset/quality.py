@@ -112,8 +112,8 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
     armed_durations = []
     for span in recorded_spans(signals):
         armed_intervals = phases.armed_intervals(signals, span.boot)
-        recorded = intersection([(span.start, span.end)], armed_intervals)
-        armed_durations.append(total_duration(recorded))
+        recorded_intervals = intersection([(span.start, span.end)], armed_intervals)
+        armed_durations.append(total_duration(recorded_intervals))
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, inputs.boot):
         # Inputs that end early are no landing.
@@ -156,14 +156,15 @@ def segment_quality(
     rate_step = _quantisation_step(rate)
 
     # The angle of yaw is no output of a model.
-    measured = [angle, rate] if signals.axis in TILT_AXES else [rate]
+    measured_outputs = [angle, rate] if signals.axis in TILT_AXES else [rate]
     steps = [angle_step, rate_step] if signals.axis in TILT_AXES else [rate_step]
     output_snrs = [
-        _snr_of_changes(time, values, step) for values, step in zip(measured, steps, strict=True)
+        _snr_of_changes(time, values, step)
+        for values, step in zip(measured_outputs, steps, strict=True)
     ]
 
-    aligned, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, euler_rate]))
-    aligned_angle, aligned_euler_rate = aligned.T
+    aligned_motion, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, euler_rate]))
+    aligned_angle, aligned_euler_rate = aligned_motion.T
     consistencies = [
         _consistency(time, angle, euler_rate),
         _consistency(flight.time, aligned_angle, aligned_euler_rate),
@@ -183,7 +184,7 @@ def segment_quality(
         dt=flight.dt,
         attitude_rate=mean_rate(time),
         motor_rate=mean_rate(input_time),
-        attitude_fresh=_fresh_rate(time, np.column_stack(measured), np.array(steps)),
+        attitude_fresh=_fresh_rate(time, np.column_stack(measured_outputs), np.array(steps)),
         motor_fresh=_fresh_rate(input_time, inputs.outputs[input_rows], inputs.scale.step),
         attitude_gap=np.diff(time).max(),
         motor_gap=np.diff(input_time).max(),
@@ -341,10 +342,10 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
     ends = time[is_start] + RATE_INTEGRATION_SPAN
     changes = np.interp(ends, time, angle) - angle[is_start]
-    unexplained = changes - (np.interp(ends, time, integral) - integral[is_start])
+    unexplained_changes = changes - (np.interp(ends, time, integral) - integral[is_start])
     if not len(changes):
         return None
-    errors = abs(unexplained - np.median(unexplained))
+    errors = abs(unexplained_changes - np.median(unexplained_changes))
     # A single wrong sample spoils every span that it lies in, about as many as begin within one span's time. So at
     # least that many of the worst spans are left out.
     spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
@@ -352,5 +353,5 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]
     variance = changes[usual_spans].var() if len(usual_spans) else 0.0
     if variance > 0:
-        return 1 - unexplained[usual_spans].var() / variance
+        return 1 - unexplained_changes[usual_spans].var() / variance
     return None

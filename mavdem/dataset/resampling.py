@@ -84,7 +84,7 @@ def _sampling_interval(time: Array) -> float:
         interval, s.
     """
     mean = 1 / mean_rate(time)
-    elapsed = time - time[0]
+    elapsed_time = time - time[0]
     # The cycle is the greatest common divisor of the steps between stamps that occur often, in units of the stamps'
     # resolution. Rare steps are left out, since one odd step would make the divisor too small.
     milliseconds = np.rint(np.diff(time) / STAMP_RESOLUTION).astype(int)
@@ -94,7 +94,7 @@ def _sampling_interval(time: Array) -> float:
     if not cycle:
         return mean
     interval = cycle * min(round(mean / cycle), MAX_CYCLES_PER_STEP)
-    deviations = abs(elapsed - cycle * np.rint(elapsed / cycle))
+    deviations = abs(elapsed_time - cycle * np.rint(elapsed_time / cycle))
     is_on_cycles = np.mean(deviations > STAMP_RESOLUTION) < RARE_STEP_SHARE
     has_shorter_steps = usual_steps[0] * STAMP_RESOLUTION < interval - STAMP_RESOLUTION
     if is_on_cycles and has_shorter_steps and abs(interval / mean - 1) <= MAX_MEAN_RATIO - 1:
@@ -155,8 +155,10 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array,
     """
     if needs_low_pass(time, dt):
         cutoff = CUTOFF_RATIO / dt
-        even_time, filtered = _low_passed(time, values, cutoff)
-        return interpolated(grid, even_time, filtered), Fact(Resampling.LOW_PASSED, rate=cutoff)
+        even_time, filtered_values = _low_passed(time, values, cutoff)
+        return interpolated(grid, even_time, filtered_values), Fact(
+            Resampling.LOW_PASSED, rate=cutoff
+        )
     rows = nearest_rows(grid, time)
     if rows is not None:
         return values[rows], Fact(Resampling.SAMPLES_KEPT)

@@ -107,8 +107,8 @@ def settled_segments(signals: Signals) -> Segments:
     for runs_without_gaps in (_fast_runs, _runs_at_any_rate):
         segments = []
         for boot in _boots_with_both_streams(signals):
-            settled = phases.settled_intervals(signals, boot)
-            segments += _sampled_segments(signals, boot, settled, runs_without_gaps)
+            settled_intervals = phases.settled_intervals(signals, boot)
+            segments += _sampled_segments(signals, boot, settled_intervals, runs_without_gaps)
         segments = [segment for segment in segments if segment.duration >= MIN_SEGMENT_SECONDS]
         if segments:
             return tuple(sorted(segments, key=lambda segment: -segment.duration))

@@ -124,8 +124,8 @@ def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
         yaw_of_boot = yaw.of_boot(boot)
         if not len(yaw_of_boot.time):
             continue
-        measured = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
-        values[rows] = measured + wrapped_angle(values[rows] - measured)
+        measured_yaw = np.interp(series.time[rows], yaw_of_boot.time, yaw_of_boot.values)
+        values[rows] = measured_yaw + wrapped_angle(values[rows] - measured_yaw)
     return replace(setpoint, signal=replace(series, values=values))
 
 

@@ -176,8 +176,10 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
         if "error_count" in information:
             is_of_group = information["index"] == first_index
             information_of_group = selected_rows(information, np.flatnonzero(is_of_group))
-        for place, speed_of_motor in enumerate(_values_by_controller(status_of_group, "rpm")):
-            number = first_index + place + 1
+        for index_in_group, speed_of_motor in enumerate(
+            _values_by_controller(status_of_group, "rpm")
+        ):
+            number = first_index + index_in_group + 1
             speed = _speed_series(status_of_group, speed_of_motor)
             if speed is None:
                 continue
@@ -187,19 +189,19 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
             current = None
             if "current" in status_of_group:
                 currents = _values_by_controller(status_of_group, "current")
-                current = _measured_series(status_of_group, currents[place])
-            errors, temperature = _errors_and_temperature(information_of_group, place)
+                current = _measured_series(status_of_group, currents[index_in_group])
+            errors, temperature = _errors_and_temperature(information_of_group, index_in_group)
             yield SpeedController(number, speed, errors, current=current, temperature=temperature)
 
 
 def _errors_and_temperature(
-    information: Columns, place: int
+    information: Columns, index_in_group: int
 ) -> tuple[TimeSeries | None, TimeSeries | None]:
     """Returns the errors that a speed controller counted, and its temperature, °C, by ESC_INFO.
 
     Args:
         information: messages of the controller's group, each with the values of all controllers of the group.
-        place: index of the controller in the group, from 0.
+        index_in_group: index of the controller in the group, from 0.
 
     Returns:
         Both time series; None for what was not sent or not measured.
@@ -207,10 +209,10 @@ def _errors_and_temperature(
     if not len(information.get("time", ())):
         return None, None
     error_counts = _values_by_controller(information, "error_count")
-    errors = _series(information, error_counts[place])
+    errors = _series(information, error_counts[index_in_group])
     temperature = None
     if "temperature" in information:
-        values = _values_by_controller(information, "temperature")[place]
+        values = _values_by_controller(information, "temperature")[index_in_group]
         is_sent = values != UNKNOWN_INFO_TEMPERATURE
         temperature = _measured_series(information, HUNDREDTH * values, is_sent)
     return errors, temperature
@@ -230,27 +232,29 @@ def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedControl
     Args:
         telemetry: messages of the vehicle.
     """
-    for first in FIRST_NUMBERS:
-        last = first + CONTROLLERS_PER_MESSAGE - 1
-        columns = telemetry.messages.get(f"ESC_TELEMETRY_{first}_TO_{last}", {})
+    for first_number in FIRST_NUMBERS:
+        last_number = first_number + CONTROLLERS_PER_MESSAGE - 1
+        columns = telemetry.messages.get(f"ESC_TELEMETRY_{first_number}_TO_{last_number}", {})
         if "rpm" not in columns:
             continue
         counts = columns.get("count")
-        for place, speed_of_motor in enumerate(_values_by_controller(columns, "rpm")):
+        for index_in_group, speed_of_motor in enumerate(_values_by_controller(columns, "rpm")):
             is_heard = None
             if counts is not None:
-                is_heard = _is_heard(columns, np.atleast_2d(counts)[:, place])
+                is_heard = _is_heard(columns, np.atleast_2d(counts)[:, index_in_group])
             speed = _speed_series(columns, speed_of_motor, is_heard)
             if speed is None or (counts is None and not speed.values.any()):
                 continue
             current = temperature = None
             if "current" in columns:
                 currents = _values_by_controller(columns, "current")
-                current = _measured_series(columns, HUNDREDTH * currents[place], is_heard)
+                current = _measured_series(columns, HUNDREDTH * currents[index_in_group], is_heard)
             if "temperature" in columns:
                 temperatures = _values_by_controller(columns, "temperature")
-                temperature = _measured_series(columns, temperatures[place], is_heard)
-            yield SpeedController(first + place, speed, current=current, temperature=temperature)
+                temperature = _measured_series(columns, temperatures[index_in_group], is_heard)
+            yield SpeedController(
+                first_number + index_in_group, speed, current=current, temperature=temperature
+            )
 
 
 def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
@@ -265,6 +269,6 @@ def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
     """
     order = np.lexsort((columns["time"], columns["boot"]))
     is_heard = np.zeros(len(counts), dtype=bool)
-    ordered = counts[order]
-    is_heard[order[1:]] = ordered[1:] != ordered[:-1]
+    ordered_counts = counts[order]
+    is_heard[order[1:]] = ordered_counts[1:] != ordered_counts[:-1]
     return is_heard

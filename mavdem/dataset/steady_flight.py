@@ -120,10 +120,10 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
         Intervals, s since boot.
     """
     tracking = attitude_tracking(signals, boot)
-    settled = settled_intervals(signals, boot)
+    settled_spans = settled_intervals(signals, boot)
     if tracking is None:
-        return settled
-    return intersection(settled, true_intervals(tracking.time, tracking.is_steady))
+        return settled_spans
+    return intersection(settled_spans, true_intervals(tracking.time, tracking.is_steady))
 
 
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:

@@ -321,10 +321,12 @@ def _axis_values(assessment: Assessment) -> JsonValues:
 
 def _response_values(response: LoopResponse) -> JsonValues:
     """Returns the values of the model ``Responses``: the measured and predicted response of a loop, and its facts."""
-    measured = response.measured
-    if isinstance(measured, Fact):
+    measured_response = response.measured
+    if isinstance(measured_response, Fact):
         return {"measured": None, "facts": response.facts}
-    document = Response.from_results(measured, response, highest=measured.max_frequency)
+    document = Response.from_results(
+        measured_response, response, highest=measured_response.max_frequency
+    )
     return {"measured": document, "facts": response.facts}
 
 

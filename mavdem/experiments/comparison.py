@@ -297,20 +297,20 @@ def evaluate_model(
     baseline = baseline_errors(window.train, test)
     scores = {}
     for question, forecast in forecasts.items():
-        steps = question_horizons(question, test)
+        horizons = question_horizons(question, test)
         forecast_every = model.predict_every if question == UNKNOWN else model.forecast_every
         errors = []
         # The last horizon is the whole test part, of which the forecast is there.
-        for horizon in steps[:-1]:
+        for horizon in horizons[:-1]:
             rolling_forecast = forecast_every(horizon, test.inputs, test.outputs)
             errors.append(mspe(test.outputs, rolling_forecast).per_output)
         errors.append(mspe(test.outputs, forecast).per_output)
-        inside = np.full(len(steps), np.nan)
+        inside_shares = np.full(len(horizons), np.nan)
         if question in bands:
             is_inside = abs(test.outputs - forecast) <= bands[question]
-            inside = np.array([is_inside[:horizon].mean() for horizon in steps])
+            inside_shares = np.array([is_inside[:horizon].mean() for horizon in horizons])
         scores[question] = Scores(
-            steps, np.array(errors), inside, baseline.variance, baseline.constant_mean
+            horizons, np.array(errors), inside_shares, baseline.variance, baseline.constant_mean
         )
     return scores, forecasts
 
@@ -472,7 +472,7 @@ class Comparison:
         # Ratios and shares have the shape (windows, horizons), squared errors (windows, horizons, outputs).
         ratios = np.array([window_scores.ratio for window_scores in scores])
         squared_errors = np.array([window_scores.squared_error for window_scores in scores])
-        inside = np.array([window_scores.inside for window_scores in scores])
+        inside_shares = np.array([window_scores.inside for window_scores in scores])
         reference_outcomes = self._outcomes_by_method[reference]
         reference_ratios = np.array(
             [outcome.scores[question].ratio for outcome in reference_outcomes]
@@ -489,7 +489,7 @@ class Comparison:
                     "steps": steps,
                     "relative": np.median(ratios[:, index]),
                     "reference": paired(reference_ratios[:, index], ratios[:, index], self.windows),
-                    "inside": known_mean(inside[:, index].tolist()),
+                    "inside": known_mean(inside_shares[:, index].tolist()),
                 }
             )
         # The last horizon is that of the whole test part.
@@ -524,17 +524,17 @@ class Comparison:
         Returns:
             The result by name of the other method, with the first method's error over that of the other.
         """
-        first, *others = self.methods_of(question)
+        first_method, *other_methods = self.methods_of(question)
         if len(self.flights) >= MIN_PAIRS:
             summaries = self.over_flights(question)
             return {
                 summary["method"]: summary["reference"]
                 for summary in summaries
-                if summary["method"] != first
+                if summary["method"] != first_method
             }
-        first_ratios = self._whole_test_ratios(first, question)
+        first_ratios = self._whole_test_ratios(first_method, question)
         tests = {}
-        for name in others:
+        for name in other_methods:
             ratios = self._whole_test_ratios(name, question)
             tests[name] = paired(first_ratios, ratios, self.windows)
         return tests

@@ -190,8 +190,8 @@ class HeldOut(ImmutableResult):
 
         The errors of the outputs are added up in units of their training variances.
         """
-        expected = (self.expected / self.variance).sum(axis=-1).mean()
-        return float(error_over(self._total_errors(FORECAST).mean(), expected))
+        expected_error = (self.expected / self.variance).sum(axis=-1).mean()
+        return float(error_over(self._total_errors(FORECAST).mean(), expected_error))
 
 
 def held_out_windows(
@@ -349,32 +349,32 @@ def forecast_part(
     """
     inputs = part.samples.inputs
     outputs = part.samples.outputs
-    measured = part.windows(outputs)
-    forecast = prediction = expected = band = np.full_like(measured, np.nan)
+    measured_outputs = part.windows(outputs)
+    forecast = prediction = expected_squared_errors = band = np.full_like(measured_outputs, np.nan)
     if model is not None:
         # The forecast of an unstable model may overflow, which is a result too.
         with np.errstate(over="ignore", invalid="ignore"):
-            rolling = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
-            half_widths = model.half_widths(rolling.variance, CONFIDENCE_LEVEL, part.steps)
-            forecast = part.windows(rolling.mean)
-            expected = part.windows(rolling.variance)
+            rolling_forecast = model.rolling_forecast_known_inputs(part.steps, inputs, outputs)
+            half_widths = model.half_widths(rolling_forecast.variance, CONFIDENCE_LEVEL, part.steps)
+            forecast = part.windows(rolling_forecast.mean)
+            expected_squared_errors = part.windows(rolling_forecast.variance)
             band = part.windows(half_widths)
-            predicted = model.rolling_forecast_unknown_inputs(part.steps, inputs, outputs)
-            prediction = part.windows(predicted.mean)
+            rolling_prediction = model.rolling_forecast_unknown_inputs(part.steps, inputs, outputs)
+            prediction = part.windows(rolling_prediction.mean)
     training_outputs = np.concatenate([flight.outputs for flight in training])
     last_outputs = part.outputs_before_windows
     forecasts = {
         FORECAST: forecast,
         PREDICTION: prediction,
-        CONSTANT_MEAN: np.broadcast_to(training_outputs.mean(axis=0), measured.shape),
-        HOLD_LAST: np.broadcast_to(last_outputs[:, None], measured.shape),
+        CONSTANT_MEAN: np.broadcast_to(training_outputs.mean(axis=0), measured_outputs.shape),
+        HOLD_LAST: np.broadcast_to(last_outputs[:, None], measured_outputs.shape),
     }
     return HeldOut(
         time=part.windows(part.samples.time),
-        measured=measured,
+        measured=measured_outputs,
         forecasts=forecasts,
         band=band,
-        expected=expected,
+        expected=expected_squared_errors,
         variance=training_outputs.var(axis=0),
         failures=failures,
     )

@@ -229,12 +229,12 @@ def disjoint(windows: Sequence[Window]) -> Indices:
     Returns:
         Ascending indices of the chosen windows.
     """
-    chosen = []
+    chosen_indices = []
     end_of_chosen: dict[str, int] = {}
     for index in sorted(range(len(windows)), key=lambda index: windows[index].stop):
         window = windows[index]
         # The first window of a flight overlaps none.
         if window.start >= end_of_chosen.get(window.flight, window.start):
-            chosen.append(index)
+            chosen_indices.append(index)
             end_of_chosen[window.flight] = window.stop
-    return np.array(sorted(chosen), int)
+    return np.array(sorted(chosen_indices), int)

@@ -83,8 +83,8 @@ def convert(
     endings = [*STREAM_WRITERS, *TABLE_WRITERS, *PATH_WRITERS]
     if ending not in endings:
         # A recording for Rerun is made above this room, by ``mavdem.results``.
-        listed = ", ".join([*endings, ".rrd"])
-        raise ValueError(f"{out} must end in {listed}: the ending chooses the format")
+        listed_endings = ", ".join([*endings, ".rrd"])
+        raise ValueError(f"{out} must end in {listed_endings}: the ending chooses the format")
     require_extra_of_file(out)
     with reporting_write_errors(out):
         # A target that cannot be written is refused before the work, which may take long.

@@ -114,8 +114,10 @@ def samples_of(
     if instance is not None:
         instances = _instances(columns)
         if instance not in instances:
-            there = ", ".join(map(str, instances)) or "none"
-            raise ValueError(f"{message} has no instance {instance}: there is {there}")
+            available_instances = ", ".join(map(str, instances)) or "none"
+            raise ValueError(
+                f"{message} has no instance {instance}: there is {available_instances}"
+            )
         rows &= columns[_instance_column(columns)] == instance
     time = columns["time"][rows]
     values = fields[field][rows].astype(float)

@@ -141,8 +141,8 @@ class Fact:
     @property
     def grounded(self) -> Fact:
         """The fact, and all facts within it, without advice to fly: of a vehicle that must not."""
-        within = {name: _grounded(figure) for name, figure in self.figures.items()}
-        return self.replace(**within | {"is_grounded": True})
+        grounded_figures = {name: _grounded(figure) for name, figure in self.figures.items()}
+        return self.replace(**grounded_figures | {"is_grounded": True})
 
     @property
     def _words(self) -> Words:

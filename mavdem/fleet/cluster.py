@@ -174,11 +174,11 @@ class Cluster:
             raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
         if not versions_by_worker:
             raise self._refusal(Reading.NO_CLUSTER_WORKERS)
-        here = versions()
-        for name, there in versions_by_worker.items():
-            if there != here:
+        own_versions = versions()
+        for name, worker_versions in versions_by_worker.items():
+            if worker_versions != own_versions:
                 code = Reading.CLUSTER_OF_OTHER_VERSION
-                raise self._refusal(code, name=name, there=there, here=here)
+                raise self._refusal(code, name=name, there=worker_versions, here=own_versions)
 
 
 def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:

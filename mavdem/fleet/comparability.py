@@ -109,14 +109,14 @@ def missing_quantities(
     if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
         yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)
         return
-    expected = [Quantity(SHARE)]
+    expected_quantities = [Quantity(SHARE)]
     if obstacle is None:
-        expected.append(Quantity(EFFECT))
+        expected_quantities.append(Quantity(EFFECT))
         for kind in (DAMPING, LAG):
-            expected += [Quantity(kind, axis=axis) for axis in TILT_AXES]
+            expected_quantities += [Quantity(kind, axis=axis) for axis in TILT_AXES]
     else:
         yield MissingQuantity(Fact(Compared.OF_MODELS), obstacle)
-    for quantity in expected:
+    for quantity in expected_quantities:
         reasons = []
         for state_name, flights, state_estimates in zip(
             STATE_NAMES, states, estimates, strict=True

@@ -69,13 +69,13 @@ def _judge_vehicle(
     query = """select rowid, row, file from flights where vehicle = ? and file is not null
         order by file, log, rowid"""
     unjudged_query = query.replace("order by", f"and judged is not '{baseline}' order by")
-    found = store.db.execute(unjudged_query, [vehicle]).fetchall()
+    stored_rows = store.db.execute(unjudged_query, [vehicle]).fetchall()
     # Without a name of its own or a baseline a flight is not compared with others, which stay as they are.
-    if healthy_rows or row_of_json(*found[0][1:]).has_own_name:
-        found = store.db.execute(query, [vehicle]).fetchall()
-    rows = [row_of_json(text, file) for _, text, file in found]
+    if healthy_rows or row_of_json(*stored_rows[0][1:]).has_own_name:
+        stored_rows = store.db.execute(query, [vehicle]).fetchall()
+    rows = [row_of_json(text, file) for _, text, file in stored_rows]
     judged_rows = assess_safely(rows, assess, healthy_rows)
-    for (row_id, *_), row in zip(found, judged_rows, strict=True):
+    for (row_id, *_), row in zip(stored_rows, judged_rows, strict=True):
         store.db.execute(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
             [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],

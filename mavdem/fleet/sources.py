@@ -174,7 +174,7 @@ def remote_logs(url: str) -> Iterator[LogSource]:
             }
     # Each file system raises the errors of the library that it uses.
     except Exception as error:
-        raise _url_error(url, error, fetched=False) from None
+        raise _url_error(url, error, is_fetched=False) from None
     for name, details in files.items():
         if details.get("type", "file") != "directory":
             size = details.get("size")
@@ -217,12 +217,15 @@ def fetch(url: str, copy: Path) -> None:
         with fsspec.open(url, "rb") as remote, copy.open("wb") as file:
             shutil.copyfileobj(remote, file, COPY_CHUNK_BYTES)
     except Exception as error:
-        raise _url_error(url, error, fetched=True) from None
+        raise _url_error(url, error, is_fetched=True) from None
 
 
-def _url_error(url: str, error: Exception, fetched: bool) -> Unreadable:
-    """Returns the error that says why a URL cannot be listed, or ``fetched``, by the first line of the cause."""
+def _url_error(url: str, error: Exception, is_fetched: bool) -> Unreadable:
+    """Returns the error that says why a URL cannot be listed, or if ``is_fetched`` cannot be fetched.
+
+    The reason is the first line of the cause, which may have many.
+    """
     lines = str(error).strip().splitlines()
     reason = lines[0].rstrip(".") if lines else ""
     because = f"{type(error).__name__}: {reason}"
-    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=fetched)
+    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=is_fetched)

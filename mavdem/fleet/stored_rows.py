@@ -173,8 +173,8 @@ def damage_of_store(path: Path, error: Exception) -> Fact:
 def brief_json(row: FlightRow) -> str:
     """Returns the ``BRIEF_COLUMNS`` of a row as JSON, without those that are not known."""
     values = row.as_dict()
-    known = {name: values[name] for name in BRIEF_COLUMNS if values[name] not in (None, ())}
-    return json.dumps(known)
+    known_values = {name: values[name] for name in BRIEF_COLUMNS if values[name] not in (None, ())}
+    return json.dumps(known_values)
 
 
 def row_of_json(text: str, file: str | None = None) -> FlightRow:

@@ -139,17 +139,17 @@ def _outdated_files(store: Store, is_whole: bool) -> set[int]:
         is_whole: whether all files are to be written.
     """
     query = "select number, vehicle in (select vehicle from unpublished) from table_files"
-    outdated = set()
+    outdated_numbers = set()
     # A fleet without a flight has a first file, too.
     numbers = {0}
     for number, is_changed in store.db.execute(query):
         numbers.add(number)
         if is_changed:
-            outdated.add(number)
+            outdated_numbers.add(number)
     for number in numbers:
         if is_whole or not table_path(store.folder, number).is_file():
-            outdated.add(number)
-    return outdated
+            outdated_numbers.add(number)
+    return outdated_numbers
 
 
 def _rows_of_file(db: sqlite3.Connection, number: int) -> Iterator[StoredRow]:
@@ -163,9 +163,9 @@ def _rows_of_file(db: sqlite3.Connection, number: int) -> Iterator[StoredRow]:
 
 def _remove_other_files(folder: Path, numbers: Iterable[int]) -> None:
     """Removes the files of a fleet's table but those with these numbers."""
-    kept = {table_path(folder, number) for number in numbers}
+    kept_paths = {table_path(folder, number) for number in numbers}
     for path in (folder / TABLE_FOLDER).glob("flights-*.parquet"):
-        if path not in kept:
+        if path not in kept_paths:
             path.unlink()
 
 

@@ -77,18 +77,20 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         The same rows in their order, with the columns of health.
     """
     # Columns of an earlier judgement are cleared first.
-    unjudged: JsonValues = dict.fromkeys((*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS))
-    unjudged["health"] = UNKNOWN
-    rows = [replace(row, **unjudged) for row in rows]
-    flown = [row for row in rows if row.is_read]
-    if not flown:
+    columns_without_judgement: JsonValues = dict.fromkeys(
+        (*ASSESSMENT_COLUMNS, *COMPARISON_COLUMNS)
+    )
+    columns_without_judgement["health"] = UNKNOWN
+    rows = [replace(row, **columns_without_judgement) for row in rows]
+    rows_of_flights = [row for row in rows if row.is_read]
+    if not rows_of_flights:
         return rows
-    if not baseline and not flown[0].has_own_name:
+    if not baseline and not rows_of_flights[0].has_own_name:
         reason = Fact(HealthUnknown.VEHICLE_UNNAMED)
         columns: JsonValues = {"health_reason": reason.advised, "health_code": reason.code}
         return [replace(row, **columns) if row.is_read else row for row in rows]
 
-    figures = {_flight_key(row): health_figures(row) for row in flown}
+    figures = {_flight_key(row): health_figures(row) for row in rows_of_flights}
     baseline_rows = [row for row in baseline if row.is_read]
     baseline_figures = {}
     for row in baseline_rows:
@@ -100,7 +102,7 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
     if baseline_rows:
         healthy_rows = baseline_rows
     else:
-        healthy_rows = [row for row in flown if assessments[_flight_key(row)].is_healthy]
+        healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
     # One model for each healthy flight and axis.
     models = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
 

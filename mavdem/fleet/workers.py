@@ -358,11 +358,11 @@ class WorkerPool:
         Raises:
             Unreadable: no process can be started.
         """
-        cancelled = Event()
-        readers = [LogReader(cancelled.is_set) for _ in range(self._processes)]
+        cancellation = Event()
+        readers = [LogReader(cancellation.is_set) for _ in range(self._processes)]
         reads = [partial(reader.read, limits=self.limits, read=self._read) for reader in readers]
         try:
-            yield from side_by_side(reads, jobs, cancelled.set)
+            yield from side_by_side(reads, jobs, cancellation.set)
         finally:
             with blocked_signals(*TERMINATION_SIGNALS):
                 for reader in readers:
@@ -392,9 +392,9 @@ def side_by_side(
         while busy:
             # It waits for a limited time only: another thread may have received a signal, which Python handles in this
             # thread when it wakes.
-            completed = wait(busy, POLL_SECONDS, FIRST_COMPLETED).done
+            completed_futures = wait(busy, POLL_SECONDS, FIRST_COMPLETED).done
             # One outcome at a time: the others are completed still at the next wait, which then returns at once.
-            for future in islice(completed, 1):
+            for future in islice(completed_futures, 1):
                 read = busy.pop(future)
                 outcome = future.result()
                 if outcome is not None:

@@ -58,6 +58,8 @@ def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
             if len(columns_by_instance) > 1:
                 part[INSTANCE] = np.full(count, number)
             parts.append(part)
-        joined = concatenated_columns(parts)
-        tables[name] = selected_rows(joined, np.argsort(joined["time"], kind="stable"))
+        joined_columns = concatenated_columns(parts)
+        tables[name] = selected_rows(
+            joined_columns, np.argsort(joined_columns["time"], kind="stable")
+        )
     return tables

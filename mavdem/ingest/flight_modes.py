@@ -95,7 +95,10 @@ def announced_names(available_modes: Columns) -> dict[int, str]:
 
 
 def mode_name(
-    autopilot: str, vehicle: str, number: int, announced: Mapping[int, str] = MappingProxyType({})
+    autopilot: str,
+    vehicle: str,
+    number: int,
+    announced_names: Mapping[int, str] = MappingProxyType({}),
 ) -> str:
     """Returns the name of a flight mode.
 
@@ -103,29 +106,29 @@ def mode_name(
         autopilot: MAV_AUTOPILOT without its prefix.
         vehicle: MAV_TYPE without its prefix.
         number: HEARTBEAT.custom_mode.
-        announced: Names that the autopilot announced by custom mode; they count for PX4's external modes, and for
+        announced_names: Names that the autopilot announced by custom mode; they count for PX4's external modes, and for
             modes that are not known here.
 
     Returns:
         The name ("Loiter"), or "mode 33" where the mode has none; of PX4 "mode 4:19", by main and sub mode.
     """
     if autopilot == "PX4":
-        return _px4_mode_name(number, announced)
+        return _px4_mode_name(number, announced_names)
     name = str(number)
     if autopilot == "ARDUPILOTMEGA":
         name = enum_name(ARDUPILOT_MODE_ENUMS.get(vehicle, "COPTER_MODE"), number)
     if name.isdigit():
-        return announced.get(number, f"mode {name}")
+        return announced_names.get(number, f"mode {name}")
     return name.replace("_", " ").capitalize().replace("Rtl", "RTL")
 
 
-def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
+def _px4_mode_name(number: int, announced_names: Mapping[int, str]) -> str:
     """Returns the name of a flight mode of PX4.
 
     Args:
         number: HEARTBEAT.custom_mode.
-        announced: Names that the autopilot announced, by custom mode. They count for external modes, whose meaning
-            differs from vehicle to vehicle, and for modes that are not known here.
+        announced_names: Names that the autopilot announced, by custom mode. They count for external modes, whose
+            meaning differs from vehicle to vehicle, and for modes that are not known here.
 
     Returns:
         The name ("Position"), otherwise that of the main mode, otherwise "mode 4:19" by main and sub mode.
@@ -135,8 +138,8 @@ def _px4_mode_name(number: int, announced: Mapping[int, str]) -> str:
     sub_mode = number >> SUB_MODE_SHIFT & BYTE_MASK
     is_external = main_mode == AUTO_MODE and sub_mode in EXTERNAL_SUB_MODES
     is_listed = number in _NAME_OF_CUSTOM_MODE
-    if number in announced and (is_external or not is_listed):
-        return announced[number]
+    if number in announced_names and (is_external or not is_listed):
+        return announced_names[number]
     if is_listed:
         return _NAME_OF_CUSTOM_MODE[number]
     if not main_mode:

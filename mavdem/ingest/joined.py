@@ -108,10 +108,10 @@ def join_logs(logs: Sequence[Log]) -> Log:
     if len(logs) == 1:
         return logs[0]
     recordings = _recordings_by_time([_recording(log) for log in logs])
-    joined = recordings[0]
+    joined_recording = recordings[0]
     for recording in recordings[1:]:
-        joined = _recording(_joined_pair(joined, recording))
-    return joined.log
+        joined_recording = _recording(_joined_pair(joined_recording, recording))
+    return joined_recording.log
 
 
 def _recording(log: Log) -> Recording:
@@ -373,25 +373,29 @@ def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -
             # What is older than the file would be there twice, and out of order.
             is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
             columns = selected_rows(columns, ~is_repeated)
-        moved = {**columns, "boot": columns["boot"] + boot_offset}
+        later_columns = {**columns, "boot": columns["boot"] + boot_offset}
         if name in messages:
-            moved = concatenated_columns([messages[name], moved])
-        messages[name] = moved
-    before, after = earlier.vehicle, later.vehicle
-    new_repairs = tuple(fact for fact in after.repairs if fact not in before.repairs)
+            later_columns = concatenated_columns([messages[name], later_columns])
+        messages[name] = later_columns
+    earlier_vehicle, later_vehicle = earlier.vehicle, later.vehicle
+    new_repairs = tuple(
+        fact for fact in later_vehicle.repairs if fact not in earlier_vehicle.repairs
+    )
     return replace(
-        before,
-        vehicle=after.vehicle if before.vehicle == "UNKNOWN" else before.vehicle,
+        earlier_vehicle,
+        vehicle=later_vehicle.vehicle
+        if earlier_vehicle.vehicle == "UNKNOWN"
+        else earlier_vehicle.vehicle,
         messages=messages,
-        parameters={**before.parameters, **after.parameters},
-        initial_parameters=_initial_parameters(before, after),
-        repairs=before.repairs + new_repairs,
-        firmware=before.firmware or after.firmware,
-        board=before.board or after.board,
-        hardware=before.hardware or after.hardware,
-        dropouts=before.dropouts + after.dropouts,
-        source_names={**before.source_names, **after.source_names},
-        is_ended_on_purpose=after.is_ended_on_purpose,
+        parameters={**earlier_vehicle.parameters, **later_vehicle.parameters},
+        initial_parameters=_initial_parameters(earlier_vehicle, later_vehicle),
+        repairs=earlier_vehicle.repairs + new_repairs,
+        firmware=earlier_vehicle.firmware or later_vehicle.firmware,
+        board=earlier_vehicle.board or later_vehicle.board,
+        hardware=earlier_vehicle.hardware or later_vehicle.hardware,
+        dropouts=earlier_vehicle.dropouts + later_vehicle.dropouts,
+        source_names={**earlier_vehicle.source_names, **later_vehicle.source_names},
+        is_ended_on_purpose=later_vehicle.is_ended_on_purpose,
     )
 
 

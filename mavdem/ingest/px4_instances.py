@@ -98,7 +98,7 @@ def _batteries(topics: Topics) -> dict[int, Columns]:
     Returns:
         Columns by the battery's number, from 0.
     """
-    connected: dict[int, Columns] = {}
+    connected_batteries: dict[int, Columns] = {}
     all_batteries: dict[int, Columns] = {}
     for instance, topic in topics.get("battery_status", {}).items():
         number = instance
@@ -109,8 +109,8 @@ def _batteries(topics: Topics) -> dict[int, Columns]:
         all_batteries[number] = topic
         is_connected = flag_or_true(topic, "connected")
         if is_connected.any():
-            connected[number] = selected_rows(topic, is_connected)
-    return connected or all_batteries
+            connected_batteries[number] = selected_rows(topic, is_connected)
+    return connected_batteries or all_batteries
 
 
 RATIO_FIELDS = {
@@ -195,10 +195,10 @@ def _estimators(topics: Topics) -> dict[int, Fields]:
     for instance, topic in topics.get("estimator_status", {}).items():
         columns: Fields = {"time": topic["time"], **translated_fields(topic, rule["fields"])}
         for ratio, field in RATIO_FIELDS.items():
-            sampled = _sampled_ratios(topics, instance, ratio, topic["time"])
-            is_sampled = np.isfinite(sampled)
+            sampled_ratios = _sampled_ratios(topics, instance, ratio, topic["time"])
+            is_sampled = np.isfinite(sampled_ratios)
             if is_sampled.any():
-                columns[field] = np.where(is_sampled, sampled, columns[field])
+                columns[field] = np.where(is_sampled, sampled_ratios, columns[field])
                 columns[field + UNFILTERED_ENDING] = is_sampled.astype(np.uint8)
         instances[instance] = columns
     return instances

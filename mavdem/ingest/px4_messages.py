@@ -446,9 +446,9 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     """
     fifo = first_instance(topics, sample_topic.fifo)
     if not fifo:
-        combined = first_instance(topics, "sensor_combined")
-        time = combined["time"]
-        means = array_field(combined, sample_topic.combined_field, 3)
+        combined_topic = first_instance(topics, "sensor_combined")
+        time = combined_topic["time"]
+        means = array_field(combined_topic, sample_topic.combined_field, 3)
         return {"time": time, **dict(zip("xyz", means.T, strict=True))}
     # Tables of a row per message and a column per sample, of which the first ``samples`` are filled.
     sample_number = np.arange(MAX_FIFO_SAMPLES)
@@ -547,8 +547,8 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
     if f"{field}esc_temperature" in topic:
         temperature = topic[f"{field}esc_temperature"].astype(np.float64)
         # Before the first report of a controller it is 0 or NaN.
-        reported = temperature[temperature > 0]
-        if len(reported) and np.median(reported) > MAX_ESC_CELSIUS:
+        reported_temperature = temperature[temperature > 0]
+        if len(reported_temperature) and np.median(reported_temperature) > MAX_ESC_CELSIUS:
             temperature = np.where(temperature > 0, temperature - ZERO_CELSIUS, np.nan)
         fields["Temp"] = temperature
     if f"{field}esc_errorcount" in topic:

@@ -113,12 +113,12 @@ class Telemetry(ImmutableResult):
 
         Values that agree as 32-bit floats, as autopilots store them, are the same.
         """
-        changed = {}
+        changed_values = {}
         for name, default in self.default_parameters.items():
             value = self.parameters.get(name, default)
             if not isclose(value, default, rel_tol=FLOAT32_TOLERANCE):
-                changed[name] = default
-        return changed
+                changed_values[name] = default
+        return changed_values
 
 
 def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:

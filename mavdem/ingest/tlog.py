@@ -74,9 +74,9 @@ def tlog_stream(path: PathName) -> FrameStream:
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    frames, skipped = _frames_of_log(source, data)
+    frames, skipped_bytes = _frames_of_log(source, data)
     receive_stamps = partial(_receive_stamps, data, frames)
-    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped, repairs)
+    return FrameStream(source, ".tlog", data, frames, receive_stamps, skipped_bytes, repairs)
 
 
 def check_beginning(path: PathName) -> None:
@@ -108,17 +108,17 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
         Unreadable: There is no MAVLink, or hardly any for the size.
     """
     frames = find_frames(data, crc_extra_table(), STAMP_BYTES)
-    skipped = len(data) - int(frames.size.sum(dtype=np.int64))
+    skipped_bytes = len(data) - int(frames.size.sum(dtype=np.int64))
     for first in range(0, len(frames), STAMPS_AT_ONCE):
         gaps = _bytes_before(frames, slice(first, first + STAMPS_AT_ONCE))
-        skipped -= int(np.minimum(gaps, STAMP_BYTES).sum(dtype=np.int64))
+        skipped_bytes -= int(np.minimum(gaps, STAMP_BYTES).sum(dtype=np.int64))
     matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
     if len(frames) and not matching:
         count = len(frames)
         raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
-    if matching <= MIN_FRAME_DENSITY * skipped:
+    if matching <= MIN_FRAME_DENSITY * skipped_bytes:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
-    return frames, skipped
+    return frames, skipped_bytes
 
 
 def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
@@ -203,6 +203,6 @@ def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
         line_feeds += len(feeds)
     if line_feeds < MIN_LINE_FEEDS:
         return data, ()
-    restored = data.tobytes().replace(b"\r\n", b"\n")
+    restored_data = data.tobytes().replace(b"\r\n", b"\n")
     repairs = repair_facts(Repair.CARRIAGE_RETURNS_UNDONE, count=line_feeds)
-    return np.frombuffer(restored, dtype=np.uint8), repairs
+    return np.frombuffer(restored_data, dtype=np.uint8), repairs

@@ -247,11 +247,11 @@ def _parameter_settings(
     for name, value in log.initial_parameters.items():
         if isinstance(value, int | float):
             initial.append(ParameterSetting(log.start_timestamp, name, float(value)))
-    changed = []
+    changed_settings = []
     for stamp, name, value in log.changed_parameters:
         if isinstance(value, int | float):
-            changed.append(ParameterSetting(stamp, name, float(value)))
-    return initial, changed
+            changed_settings.append(ParameterSetting(stamp, name, float(value)))
+    return initial, changed_settings
 
 
 def _default_parameters(log: ULog) -> dict[str, float]:

@@ -212,10 +212,10 @@ class RecordDefinitions:
         if kind in (INFORMATION, PARAMETER):
             return _fit_if(_is_key_and_value(body))
         if kind == FORMAT:
-            parsed = _parsed_format(body)
+            parsed_format = _parsed_format(body)
             # A second definition of the same name would replace the first.
-            is_repeated = parsed is not None and parsed.name in self._formats
-            return Fit.UNUSED if is_repeated else _fit_if(parsed is not None)
+            is_repeated = parsed_format is not None and parsed_format.name in self._formats
+            return Fit.UNUSED if is_repeated else _fit_if(parsed_format is not None)
         if kind == SUBSCRIPTION:
             return self._fit_of_subscription(body)
         if kind in (PARTS, DEFAULT):
@@ -285,9 +285,9 @@ class RecordDefinitions:
         body_start = position + HEADER.size
         body = self.content[body_start : body_start + length]
         if kind == FORMAT:
-            parsed = _parsed_format(body)
-            if parsed is not None:
-                self._formats[parsed.name] = parsed.fields
+            parsed_format = _parsed_format(body)
+            if parsed_format is not None:
+                self._formats[parsed_format.name] = parsed_format.fields
                 self._layouts.clear()
         elif kind == SUBSCRIPTION:
             number = int.from_bytes(body[1:3], "little")

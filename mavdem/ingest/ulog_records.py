@@ -248,17 +248,17 @@ class _RecordScan:
                 offsets.append(position)
                 position = next_position
                 continue
-            omitted = slice(position, next_position)
+            omitted_bytes = slice(position, next_position)
             if fit is Fit.DAMAGED:
                 recent = offsets[max(records_before_run, len(offsets) - RECORDS_OF_CHAIN) :]
-                omitted = self._damaged_place(position, end, recent)
+                omitted_bytes = self._damaged_place(position, end, recent)
             elif fit is Fit.UNKNOWN and content[position + 2] == DATA:
                 # What the file says of this subscription was lost by damage before.
-                self._add_loss(0, omitted.stop - omitted.start, 0.0)
-            while len(offsets) > records_before_run and offsets[-1] >= omitted.start:
+                self._add_loss(0, omitted_bytes.stop - omitted_bytes.start, 0.0)
+            while len(offsets) > records_before_run and offsets[-1] >= omitted_bytes.start:
                 offsets.pop()
-            self.kept_parts.append(slice(run_start, omitted.start))
-            run_start = position = omitted.stop
+            self.kept_parts.append(slice(run_start, omitted_bytes.start))
+            run_start = position = omitted_bytes.stop
             records_before_run = len(offsets)
         if position > end and len(offsets) > records_before_run:
             # The last record is cut off.

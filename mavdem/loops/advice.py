@@ -256,9 +256,9 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
         The reasons as facts; empty if gains can be advised.
     """
     record = loop.record
-    changed = parameters_changed_in_flight(record, loop.controller)
-    if changed:
-        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed)),)
+    changed_parameters = parameters_changed_in_flight(record, loop.controller)
+    if changed_parameters:
+        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed_parameters)),)
     limited_share = at_limit_share(record, loop.controller)
     if limited_share > MAX_AT_LIMIT_SHARE:
         return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)

@@ -212,8 +212,8 @@ class Controller(ImmutableResult):
         Raises:
             NotLearnable: a value is impossible.
         """
-        changed = {**self.parameters, **parameters}
-        return controller_from_parameters(changed, self.axis, self.motor_weights)
+        new_parameters = {**self.parameters, **parameters}
+        return controller_from_parameters(new_parameters, self.axis, self.motor_weights)
 
     def outputs_per_demand(self, outputs: Sequence[float]) -> Numbers:
         """Returns the change of each motor's output per unit of demand about the axis.

@@ -106,13 +106,13 @@ def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
     before = demand_deviation(controller, noise)
     after = demand_deviation(new_controller, noise)
     # The response of the D term is that of the controller less that of one without D.
-    by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
+    deviation_by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
     return DemandNoise(
         lowest=noise.frequency[0],
         highest=noise.frequency[-1],
         before=before,
         after=after,
-        by_d=by_d,
+        by_d=deviation_by_d,
         heat=(after / before) ** 2,
     )
 

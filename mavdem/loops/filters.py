@@ -54,9 +54,9 @@ def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.comple
     response = notch_response(controller.notches, rate, frequency)
     cutoff = controller.gyro_filter
     if cutoff:
-        warped = np.tan(np.pi * frequency / rate)
+        warped_frequency = np.tan(np.pi * frequency / rate)
         warped_cutoff = np.tan(np.pi * min(cutoff / rate, MAX_NOTCH_FREQUENCY_RATIO))
-        ratio = warped / warped_cutoff
+        ratio = warped_frequency / warped_cutoff
         response /= 1 + 2**0.5 * 1j * ratio - ratio**2
     return response
 
@@ -78,15 +78,17 @@ def notch_response(
     Returns:
         Complex response (…), in the same shape.
     """
-    warped = np.tan(np.pi * frequency / rate)
+    warped_frequency = np.tan(np.pi * frequency / rate)
     response = np.ones(np.shape(frequency), complex)
     for notch in notches:
         if notch.frequency < MAX_NOTCH_FREQUENCY_RATIO * rate:
-            ratio = warped / np.tan(np.pi * notch.frequency / rate)
+            ratio = warped_frequency / np.tan(np.pi * notch.frequency / rate)
             damping_term = 1j * ratio * _inverse_quality(notch, rate)
             center_gain = 10 ** (-notch.attenuation / 20)
-            undamped = 1 - ratio**2
-            response *= (undamped + center_gain * damping_term) / (undamped + damping_term)
+            undamped_response = 1 - ratio**2
+            response *= (undamped_response + center_gain * damping_term) / (
+                undamped_response + damping_term
+            )
     return response
 
 

@@ -424,11 +424,11 @@ class GainSearch:
             gains = {}
             for name, factor in factors.items():
                 gains[name] = round_gain(logged[name] * factor**step_share)
-            stepped = self.models.with_parameters(gains)
-            if self.margin_score(stepped.rate) >= needed_score:
+            models_with_gains = self.models.with_parameters(gains)
+            if self.margin_score(models_with_gains.rate) >= needed_score:
                 break
         attitude_score = self.margin_score(self.models.attitude)
-        if self.margin_score(stepped.attitude) < min(1.0, attitude_score):
+        if self.margin_score(models_with_gains.attitude) < min(1.0, attitude_score):
             logged_gain = self.logged_gains["angle_gain"]
             # The design has one gain: that of the angle.
             ((name, gain),) = self.angle_design(gains, largest=logged_gain).items()

@@ -91,14 +91,16 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
             unknown.
     """
     # The fit takes seconds and is cached. What follows is quick.
-    identified = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
+    identified_loop = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
-        plant = physical_plant(identified.fit, identified.inputs_per_demand)
+        plant = physical_plant(identified_loop.fit, identified_loop.inputs_per_demand)
         try:
-            plant = _checked_plant(plant, identified.inputs_per_demand, identified.controller)
+            plant = _checked_plant(
+                plant, identified_loop.inputs_per_demand, identified_loop.controller
+            )
         except np.linalg.LinAlgError:
             raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
-    return plant._replace(delay=plant.delay + gyro_delay(identified.controller))
+    return plant._replace(delay=plant.delay + gyro_delay(identified_loop.controller))
 
 
 class _IdentifiedLoop(NamedTuple):
@@ -390,8 +392,10 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
         Cross-spectra of rate, output, and the chosen setpoint with its reference.
     """
     is_slow = spectra.frequency < MAX_EXPLAINED_FREQUENCY
-    from_setpoint, from_rate = controller.transfer(spectra.frequency[is_slow])
-    coefficients = np.stack([from_rate, np.ones(len(from_rate)), -from_setpoint])
+    demand_from_setpoint, demand_from_rate = controller.transfer(spectra.frequency[is_slow])
+    coefficients = np.stack(
+        [demand_from_rate, np.ones(len(demand_from_rate)), -demand_from_setpoint]
+    )
     weights = spectra.effective_samples[is_slow]
 
     def unexplained_power(setpoint: int) -> float:

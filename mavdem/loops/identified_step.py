@@ -57,8 +57,8 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     rate = loop.rate
     if loop.agrees is False or not rate.stable[0]:
         return None
-    closed = rate.closed[rate.stable][: count + 1]
-    steps = steps_from_frequency_responses(rate.frequency, closed, time)
+    closed_loop_response = rate.closed[rate.stable][: count + 1]
+    steps = steps_from_frequency_responses(rate.frequency, closed_loop_response, time)
     # Few draws are unstable; stable ones take their places.
     steps = np.resize(steps, (count + 1, len(time)))
     gains = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)

@@ -51,12 +51,12 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
         return None
     injected_signals = [injection.signal for injection in signals.injected_signals]
     # Signals may have been injected at several points of the loop: the one with most samples is used.
-    injected = max(injected_signals, key=lambda series: len(series.time))
+    longest_signal = max(injected_signals, key=lambda series: len(series.time))
     demand_series = replace(
-        injected, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
+        longest_signal, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
     )
     rate, _ = signals.rate_and_setpoint
-    spectra = welch_spectra((injected, rate, demand_series), segments)
+    spectra = welch_spectra((longest_signal, rate, demand_series), segments)
     if spectra is None:
         return None
     is_measured = spectra.coherence >= MIN_COHERENCE
@@ -65,11 +65,16 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
         return None
     frequency = spectra.frequency[is_measured]
     # Wind and noise move rate and demand, but are not coherent with the injected signal, so they drop out of the ratio.
-    to_rate = spectra.power[injection_index, rate_index]
-    to_demand = spectra.power[injection_index, demand_index]
-    plant = (to_rate / to_demand)[is_measured]
-    from_setpoint, from_rate = controller_response(controller, frequency)
-    response = from_rate * plant
-    closed = from_setpoint * plant / (1 + response)
-    loop = OpenLoop(frequency, response[None], closed[None], disturbance=0 * closed[None])
+    injection_to_rate = spectra.power[injection_index, rate_index]
+    injection_to_demand = spectra.power[injection_index, demand_index]
+    plant = (injection_to_rate / injection_to_demand)[is_measured]
+    demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
+    response = demand_from_rate * plant
+    closed_loop_response = demand_from_setpoint * plant / (1 + response)
+    loop = OpenLoop(
+        frequency,
+        response[None],
+        closed_loop_response[None],
+        disturbance=0 * closed_loop_response[None],
+    )
     return loop if isfinite(loop.crossover) else None

@@ -201,8 +201,8 @@ def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
         strongest_by_axis.setdefault(cycle.axis, cycle)
     if not strongest_by_axis:
         return None
-    strongest, *further = strongest_by_axis.values()
-    return strongest._replace(other_axes=tuple(further))
+    strongest, *other_cycles = strongest_by_axis.values()
+    return strongest._replace(other_axes=tuple(other_cycles))
 
 
 def _limit_cycles(
@@ -240,17 +240,17 @@ def _limit_cycles(
     # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
     columns = [*differential.T, at_upper & at_lower, at_upper | at_lower]
     motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
-    resampled = resampled_signals(
+    signals_on_grid = resampled_signals(
         [tilt.rate_series, *motor_series],
         segments,
         min_seconds=window_seconds,
         min_rate=MIN_WINDOW_SAMPLES / window_seconds,
     )
-    if resampled is None:
+    if signals_on_grid is None:
         return
-    is_fast = resampled.rate >= MIN_STREAM_RATE
-    for piece in resampled.pieces:
-        lines = _lines_of_windows(piece, resampled.rate, window_seconds)
+    is_fast = signals_on_grid.rate >= MIN_STREAM_RATE
+    for piece in signals_on_grid.pieces:
+        lines = _lines_of_windows(piece, signals_on_grid.rate, window_seconds)
         for run in _runs_at_one_frequency(lines):
             cycle = _oscillation_in_run(lines, run, window_seconds, min_duration)
             if cycle is None:

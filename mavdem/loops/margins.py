@@ -320,8 +320,8 @@ def plant_response(
     frequency = np.geomspace(grid.lowest, highest, grid.points)
     s = 2j * np.pi * frequency
     damping, lag, delay = (column[:, None] for column in dynamics.T)
-    delayed = np.exp(-s * delay)
-    actuation = gyro_response(controller, frequency) * delayed / (lag * s + 1)
+    delay_response = np.exp(-s * delay)
+    actuation = gyro_response(controller, frequency) * delay_response / (lag * s + 1)
     rate_per_torque = 1 / (s + damping)
     rate_per_demand = effectiveness[:, None] * actuation * rate_per_torque
     return freeze(PlantResponse(frequency, rate_per_demand, rate_per_torque))
@@ -337,12 +337,12 @@ def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
     Returns:
         Responses of all loops (N, F).
     """
-    from_setpoint, from_rate = controller_response(controller, plant.frequency)
-    response = from_rate * plant.rate_per_demand
+    demand_from_setpoint, demand_from_rate = controller_response(controller, plant.frequency)
+    response = demand_from_rate * plant.rate_per_demand
     sensitivity = 1 / (1 + response)
-    closed = from_setpoint * plant.rate_per_demand * sensitivity
+    closed_loop_response = demand_from_setpoint * plant.rate_per_demand * sensitivity
     disturbance = plant.rate_per_torque * sensitivity
-    return OpenLoop(plant.frequency, response, closed, disturbance)
+    return OpenLoop(plant.frequency, response, closed_loop_response, disturbance)
 
 
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
@@ -361,9 +361,9 @@ def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
     s = 2j * np.pi * rate.frequency
     filters = gyro_response(controller, rate.frequency)
     response = controller.angle_gain / s * rate.closed / filters
-    closed = response / (1 + response)
+    closed_loop_response = response / (1 + response)
     disturbance = rate.disturbance / s / (1 + response)
-    return OpenLoop(rate.frequency, response, closed, disturbance)
+    return OpenLoop(rate.frequency, response, closed_loop_response, disturbance)
 
 
 class ControllerResponse(NamedTuple):

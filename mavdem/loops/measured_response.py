@@ -210,14 +210,14 @@ def _comparison_with_prediction(
     is_in_band &= measured_frequency < highest
     rate_index = 1
     rate_power = spectra.power[rate_index, rate_index].real
-    predicted = np.interp(measured_frequency, frequency, closed)
-    prediction_error = np.abs(spectra.response - predicted) ** 2 * spectra.driver_power
-    unexplained = (1 - spectra.coherence) * rate_power
+    predicted_response = np.interp(measured_frequency, frequency, closed)
+    prediction_error = np.abs(spectra.response - predicted_response) ** 2 * spectra.driver_power
+    unexplained_power = (1 - spectra.coherence) * rate_power
     # The NRMSE is the root of the error's power over that of the rate.
     fit = agreement = 0.0
     if is_in_band.any():
         power = rate_power[is_in_band].sum()
-        total_error = prediction_error + unexplained
+        total_error = prediction_error + unexplained_power
         fit = 100 * (1 - (total_error[is_in_band].sum() / power) ** 0.5)
         agreement = 100 * (1 - (prediction_error[is_in_band].sum() / power) ** 0.5)
     return MeasuredResponse(
@@ -271,8 +271,8 @@ def _reason_of_disagreement(
         return Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest_frequency)
     if agreement < MIN_RESPONSE_FIT:
         share = agreement / 100
-        needed = MIN_RESPONSE_FIT / 100
-        return Fact(Responses.RESPONSE_DISAGREES, share=share, needed=needed)
+        min_fit = MIN_RESPONSE_FIT / 100
+        return Fact(Responses.RESPONSE_DISAGREES, share=share, needed=min_fit)
     return None
 
 
@@ -296,10 +296,10 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     demand = 2
     # The controller's integral divides by the frequency, so the frequency 0 is replaced by the next one.
     positive_frequency = np.maximum(spectra.frequency, spectra.frequency[1])
-    from_setpoint, from_rate = controller_response(controller, positive_frequency)
+    demand_from_setpoint, demand_from_rate = controller_response(controller, positive_frequency)
     # û is the sum of responses × signals, so S_ûu and S_ûû follow from the logged spectra. Indices: i and j are the
     # signals, setpoint and rate; f is the frequency.
-    responses = np.stack([from_setpoint, -from_rate])
+    responses = np.stack([demand_from_setpoint, -demand_from_rate])
     inputs_to_demand = spectra.power[setpoint_and_rate, demand]
     expected_to_demand = (responses.conj() * inputs_to_demand).sum(axis=0)
     input_power = spectra.power[setpoint_and_rate, setpoint_and_rate]

@@ -141,8 +141,8 @@ def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
     motor_pairs = acts_on_tilt.sum(axis=0) / 2
     tilt_scale = np.sqrt(squared_norms / motor_pairs).max()
     yaw_scale = thrust_by_torque[:, 2].max()
-    normalised = thrust_by_torque / [tilt_scale, tilt_scale, yaw_scale]
-    roll, pitch, yaw = normalised.T.tolist()
+    normalised_mixer = thrust_by_torque / [tilt_scale, tilt_scale, yaw_scale]
+    roll, pitch, yaw = normalised_mixer.T.tolist()
     return {"roll": tuple(roll), "pitch": tuple(pitch), "yaw": tuple(yaw)}
 
 

@@ -118,8 +118,8 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     controller = controller_if_known(signals)
     if controller is not None:
         angle_gain = controller.angle_gain
-        from_setpoint, from_rate = controller_response(controller, frequency)
-        complementary = spectra.response * from_rate / from_setpoint
+        demand_from_setpoint, demand_from_rate = controller_response(controller, frequency)
+        complementary = spectra.response * demand_from_rate / demand_from_setpoint
     rows = _steered_rows(spectra, frequency, angle_gain)
     gain = abs(spectra.response[rows])
     if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
@@ -230,9 +230,9 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
         return None
     # A sensitivity is a ratio of amplitudes: the logarithm of an amplitude is half of that of its power.
     log_amplitude = np.log(spectra.median_power) / 2
-    above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
-    below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
-    background = (above + below) / 2
+    log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
+    log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)
+    background = (log_amplitude_above + log_amplitude_below) / 2
     peak_ratio = np.exp(log_amplitude[rows] - background)
     highest = np.argmax(peak_ratio)
     coherence = spectra.coherence[rows[highest]]

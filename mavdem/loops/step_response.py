@@ -287,16 +287,16 @@ def _measured_step_response(
     min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
         return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=min_rate)
-    resampled = resampled_signals(
+    signals_on_grid = resampled_signals(
         series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
     )
-    if resampled is None:
+    if signals_on_grid is None:
         return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
     setpoint_moves_too_little = Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
-    sampling_rate = resampled.rate
+    sampling_rate = signals_on_grid.rate
     # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
-    pieces = [piece for piece in resampled.pieces if np.ptp(piece[0]) != 0]
+    pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[0]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
     if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return setpoint_moves_too_little
@@ -373,7 +373,7 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     low_pass = np.sinc(np.arange(-half_length, half_length + 1) / decimation)
     low_pass *= np.kaiser(len(low_pass), LOW_PASS_KAISER_BETA)
     low_pass /= low_pass.sum()
-    decimated = []
+    thinned_pieces = []
     for piece in pieces:
         # Both ends are continued by the line through them, so that the filter makes no step there.
         samples = np.arange(-half_length, piece.shape[1] + half_length)
@@ -382,8 +382,8 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
         deviation = np.zeros_like(line)
         deviation[:, half_length:-half_length] = piece - line[:, half_length:-half_length]
         windows = sliding_window_view(deviation, len(low_pass), axis=1)[:, ::decimation]
-        decimated.append(windows @ low_pass + line[:, half_length:-half_length:decimation])
-    return decimated
+        thinned_pieces.append(windows @ low_pass + line[:, half_length:-half_length:decimation])
+    return thinned_pieces
 
 
 def _with_angle_and_correction(
@@ -507,15 +507,15 @@ def _step_response_with_figures(
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
     responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)
     steps = responses.steps
-    identified = None
+    identified_responses = None
     if rate_loop is not None:
-        identified = identified_steps(rate_loop, responses.time, RESPONSE_DRAWS)
+        identified_responses = identified_steps(rate_loop, responses.time, RESPONSE_DRAWS)
     message_interval = timing_error / MAX_TIMING_ERROR_STEPS
-    is_identified = identified is not None and _is_too_fast(
-        responses.time, identified, message_interval
+    is_identified = identified_responses is not None and _is_too_fast(
+        responses.time, identified_responses, message_interval
     )
-    if identified is not None and is_identified:
-        steps = identified
+    if identified_responses is not None and is_identified:
+        steps = identified_responses
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
     # Row 0 of all responses is the estimate, the others are draws.

@@ -139,14 +139,14 @@ def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | N
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
         return None
     columns = [record.setpoint_names.index(name) for name in names]
-    recorded = record.setpoints[rows, columns]
-    is_finite = np.isfinite(recorded).all(axis=1)
+    recorded_setpoints = record.setpoints[rows, columns]
+    is_finite = np.isfinite(recorded_setpoints).all(axis=1)
     if is_finite.mean() < MIN_SETPOINT_SHARE:
         return None
-    samples = np.arange(len(recorded))
+    samples = np.arange(len(recorded_setpoints))
     return [
         interpolated_setpoint(np.interp(samples, samples[is_finite], column[is_finite]))
-        for column in recorded.T
+        for column in recorded_setpoints.T
     ]
 
 
@@ -273,14 +273,14 @@ def wind_torque_realisation(loop: Loop, samples: int, rng: np.random.Generator) 
 
 
 def motion_figures(
-    loop: Loop, recorded: Array, simulated: Sequence[Array]
+    loop: Loop, recorded_motion: Array, simulated_motions: Sequence[Array]
 ) -> dict[str, list[float]]:
     """Returns figures by which the recorded motion of an axis and simulated ones can be compared.
 
     Args:
         loop: loop of the axis, with the time step of its record.
-        recorded: recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1).
-        simulated: simulated angles and rates, (T, 2) each, from flights in different wind.
+        recorded_motion: recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1).
+        simulated_motions: simulated angles and rates, (T, 2) each, from flights in different wind.
 
     Returns:
         Figures by name. "levels" has the power of the rate in each of the ``RATE_BANDS``, simulated over recorded, in
@@ -292,10 +292,10 @@ def motion_figures(
     from scipy.signal import detrend, welch
 
     dt = loop.record.dt
-    outputs = recorded.shape[1]
+    outputs = recorded_motion.shape[1]
     # Recorded and simulated motions have one shape, (M, T, 2), with the recorded one first; for yaw the rate alone.
-    same_outputs = [motion[:, -outputs:] for motion in simulated]
-    motions = np.array([recorded, *same_outputs])
+    same_outputs = [motion[:, -outputs:] for motion in simulated_motions]
+    motions = np.array([recorded_motion, *same_outputs])
     motions = motions[:, round(SETTLING_SECONDS / dt) :]
     angles, rates = motions[..., 0], motions[..., -1]
     window = int(min(SPECTRUM_WINDOW_SECONDS / dt, motions.shape[1] / 2))

@@ -83,10 +83,10 @@ def welch_spectra(
         The spectra; ``None`` where a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS``
         windows without gaps.
     """
-    resampled = resampled_signals(signals, segments, window_seconds, min_rate)
-    if resampled is None:
+    signals_on_grid = resampled_signals(signals, segments, window_seconds, min_rate)
+    if signals_on_grid is None:
         return None
-    return welch_spectra_of_pieces(resampled.rate, resampled.pieces, window_seconds)
+    return welch_spectra_of_pieces(signals_on_grid.rate, signals_on_grid.pieces, window_seconds)
 
 
 def welch_spectra_of_pieces(
@@ -188,5 +188,5 @@ def windowed_transforms(values: Array, size: int) -> Complex:
         Complex transforms (…, W, F) of W windows, at F = size // 2 + 1 frequencies.
     """
     windows = half_overlapping_windows(values, size)
-    centred = windows - windows.mean(axis=-1, keepdims=True)
-    return np.fft.rfft(centred * np.hanning(size))
+    centred_windows = windows - windows.mean(axis=-1, keepdims=True)
+    return np.fft.rfft(centred_windows * np.hanning(size))

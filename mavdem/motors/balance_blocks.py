@@ -117,10 +117,10 @@ class SampleRate:
         Returns:
             Whether samples come at ``MIN_SAMPLE_RATE``, but for a tolerance; None between decisions.
         """
-        elapsed = time - self._start
+        elapsed_time = time - self._start
         decision = None
-        if elapsed >= seconds:
-            decision = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed
+        if elapsed_time >= seconds:
+            decision = self._count > SAMPLE_RATE_TOLERANCE * MIN_SAMPLE_RATE * elapsed_time
             self.restart(time)
         self._count += 1
         return decision

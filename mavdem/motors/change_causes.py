@@ -79,9 +79,9 @@ def cause_evidence(
     """
     motor_count = len(signatures)
     rises = hypothetical_rises(motor_count, weak_motor_sizes)
-    expected = rises @ signatures
+    expected_changes = rises @ signatures
     # The shape (s, h, 1, a) has the sizes, over which the mixture sums, first, and room for the windows.
-    expected_by_size = expected.swapaxes(0, 1)[:, :, None]
+    expected_by_size = expected_changes.swapaxes(0, 1)[:, :, None]
     densities = log_t_density(changes, expected_by_size)
     # All sizes are equally probable, and so is the loss of any motor. Recoveries come after the losses.
     motor_windows = log_sum(densities) - log(len(RISES)) - no_change

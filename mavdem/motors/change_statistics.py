@@ -139,8 +139,8 @@ def long_run_variance(
         prior_weight = 2 * prior_freedom / length
         sample_total = independent * length * squares / np.maximum(batches, 1)
         prior_total = prior_weight * prior_variance
-        pooled = (prior_total + sample_total) / (prior_weight + independent)
-        variance = np.maximum(variance, pooled)
+        pooled_variance = (prior_total + sample_total) / (prior_weight + independent)
+        variance = np.maximum(variance, pooled_variance)
     return variance
 
 

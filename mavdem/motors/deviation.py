@@ -82,7 +82,7 @@ def deviation(flight: HealthFigures, healthy: HealthFlights) -> Deviation:
     Returns:
         The deviation, with the Student's t distribution that it would have, were the flight healthy.
     """
-    balances = [flight.known_balance, *[other.known_balance for other in healthy]]
+    balances = [flight.known_balance, *[healthy_flight.known_balance for healthy_flight in healthy]]
     level = level_balances(balances)
     flight_balance = level.balances[0]
     flight_variance = level.variances[0]

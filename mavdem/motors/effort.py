@@ -58,7 +58,9 @@ def effort_change(
         The relative change, and the probability that anything changed; None if the effort of the flight or of
         ``MIN_HEALTHY_FLIGHTS`` healthy ones is not known.
     """
-    healthy_efforts = [other.effort for other in healthy if other.effort is not None]
+    healthy_efforts = [
+        healthy_flight.effort for healthy_flight in healthy if healthy_flight.effort is not None
+    ]
     if flight.effort is None or len(healthy_efforts) < MIN_HEALTHY_FLIGHTS:
         return None
     log_efforts = np.log(healthy_efforts)

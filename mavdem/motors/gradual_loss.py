@@ -163,8 +163,8 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
     """
     count = len(balances)
     numbers = np.arange(count)
-    centred = balances - balances.mean(axis=0)
-    total_squares = (centred**2).sum(axis=0)
+    centred_balances = balances - balances.mean(axis=0)
+    total_squares = (centred_balances**2).sum(axis=0)
     # At least two blocks are left for the change.
     starts = np.arange(before_blocks, count - 2)
     best: Ramp | None = None
@@ -175,7 +175,7 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
         courses = np.clip((numbers - starts[:, None]) / lengths[:, None], 0.0, 1.0)
         centred_courses = courses - courses.mean(axis=1, keepdims=True)
         course_squares = (centred_courses**2).sum(axis=1)
-        changes = (centred_courses @ centred) / course_squares[:, None]
+        changes = (centred_courses @ centred_balances) / course_squares[:, None]
         residual_squares = total_squares - changes**2 * course_squares[:, None]
         # A balance that never changes has no residuals; the wander bounds their logarithm.
         misfits = np.log(residual_squares / count + WANDER_SD**2).sum(axis=1)

@@ -151,9 +151,11 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     Returns:
         The flights that are kept, in the given order.
     """
-    by_error = sorted(flights, key=lambda flight: float(np.linalg.norm(flight.known_balance.error)))
+    flights_by_error = sorted(
+        flights, key=lambda flight: float(np.linalg.norm(flight.known_balance.error))
+    )
     distinct: list[HealthFigures] = []
-    for flight in by_error:
+    for flight in flights_by_error:
         if not any(flight.overlaps(other) for other in distinct):
             distinct.append(flight)
     return [flight for flight in flights if flight in distinct]

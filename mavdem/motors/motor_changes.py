@@ -164,7 +164,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
     """
     # By boot and name of the motor: its losses since it last gave its full thrust.
     losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
-    removed: list[MotorAlarm] = []
+    removed_alarms: list[MotorAlarm] = []
     for change in changes:
         motor = (change.boot, change.name)
         if change.motor is None:
@@ -175,13 +175,13 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
         # Every other change of a motor is its recovery.
         losses = losses_of_motor.pop(motor, [])
         if not losses:
-            removed.append(change)
+            removed_alarms.append(change)
         else:
             # A motor may lose more thrust before it recovers. The time is counted from the onset of the largest loss.
             largest = max(losses, key=lambda loss: loss.size)
             if change.since - largest.since < MIN_LOSS_SECONDS:
-                removed += [*losses, change]
-    return [change for change in changes if change not in removed]
+                removed_alarms += [*losses, change]
+    return [change for change in changes if change not in removed_alarms]
 
 
 def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:

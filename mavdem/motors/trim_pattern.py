@@ -127,8 +127,8 @@ def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
         Index of the motor; None if no motor leads alone.
     """
     motor = int(np.argmax(deviations))
-    others = np.delete(deviations, motor)
-    is_alone = len(deviations) == QUADROTOR_MOTORS and bool((others < 0).all())
+    other_deviations = np.delete(deviations, motor)
+    is_alone = len(deviations) == QUADROTOR_MOTORS and bool((other_deviations < 0).all())
     is_fault_probable = deviations[motor] > FAULT_RISE
     is_sure = deviations[motor] - half_widths[motor] > FAULT_RISE / 2
     return motor if is_alone and is_fault_probable and is_sure else None

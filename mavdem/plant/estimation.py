@@ -144,11 +144,11 @@ def _estimate_parameters(
     Raises:
         numpy.linalg.LinAlgError: no model has a likelihood.
     """
-    selected = _select_model(windows, directions)
-    fit = selected.fit
+    selected_model = _select_model(windows, directions)
+    fit = selected_model.fit
     if len(windows.rate) > MAX_SELECTION_WINDOWS:
         fit = fit_gray_box(fit.model, windows, fit.theta)
-    plant = _physical(fit, selected.spectrum_range, windows)
+    plant = _physical(fit, selected_model.spectrum_range, windows)
     if prior is None:
         return plant
     return combined_with_earlier_flight(plant, prior)
@@ -196,9 +196,9 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
         candidate = best.model._replace(refinements=(*best.model.refinements, name))
         initial = np.append(best.theta, 0.0)
         with suppress(LinAlgError):
-            refined = fit_gray_box(candidate, selected_windows, initial, STRONG_EVIDENCE_NATS)
-            if _is_possible(refined):
-                best = max(best, refined, key=lambda fit: fit.evidence)
+            refined_fit = fit_gray_box(candidate, selected_windows, initial, STRONG_EVIDENCE_NATS)
+            if _is_possible(refined_fit):
+                best = max(best, refined_fit, key=lambda fit: fit.evidence)
 
     logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
     return _SelectedModel(best, np.ptp(logarithms, axis=0))
@@ -388,8 +388,8 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     # The taper leaves out the first and the last frequency.
     omega = windows.omega[1:-1]
     low, high = MOTION_BAND_HZ
-    in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
-    torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * in_band
+    is_in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
+    torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * is_in_band
 
     def power(rate: ComplexArray) -> float:
         """Returns the mean power of the torque that makes a rate, but for a factor, which cancels in the ratio."""

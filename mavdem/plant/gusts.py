@@ -114,7 +114,7 @@ def detect_gusts(
     signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * GUST_THRESHOLD * sd)
     sign_changes = 1 + np.flatnonzero(np.diff(signs))
     edges = sorted({0, len(deviation), *sign_changes.tolist(), *record.segment_starts.tolist()})
-    detected = []
+    gusts = []
     for start, stop in pairwise(edges):
         peak = start + int(np.argmax(abs(deviation[start:stop])))
         duration = (stop - start) * record.dt
@@ -123,8 +123,8 @@ def detect_gusts(
             continue
         if _level_changes(torque, start, stop, width // 2, threshold, record):
             continue
-        detected.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
-    return GustDetection(tuple(detected), threshold, false_per_minute)
+        gusts.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
+    return GustDetection(tuple(gusts), threshold, false_per_minute)
 
 
 def _running_level(torque: Array, record: Record, width: int) -> Array:

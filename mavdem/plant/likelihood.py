@@ -265,7 +265,9 @@ class GrayBoxModel(NamedTuple):
         one_sample_later = np.exp(-1j * windows.omega * dt)
         delay_steps = np.maximum(thetas[:, [self.delay_index]], 0.0) / dt
         whole_steps, fraction = np.divmod(delay_steps, 1.0)
-        delayed = one_sample_later**whole_steps * (1 - fraction + fraction * one_sample_later)
+        delay_response = one_sample_later**whole_steps * (
+            1 - fraction + fraction * one_sample_later
+        )
 
         omega = _aliases(windows)
         damping = self.damping(thetas)[:, None, None]
@@ -278,8 +280,8 @@ class GrayBoxModel(NamedTuple):
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
         hold = min(1.0, RESPONSE_SECONDS / dt) * held_spectrum * np.exp(-0.5j * omega * dt)
-        interpolated_response = delayed * np.sum(plant * interpolation, axis=1)
-        held_response = delayed * np.sum(plant * hold, axis=1)
+        interpolated_response = delay_response * np.sum(plant * interpolation, axis=1)
+        held_response = delay_response * np.sum(plant * hold, axis=1)
         responses = [interpolated_response, held_response]
         for value in self.refinement_values(thetas).T:
             responses.append(interpolated_response * value[:, None])

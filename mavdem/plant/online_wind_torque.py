@@ -106,16 +106,16 @@ class WindTorqueSmoother(NamedTuple):
         parameters = self.physical
         # The constant torque acts like a steady command.
         deviation = inputs - self.trim
-        commanded = deviation @ parameters.effect + self.constant
+        commanded_torque = deviation @ parameters.effect + self.constant
         rate = outputs[:, self.rate_column]
-        smoothed = self.plant.smooth_wind_torque(
-            self.rate_filter, commanded, parameters.delay / self.dt, rate
+        smoothed_torque = self.plant.smooth_wind_torque(
+            self.rate_filter, commanded_torque, parameters.delay / self.dt, rate
         )
 
         latest = -round(DELAY_SECONDS / self.dt)
         # State 0 is the rate. Its mean squared error in the latest samples, relative to the variance F that the filter
         # expects, shows whether the model holds just now. A ratio below 1 may be chance: it does not narrow the band.
-        errors = (rate - smoothed.states[:, 0])[latest:]
+        errors = (rate - smoothed_torque.states[:, 0])[latest:]
         error_ratio = max(1.0, float(np.mean(errors**2)) / self.rate_filter.F)
         unresolved_variance = sum(
             component.size**2 for component in parameters.components if component.time < self.dt
@@ -131,7 +131,7 @@ class WindTorqueSmoother(NamedTuple):
         for command in deviation.T:
             lagged_columns.append(scalar_recursion(decay, (1 - decay) * command, start=0.0))
         lagged_inputs = np.column_stack(lagged_columns)
-        torque_change = (commanded - smoothed.states[:, 1]) / parameters.lag
+        torque_change = (commanded_torque - smoothed_torque.states[:, 1]) / parameters.lag
         # Columns by effects, damping, lag and delay. A longer lag and a longer delay act alike.
         gradient = np.column_stack(
             [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
@@ -139,7 +139,7 @@ class WindTorqueSmoother(NamedTuple):
         variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
         # The smoother estimates the wind torque about its mean, since the mean is part of the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
-        return np.column_stack([smoothed.mean + mean, half_width(variance)])
+        return np.column_stack([smoothed_torque.mean + mean, half_width(variance)])
 
 
 def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
@@ -175,13 +175,19 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
         ValueError: no physical parameters can be fitted to the record.
         numpy.linalg.LinAlgError: there is no steady-state filter for them.
     """
-    fitted = physical(record, prior)
-    if isinstance(fitted, NotIdentifiable):
-        raise ValueError(fitted.reason)
+    fitted_parameters = physical(record, prior)
+    if isinstance(fitted_parameters, NotIdentifiable):
+        raise ValueError(fitted_parameters.reason)
     column = rate_column(record)
     dt = record.dt
-    jump_lead = fitted.refinements.get(Refinement.JUMPS, 0.0)
-    plant = sampled_plant(fitted.damping, fitted.lag, fitted.components, dt, jump_lead)
+    jump_lead = fitted_parameters.refinements.get(Refinement.JUMPS, 0.0)
+    plant = sampled_plant(
+        fitted_parameters.damping,
+        fitted_parameters.lag,
+        fitted_parameters.components,
+        dt,
+        jump_lead,
+    )
     trim = record.inputs.mean(axis=0)
     # The balanced torque is linear in the effects, so unit effects give its derivatives.
     trim_torque_gradient = [
@@ -190,13 +196,15 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
     ]
     # The steady torque is that of the last segment, in which the stream goes on.
     inputs, outputs = record.segments[-1]
-    commanded = (inputs - trim) @ fitted.effect
+    commanded_torque = (inputs - trim) @ fitted_parameters.effect
     return WindTorqueSmoother(
-        physical=fitted,
+        physical=fitted_parameters,
         plant=plant,
-        rate_filter=plant.rate_filter(fitted.noise),
+        rate_filter=plant.rate_filter(fitted_parameters.noise),
         trim=trim,
-        constant=mean_external_torque(outputs[:, column], commanded, fitted.damping, dt),
+        constant=mean_external_torque(
+            outputs[:, column], commanded_torque, fitted_parameters.damping, dt
+        ),
         trim_torque_gradient=np.array(trim_torque_gradient),
         rate_column=column,
         dt=dt,

@@ -285,20 +285,20 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
             return plant
         # Kalman gain K = P₀ (P₀ + P)⁻¹, with the covariances P₀ of the prior and P of this flight.
         gain = np.linalg.solve(total, prior_covariance).T
-        combined = prior_theta + gain @ (theta - prior_theta)
+        combined_theta = prior_theta + gain @ (theta - prior_theta)
         covariance = prior_covariance - gain @ prior_covariance
         status = plant.status
         reasons = plant.reasons
         bias = plant.bias
     else:
-        combined = prior_theta
+        combined_theta = prior_theta
         covariance = prior_covariance
         status = prior.status
         reasons = _reasons_of_earlier_flight(prior)
         bias = prior.bias
-    damping, lag, delay = np.maximum(combined[DYNAMICS], PLANT_MINIMUM).tolist()
+    damping, lag, delay = np.maximum(combined_theta[DYNAMICS], PLANT_MINIMUM).tolist()
     return plant._replace(
-        effect=combined[EFFECTS],
+        effect=combined_theta[EFFECTS],
         damping=damping,
         lag=lag,
         delay=delay,

@@ -104,8 +104,8 @@ def _autoregressive_noise(denominator: Array) -> ColouredNoise:
     state_sd = np.sqrt(solve_continuous_lyapunov(A, -Q).diagonal())
     Q[-1, -1] /= state_sd[-1] ** 2
     # |D(jω)|² is D(s) D(−s), of which only even powers of s remain.
-    mirrored = denominator * (-1.0) ** np.arange(order, -1, -1)
-    inverse_density = state_sd[0] ** 2 * np.polymul(denominator, mirrored)[::2]
+    mirrored_denominator = denominator * (-1.0) ** np.arange(order, -1, -1)
+    inverse_density = state_sd[0] ** 2 * np.polymul(denominator, mirrored_denominator)[::2]
     return ColouredNoise(A * state_sd / state_sd[:, None], Q, np.eye(order)[0], inverse_density)
 
 
@@ -180,10 +180,10 @@ def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
     whole_steps = int(min(delay, len(inputs)))
     fraction = min(delay - whole_steps, 1.0)
     # Row i + 1 of the padded inputs is the input ``whole_steps`` before sample i, and row i the one a step earlier.
-    padded = np.concatenate([np.repeat(inputs[:1], whole_steps + 1, axis=0), inputs])
-    padded = padded[: len(inputs) + 1]
-    interpolated = (1 - fraction) * padded[1:] + fraction * padded[:-1]
-    return interpolated[:-1], interpolated[1:]
+    padded_inputs = np.concatenate([np.repeat(inputs[:1], whole_steps + 1, axis=0), inputs])
+    padded_inputs = padded_inputs[: len(inputs) + 1]
+    interpolated_inputs = (1 - fraction) * padded_inputs[1:] + fraction * padded_inputs[:-1]
+    return interpolated_inputs[:-1], interpolated_inputs[1:]
 
 
 class SampledPlant(NamedTuple):
@@ -204,17 +204,17 @@ class SampledPlant(NamedTuple):
     jump_lead: float
     """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
 
-    def input_contributions(self, commanded: Array, delay_steps: float) -> Array:
+    def input_contributions(self, commanded_torque: Array, delay_steps: float) -> Array:
         """Computes the part of each next state that a commanded torque adds: Γ₀ c + Γ₁ c⁺.
 
         Args:
-            commanded: commanded torque (T,), rad/s².
+            commanded_torque: commanded torque (T,), rad/s².
             delay_steps: its delay, in steps.
 
         Returns:
             Additions to the n states at the second sample and those after it (T − 1, n).
         """
-        commands = with_early_jumps(commanded[None, :, None], self.jump_lead)[0]
+        commands = with_early_jumps(commanded_torque[None, :, None], self.jump_lead)[0]
         at_start, at_end = delayed_inputs(commands, delay_steps)
         return at_start * self.transition.Gamma0[:, 0] + at_end * self.transition.Gamma1[:, 0]
 
@@ -235,7 +235,7 @@ class SampledPlant(NamedTuple):
     def smooth_wind_torque(
         self,
         rate_filter: SteadyStateFilter,
-        commanded: Array,
+        commanded_torque: Array,
         delay_steps: float,
         rate: Array,
     ) -> SmoothedSignal:
@@ -245,7 +245,7 @@ class SampledPlant(NamedTuple):
 
         Args:
             rate_filter: the filter of this plant.
-            commanded: commanded torque with all that is constant in it (T,), rad/s².
+            commanded_torque: commanded torque with all that is constant in it (T,), rad/s².
             delay_steps: delay of the commands, in steps.
             rate: measured rate (T,), rad/s.
 
@@ -254,8 +254,8 @@ class SampledPlant(NamedTuple):
         """
         initial_state = np.zeros(len(self.wind_output))
         initial_state[0] = rate[0]
-        initial_state[1] = commanded[0]
-        contributions = self.input_contributions(commanded, delay_steps)
+        initial_state[1] = commanded_torque[0]
+        contributions = self.input_contributions(commanded_torque, delay_steps)
         return rate_filter.smooth(contributions, rate, initial_state, self.wind_output)
 
 

@@ -39,8 +39,8 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
     Raises:
         ValueError: the outputs are not an angle and its rate, or the inputs are larger than may be learned from.
     """
-    commanded = record.validated_inputs(inputs)
-    require_finite_and_bounded(commanded, "inputs")
+    commanded_inputs = record.validated_inputs(inputs)
+    require_finite_and_bounded(commanded_inputs, "inputs")
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError(
@@ -54,13 +54,13 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
         delay=physical.delay,
         record=record,
         angle_and_rate=angle_and_rate,
-        inputs=commanded,
+        inputs=commanded_inputs,
     )
     mean = mean_at(theta)
     # To first order, parameters with covariance P cause the variance g P gᵀ, with the gradient g of each sample.
     gradient = parameter_gradient(mean_at, theta, mean)
     variance = np.einsum("iht,ij,jht->ht", gradient, physical.covariance[:-1, :-1], gradient)
-    variance += _wind_variance(physical, record.dt, len(commanded))
+    variance += _wind_variance(physical, record.dt, len(commanded_inputs))
     # The simulation has the angle first; the record may have the rate first.
     output_order = np.argsort(angle_and_rate)
     return Forecast(mean[:, output_order], variance[:, output_order])
@@ -97,22 +97,24 @@ def _simulated_mean(
     # The motors' torque in each segment gives the steady torque that acts besides; that of the last one stays.
     constants = []
     for segment_inputs, outputs in record.segments:
-        commanded = (segment_inputs - trim) @ effect
-        contributions = plant.input_contributions(commanded, delay / dt)
+        commanded_torque = (segment_inputs - trim) @ effect
+        contributions = plant.input_contributions(commanded_torque, delay / dt)
         motor_transition = plant.transition.Phi[1:, 1:]
-        later_torque = linear_recursion(motor_transition, contributions[:, 1:], commanded[:1])
-        torque = np.append(commanded[0], later_torque)
+        later_torque = linear_recursion(
+            motor_transition, contributions[:, 1:], commanded_torque[:1]
+        )
+        torque = np.append(commanded_torque[0], later_torque)
         rate = outputs[:, angle_and_rate[1]]
         constants.append(mean_external_torque(rate, torque, damping, dt))
     constant = np.average(constants, weights=record.lengths)
 
     # A steady disturbance acts like a steady command. The last commands are still on their way to the motors.
-    all_commands = np.append(commanded, (inputs - trim) @ effect) + constant
-    contributions = plant.input_contributions(all_commands, delay / dt)[len(commanded) - 1 :]
+    all_commands = np.append(commanded_torque, (inputs - trim) @ effect) + constant
+    contributions = plant.input_contributions(all_commands, delay / dt)[len(commanded_torque) - 1 :]
     initial_state = np.append(outputs[-1, angle_and_rate], torque[-1] + constant)
-    augmented = _with_angle(plant, dt)
+    plant_with_angle = _with_angle(plant, dt)
     states = linear_recursion(
-        augmented.transition, contributions @ augmented.input_map.T, initial_state
+        plant_with_angle.transition, contributions @ plant_with_angle.input_map.T, initial_state
     )
     return states[:, :2]
 
@@ -131,9 +133,9 @@ def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
         Variances of angle, rad², and rate, (rad/s)² (H, 2).
     """
     plant = sampled_plant(physical.damping, physical.lag, physical.components, dt)
-    augmented = _with_angle(plant, dt)
-    transition = augmented.transition
-    Q = augmented.input_map @ plant.Q @ augmented.input_map.T
+    plant_with_angle = _with_angle(plant, dt)
+    transition = plant_with_angle.transition
+    Q = plant_with_angle.input_map @ plant.Q @ plant_with_angle.input_map.T
     # The wind torque's states begin with their stationary covariance: the wind has been blowing before. Angle, rate and
     # motors' torque are known at the beginning.
     P = np.zeros_like(Q)

@@ -193,7 +193,7 @@ def estimate_wind_torque(
     reason = _reason_against_wind(
         len(torque) * record.dt, has_wind, errors.unscaled_variance, power
     )
-    resolved = reason is None
+    is_resolved = reason is None
     # Errors of the parameters are the same at all samples, so they do not average out in the mean.
     mean_gradient = gradient[:, is_wind].mean(axis=1)
     mean_variance = (
@@ -201,7 +201,7 @@ def estimate_wind_torque(
     )
     band = half_width(variance)
     min_duration = min_gust_duration(physical, record.dt)
-    detected = detect_gusts(torque, band, record, min_duration, is_wind)
+    gusts_of_torque = detect_gusts(torque, band, record, min_duration, is_wind)
     return WindTorque(
         torque=np.where(is_wind, torque, np.nan),
         band=np.where(is_wind, band, np.nan),
@@ -210,11 +210,11 @@ def estimate_wind_torque(
         sd=np.sqrt(power + smoother_variance[is_wind].mean()),
         scale_error=errors.scale_error,
         step=step,
-        gusts=detected.gusts if resolved else (),
-        gust_threshold=detected.threshold,
-        false_gusts_per_minute=detected.false_per_minute,
+        gusts=gusts_of_torque.gusts if is_resolved else (),
+        gust_threshold=gusts_of_torque.threshold,
+        false_gusts_per_minute=gusts_of_torque.false_per_minute,
         spectrum=_spectrum(torque, is_wind, record, physical),
-        resolved=resolved,
+        resolved=is_resolved,
         reason=reason,
         left_out=left_out,
     )
@@ -321,16 +321,18 @@ def _torque_errors(
     effect_scales = np.append(proportional[EFFECTS], np.zeros(3))
     effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
     unscaled_gradient = gradient - np.outer(effect_scales, deviation)
-    unscaled = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
+    variance_without_scale = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
 
     # An error of the parameters changes the standard deviation in proportion to its part that is like the course, and
     # by the square of the rest.
-    rest = gradient - np.outer(proportional, deviation)
-    quadratic = np.sum((rest @ rest.T) * covariance) / (2 * samples * power)
+    remaining_gradient = gradient - np.outer(proportional, deviation)
+    quadratic = np.sum((remaining_gradient @ remaining_gradient.T) * covariance) / (
+        2 * samples * power
+    )
     scale_variance = (
         proportional @ covariance @ proportional + quadratic**2 + OmissionErrors.wind_sd**2
     )
-    return _TorqueErrors(float(unscaled.mean()), float(np.sqrt(scale_variance)))
+    return _TorqueErrors(float(variance_without_scale.mean()), float(np.sqrt(scale_variance)))
 
 
 def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
@@ -343,11 +345,11 @@ def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
     Returns:
         (…, T) values with mean 0 in each part.
     """
-    centred = []
+    centred_parts = []
     for part in np.split(values, cuts, axis=-1):
         if part.size:
-            centred.append(part - part.mean(axis=-1, keepdims=True))
-    return np.concatenate(centred, axis=-1)
+            centred_parts.append(part - part.mean(axis=-1, keepdims=True))
+    return np.concatenate(centred_parts, axis=-1)
 
 
 def _step(torque: Array, dt: float) -> tuple[int, float] | None:
@@ -373,15 +375,15 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     # With mean 0, N samples, and the sum S of the n samples before, the split explains S² N / (n (N − n)) of the sum of
     # squares. The sum of the n samples before a candidate n is the cumulative sum at n - 1.
     sums_before = np.cumsum(torque)[candidates - 1]
-    explained = sums_before**2 * count / (candidates * (count - candidates))
-    sample = int(candidates[np.argmax(explained)])
+    explained_squares = sums_before**2 * count / (candidates * (count - candidates))
+    sample = int(candidates[np.argmax(explained_squares)])
     size = float(torque[sample:].mean() - torque[:sample].mean())
     edge = round(STEP_EDGE_SECONDS / dt)
     just_before = torque[sample - edge : sample].mean()
     just_after = torque[sample : sample + edge].mean()
     sharpness = (just_after - just_before) / size
     sum_of_squares = torque @ torque
-    is_large = explained.max() > MIN_STEP_VARIANCE_SHARE * sum_of_squares
+    is_large = explained_squares.max() > MIN_STEP_VARIANCE_SHARE * sum_of_squares
     if is_large and sharpness > MIN_STEP_SHARPNESS:
         return sample, size
     return None
@@ -415,13 +417,13 @@ def _smoothed_torque(
     torques = []
     for inputs, outputs in record.segments:
         rate = outputs[:, column]
-        commanded = (inputs - trim) @ effect
+        commanded_torque = (inputs - trim) @ effect
         # A steady torque acts like a steady command; about it the wind torque has mean 0.
-        constant = mean_external_torque(rate, commanded, damping, record.dt)
-        smoothed = plant.smooth_wind_torque(
-            rate_filter, commanded + constant, delay / record.dt, rate
+        constant = mean_external_torque(rate, commanded_torque, damping, record.dt)
+        smoothed_wind = plant.smooth_wind_torque(
+            rate_filter, commanded_torque + constant, delay / record.dt, rate
         )
-        torques.append(smoothed.mean + constant + trim_torque)
+        torques.append(smoothed_wind.mean + constant + trim_torque)
     return np.concatenate(torques)
 
 

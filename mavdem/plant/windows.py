@@ -211,8 +211,10 @@ def _innovations(inputs: Array, rate: Array) -> ArrayPair:
     count = rate.shape[1]
     # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side. There is a row for
     # each sample of each window that has so many before it.
-    lagged = [signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)]
-    past = np.concatenate(lagged, axis=2)
+    lagged_signals = [
+        signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)
+    ]
+    past = np.concatenate(lagged_signals, axis=2)
     past = past.reshape(-1, past.shape[2])
     present = signals[:, REGRESSION_LAGS:].reshape(-1, signals.shape[2])
     innovations = present - past @ np.linalg.lstsq(past, present)[0]

@@ -294,9 +294,9 @@ class Api:
         all_samples = self._fields.samples(log, field_request, self._document_of_page(entry))
         samples = samples_between(all_samples, start, end)
         is_thinned = len(samples.time) > 2 * intervals
-        plotted = extremes_of_intervals(samples, intervals) if is_thinned else samples
+        plotted_samples = extremes_of_intervals(samples, intervals) if is_thinned else samples
         # JSON has no infinity and no NaN.
-        values = [value if isfinite(value) else None for value in plotted.values.tolist()]
+        values = [value if isfinite(value) else None for value in plotted_samples.values.tolist()]
         return _json(
             PlottedField(
                 message=field_request.message,
@@ -304,7 +304,7 @@ class Api:
                 instance=field_request.instance,
                 count=len(samples.time),
                 is_thinned=is_thinned,
-                time=plotted.time.tolist(),
+                time=plotted_samples.time.tolist(),
                 values=values,
             )
         )
@@ -457,11 +457,11 @@ class Api:
         queue_place = places.get(entry.id, QueuePlace())
         reading_progress: JsonValues = {}
         if entry.stage != Stage.WAITING and not entry.is_done:
-            reported = self._library.progress(entry)
-            entry = replace(entry, **_values_of_keys(reported, COLUMNS))
-            reading_progress = _values_of_keys(reported, PROGRESS_KEYS)
-            if "started" in reported:
-                reading_progress["seconds"] = round(time.time() - reported["started"])
+            reported_progress = self._library.progress(entry)
+            entry = replace(entry, **_values_of_keys(reported_progress, COLUMNS))
+            reading_progress = _values_of_keys(reported_progress, PROGRESS_KEYS)
+            if "started" in reported_progress:
+                reading_progress["seconds"] = round(time.time() - reported_progress["started"])
         stage_in_words = interface_words()["stages"][entry.stage]
         return Progress.from_results(
             entry, words=stage_in_words, **queue_place._asdict(), **reading_progress

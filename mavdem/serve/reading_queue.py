@@ -122,8 +122,8 @@ def estimated_seconds(size: int, history: Sequence[ReadLogSize]) -> float:
         Estimated duration, s.
     """
     # The neighbours are centred on the place of this size in the order, but stay within the list.
-    place = bisect(history, ReadLogSize(size, math.inf))
-    centred_first = max(place - (NEIGHBOURS + 1) // 2, 0)
+    row = bisect(history, ReadLogSize(size, math.inf))
+    centred_first = max(row - (NEIGHBOURS + 1) // 2, 0)
     last_possible_first = max(len(history) - NEIGHBOURS, 0)
     first = min(centred_first, last_possible_first)
     neighbours = history[first : first + NEIGHBOURS]
@@ -134,8 +134,8 @@ def _reading_history(library: Library) -> list[ReadLogSize]:
     """Returns the logs that were read last with success, in order of size."""
     query = """select size, seconds from logs where ended = 'read' and size > 0 and seconds > 0
         order by rowid desc limit ?"""
-    found = library.db.execute(query, [HISTORY_LENGTH])
-    return sorted(ReadLogSize(size, seconds) for size, seconds in found)
+    rows = library.db.execute(query, [HISTORY_LENGTH])
+    return sorted(ReadLogSize(size, seconds) for size, seconds in rows)
 
 
 def _rounded_up(unix_time: float) -> float:

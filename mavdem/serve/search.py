@@ -168,5 +168,5 @@ def _text_comparison(expression: str, operator: str) -> str:
 def _contains(expression: str, text: str) -> SqlCondition:
     """Returns the condition that the text of an SQL expression contains ``text``, regardless of case."""
     # LIKE has wildcards, which a backslash makes plain characters.
-    escaped = re.sub(r"([\\%_])", r"\\\1", text)
-    return SqlCondition(f"{expression} like ? escape '\\'", (f"%{escaped}%",))
+    escaped_text = re.sub(r"([\\%_])", r"\\\1", text)
+    return SqlCondition(f"{expression} like ? escape '\\'", (f"%{escaped_text}%",))

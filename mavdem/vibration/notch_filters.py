@@ -62,10 +62,10 @@ def notch_advice(
         no notch.
     """
     spectrum = unfiltered or filtered
-    named = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
-    if spectrum is None or not named:
+    lines_to_filter = [line for line in lines if line.kind in (LineKind.MOTOR, LineKind.FRAME)]
+    if spectrum is None or not lines_to_filter:
         return Fact(NotchAdvice.NO_LINE_TO_REMOVE)
-    line = max(named, key=lambda line: line.density)
+    line = max(lines_to_filter, key=lambda line: line.density)
     frequency = line.frequency
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
@@ -153,13 +153,15 @@ def _narrowest_notch(
         if "IMU_GYRO_DNF_EN" in settings:
             # PX4's dynamic notch is not modelled. At the median of the motors' speed it acts like a static one.
             static_settings = _px4_static_notch(line, settings["IMU_GYRO_DNF_BW"])
-        changed = controller.with_parameters(static_settings)
+        controller_with_notch = controller.with_parameters(static_settings)
         # The gain of the notch alone is that of all filters with it over that without it.
-        gain = abs(gyro_response(changed, frequency) / gyro_response(controller, frequency))
+        gain = abs(
+            gyro_response(controller_with_notch, frequency) / gyro_response(controller, frequency)
+        )
         removed_share = 1 - (power * gain**2).sum() / power.sum()
         if removed_share >= MIN_REMOVED_SHARE:
             break
-    return _NotchSettings(settings, changed, removed_share)
+    return _NotchSettings(settings, controller_with_notch, removed_share)
 
 
 def _relative_notch_frequency(

@@ -118,8 +118,8 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
                 candidates.append(_line_near(spectrum, windows, frequency[peak]))
     # The same line may be found with several exponents.
     lines = _distinct(candidates)
-    named = [line for line in lines if line.kind is not LineKind.UNNAMED]
-    highest_ratio = max((line.ratio for line in named), default=0.0)
+    named_lines = [line for line in lines if line.kind is not LineKind.UNNAMED]
+    highest_ratio = max((line.ratio for line in named_lines), default=0.0)
     clear_lines = [
         line
         for line in lines
@@ -212,9 +212,9 @@ class _LogSpectra:
         bins = (frequencies / self.frequency_step).astype(int)
         low = np.clip(bins, 0, len(self.frequency) - 2)
         rows = np.arange(len(self.log_density))
-        below = self.log_density[rows, low]
-        above = self.log_density[rows, low + 1]
-        return np.maximum(below, above)
+        density_below = self.log_density[rows, low]
+        density_above = self.log_density[rows, low + 1]
+        return np.maximum(density_below, density_above)
 
     def aligned_mean(self, exponent: float) -> Array:
         """Returns the mean of the logarithmic spectra, stretched so that lines of one exponent stay in place.
@@ -228,11 +228,11 @@ class _LogSpectra:
         Returns:
             Mean logarithmic density at the frequencies of the spectra (F,).
         """
-        aligned = [
+        aligned_densities = [
             np.interp(self.frequency * drive**exponent, self.frequency, log_density)
             for drive, log_density in zip(self.drive, self.log_density, strict=True)
         ]
-        return np.mean(aligned, axis=0)
+        return np.mean(aligned_densities, axis=0)
 
 
 def _log_spectra(spectrum: Spectrum) -> _LogSpectra:

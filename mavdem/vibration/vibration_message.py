@@ -56,8 +56,8 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     if not levels.any():
         return None
     # A single count that differs from both its neighbours was damaged on its way.
-    undamaged = median_filter(counts, size=(3, 1), mode="mirror")
+    undamaged_counts = median_filter(counts, size=(3, 1), mode="mirror")
     # The counts begin again at 0 with each boot.
-    clips = np.clip(np.diff(undamaged, axis=0, prepend=undamaged[:1]), 0, None)
+    clips = np.clip(np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1]), 0, None)
     axes = ("",) if is_px4 else tuple("xyz")
     return ReportedVibration(axes, replace(samples, values=levels), clips)

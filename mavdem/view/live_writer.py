@@ -309,9 +309,9 @@ class LiveWriter:
         scale = display_unit(self.channels.output_units[0]).scale
         plot = f"axes/{self.channels.output_names[0]}"
         # The numbers in the paths put the band below the lines.
-        measured = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
+        measured_line = Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2)
         self._draw(
-            measured,
+            measured_line,
             [Sample(row.segment, row.timeline_time, scale * row.outputs[:1]) for row in rows],
         )
         predictions = []
@@ -328,8 +328,10 @@ class LiveWriter:
                     estimate.ahead_band[horizon, 0],
                 )
             predictions.append(prediction)
-        predicted = Lines(f"{plot}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8)
-        self._draw_with_band(f"{plot}/0_band", predicted, predictions, scale, clip=True)
+        predicted_line = Lines(
+            f"{plot}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8
+        )
+        self._draw_with_band(f"{plot}/0_band", predicted_line, predictions, scale, clip=True)
 
     def _draw_with_band(
         self,

@@ -236,8 +236,8 @@ def colour_on_dark(colour: str, opacity: float) -> str:
     """
     foreground = np.array(palette.channels(colour))
     background = np.array(palette.channels(palette.PAPER_DARK))
-    mixed = np.round(opacity * foreground + (1 - opacity) * background)
-    return "#" + bytes(mixed.astype(np.uint8)).hex()
+    mixed_colour = np.round(opacity * foreground + (1 - opacity) * background)
+    return "#" + bytes(mixed_colour.astype(np.uint8)).hex()
 
 
 def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:

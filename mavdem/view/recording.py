@@ -285,14 +285,14 @@ class RecordingTabs:
         step_views = []
         for axis, responses in self._assessment.responses.items():
             for name, response in responses.items():
-                measured = response.measured
-                if isinstance(measured, StepResponse):
+                measured_response = response.measured
+                if isinstance(measured_response, StepResponse):
                     step_views.append(
                         self._draw_bars(
                             f"steps/{axis}/{name}",
                             f"{axis} {name}: step",
-                            measured.time,
-                            measured.step,
+                            measured_response.time,
+                            measured_response.step,
                         )
                     )
         loops = self._assessment.identified_loops

@@ -226,8 +226,8 @@ class FilteredMotion(NamedTuple):
         """
         states = self.filtered_states.copy()
         covariances = self.filtered_covariances.copy()
-        transitioned = (self.filtered_covariances[:-1] * self.decay[:, None, :]).mT
-        gains = np.linalg.solve(self.predicted_covariances[1:], transitioned).mT
+        propagated_covariances = (self.filtered_covariances[:-1] * self.decay[:, None, :]).mT
+        gains = np.linalg.solve(self.predicted_covariances[1:], propagated_covariances).mT
         for t in range(len(states) - 2, -1, -1):
             K = gains[t]
             state_change = states[t + 1] - self.predicted_states[t + 1]

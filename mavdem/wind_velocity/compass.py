@@ -104,16 +104,16 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     unit = velocity / np.maximum(speed, 1e-9)[:, None]
     # Half widths along and across the flow, m/s. The unit vector across the flow has the components swapped; the sign
     # of one of them does not matter, since they are squared.
-    along = np.hypot(*(unit * band).T)
-    across = np.hypot(*(unit[:, ::-1] * band).T)
-    angle = np.degrees(np.arctan2(across, speed))
+    band_along = np.hypot(*(unit * band).T)
+    band_across = np.hypot(*(unit[:, ::-1] * band).T)
+    angle = np.degrees(np.arctan2(band_across, speed))
     # If the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
-    direction_half_width = np.where(across < speed, angle, ANY_DIRECTION)
+    direction_half_width = np.where(band_across < speed, angle, ANY_DIRECTION)
     # The wind comes from where the velocity points away from: atan2(−east, −north), clockwise from north.
     origin = np.degrees(np.arctan2(*-velocity.T[::-1]))
     # The remainder brings the difference to −180 … 180°.
     direction = near_direction + (origin - near_direction + 180) % 360 - 180
-    return PolarWind(speed, direction, along, direction_half_width)
+    return PolarWind(speed, direction, band_along, direction_half_width)
 
 
 def _nearest_point(direction: float, points: Sequence[str]) -> str:

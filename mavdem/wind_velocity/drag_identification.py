@@ -164,7 +164,7 @@ class _Expansion(NamedTuple):
     """Derivatives of the mean air speed by the scaled parameters (10,)."""
 
 
-def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
+def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     """Identifies the drag and the sizes of gusts and noise by Fisher scoring of the filter's likelihood.
 
     The ten scaled parameters are four logarithms of drag coefficients, the lean along body x and y (specific force that
@@ -172,13 +172,13 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
 
     Drag and wind can be told apart only in manoeuvres, and lean and wind only while the vehicle yaws. Without these the
     likelihood would still seem to tell them, but only by the form of the model. So its information is reduced: on drag
-    by the squared share of the force that manoeuvres explain (``steered``), on lean by the share of turned yaw. Each
-    iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then diverge, so
-    the parameters with the highest posterior of all iterations are the result. A search that is still under way after
-    ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag.
+    by the squared share of the force that manoeuvres explain (``steered_fraction``), on lean by the share of turned
+    yaw. Each iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then
+    diverge, so the parameters with the highest posterior of all iterations are the result. A search that is still under
+    way after ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag.
 
     Args:
-        moved: motion of the flight.
+        grid: motion of the flight.
         drag: prior of the drag.
 
     Returns:
@@ -186,15 +186,15 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     """
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
     precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
-    steered = steered_share(moved)
+    steered_fraction = steered_share(grid)
     # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
-    information_shares = np.repeat([steered**2, _turned_share(moved), 1.0], [4, 2, 4])
+    information_shares = np.repeat([steered_fraction**2, _turned_share(grid), 1.0], [4, 2, 4])
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
     highest = np.nan
     former_value = np.nan
     for iteration in range(MAX_ITERATIONS):
-        about = _expand(mean, moved)
+        about = _expand(mean, grid)
         information = about.information * np.sqrt(np.outer(information_shares, information_shares))
         # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
         model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
@@ -202,7 +202,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
             model_precision, MODEL_ERROR.T
         )
         # A drag that makes a strong wind of the mean force is less probable, however little is steered.
-        speed_slope = about.speed_gradient * (1 - steered)
+        speed_slope = about.speed_gradient * (1 - steered_fraction)
         speed_pull = -about.speed * speed_slope
         covariance = np.linalg.inv(
             precision + discount @ information + np.outer(speed_slope, speed_slope)
@@ -211,7 +211,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
         value = about.log_likelihood - deviation @ precision @ deviation / 2
         if value > highest or np.isnan(highest):
             highest = value
-            best = DragPosterior(mean, (covariance + covariance.T) / 2, steered)
+            best = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
         has_settled = abs(value - former_value) < SETTLED_CHANGE
         if iteration >= USUAL_ITERATIONS and has_settled:
             break
@@ -226,7 +226,7 @@ def identify_drag(moved: MotionGrid, drag: Drag) -> DragPosterior:
     return best
 
 
-def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
+def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     """Expands the log likelihood of the wind filter to second order, for one step of Fisher scoring.
 
     The derivatives are central differences. All 21 sets of scaled parameters, the given one and one on either side of
@@ -238,7 +238,7 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
 
     Args:
         scaled_parameters: point of the expansion (10,).
-        moved: motion of the flight.
+        grid: motion of the flight.
     """
     steps = DIFFERENCE_STEP * np.vstack(
         [np.zeros(PARAMETER_COUNT), np.eye(PARAMETER_COUNT), -np.eye(PARAMETER_COUNT)]
@@ -251,17 +251,19 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
             2 * DIFFERENCE_STEP
         )
 
-    filtered: FilteredMotion = filter_motion(filter_parameters(points, moved), moved)
-    innovations = filtered.innovations[moved.complete].swapaxes(0, 1)
-    covariances = filtered.innovation_covariances[moved.complete].swapaxes(0, 1)
+    filtered_motion: FilteredMotion = filter_motion(filter_parameters(points, grid), grid)
+    innovations = filtered_motion.innovations[grid.complete].swapaxes(0, 1)
+    covariances = filtered_motion.innovation_covariances[grid.complete].swapaxes(0, 1)
     inverse = np.linalg.inv(covariances[0])
     slopes = central_differences(innovations)
 
-    whitened = np.einsum("tij,tj->ti", inverse, innovations[0])
-    squares = (whitened * innovations[0]).sum(axis=1)
-    whitened *= ((DEGREES_OF_FREEDOM + 2) / (DEGREES_OF_FREEDOM + squares))[:, None]
-    gradient = central_differences(filtered.log_likelihoods)
-    gradient[:DRAG_PARAMETERS] = -np.einsum("kti,ti->k", slopes[:DRAG_PARAMETERS], whitened)
+    whitened_innovations = np.einsum("tij,tj->ti", inverse, innovations[0])
+    squares = (whitened_innovations * innovations[0]).sum(axis=1)
+    whitened_innovations *= ((DEGREES_OF_FREEDOM + 2) / (DEGREES_OF_FREEDOM + squares))[:, None]
+    gradient = central_differences(filtered_motion.log_likelihoods)
+    gradient[:DRAG_PARAMETERS] = -np.einsum(
+        "kti,ti->k", slopes[:DRAG_PARAMETERS], whitened_innovations
+    )
 
     # Sizes of gusts and noise show in the covariance of the innovations as well; for drag and lean that part is left
     # out.
@@ -271,9 +273,9 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
     information[DRAG_PARAMETERS:, DRAG_PARAMETERS:] += (
         np.einsum("ktij,ltji->kl", relative_slopes, relative_slopes) / 2
     )
-    speeds = mean_air_speed(points, moved) / WIND_SD
+    speeds = mean_air_speed(points, grid) / WIND_SD
     return _Expansion(
-        filtered.log_likelihoods[0],
+        filtered_motion.log_likelihoods[0],
         gradient,
         information,
         speeds[0],
@@ -281,7 +283,7 @@ def _expand(scaled_parameters: Array, moved: MotionGrid) -> _Expansion:
     )
 
 
-def steered_share(moved: MotionGrid) -> float:
+def steered_share(grid: MotionGrid) -> float:
     """Returns the share of the force's changes that is drag in manoeuvres, and so determines the drag coefficients.
 
     In a manoeuvre the vehicle flies faster, and drag opposes its velocity: force and velocity change in opposite
@@ -289,15 +291,15 @@ def steered_share(moved: MotionGrid) -> float:
     correlation between changes of force and velocity over ``STEERED_SECONDS`` if that is negative, and 0 otherwise.
 
     Args:
-        moved: motion of the flight.
+        grid: motion of the flight.
 
     Returns:
         Share of the variance of the force's changes, 0 to 1.
     """
-    steps = max(round(STEERED_SECONDS / moved.step), 1)
-    force = np.einsum("tij,ti->tj", moved.body_axes, moved.force)[:, :2]
-    velocity = moved.velocity[:, :2]
-    both_complete = moved.complete[steps:] & moved.complete[:-steps]
+    steps = max(round(STEERED_SECONDS / grid.step), 1)
+    force = np.einsum("tij,ti->tj", grid.body_axes, grid.force)[:, :2]
+    velocity = grid.velocity[:, :2]
+    both_complete = grid.complete[steps:] & grid.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
     # A difference of two velocities has twice the variance of the error of one. Errors count as changes that the force
@@ -310,14 +312,14 @@ def steered_share(moved: MotionGrid) -> float:
     return max(float(opposition), 0.0) ** 2
 
 
-def _turned_share(moved: MotionGrid) -> float:
+def _turned_share(grid: MotionGrid) -> float:
     """Returns the spread of the yaw: 1 minus the square of the mean heading vector's length, 0 to 1."""
-    ahead = moved.body_axes[moved.complete, 0, :2]
-    headings = ahead / np.hypot(*ahead.T)[:, None]
+    forward_axes = grid.body_axes[grid.complete, 0, :2]
+    headings = forward_axes / np.hypot(*forward_axes.T)[:, None]
     return max(1 - np.hypot(*headings.mean(axis=0)) ** 2, 0.0)
 
 
-def filter_parameters(scaled_parameters: Array, moved: MotionGrid) -> Array:
+def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Converts scaled parameters to those of :class:`AirflowFilter`.
 
     The scaled parameters state gusts, and the change of the mean wind, by the acceleration that they cause (m/s²),
@@ -326,30 +328,30 @@ def filter_parameters(scaled_parameters: Array, moved: MotionGrid) -> Array:
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters; sizes are logarithms.
-        moved: motion of the flight, from which the mean air speed follows.
+        grid: motion of the flight, from which the mean air speed follows.
 
     Returns:
         (N, 10) parameters of the filter.
     """
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
-    drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, moved)
+    drag_per_speed = linear + quadratic * mean_air_speed(scaled_parameters, grid)
     parameters = scaled_parameters.copy()
     parameters[:, [GUST_SIZE, MEAN_WIND_CHANGE]] -= np.log(drag_per_speed)[:, None]
     return parameters
 
 
-def mean_air_speed(scaled_parameters: Array, moved: MotionGrid) -> Array:
+def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Returns the air speed (N,), m/s, at which the drag of scaled parameters (N, 10) causes the mean force."""
-    level_forces = np.einsum("tij,ti->tj", moved.body_axes, moved.force)
-    force = level_forces[moved.complete, :2].mean(axis=0)
+    level_forces = np.einsum("tij,ti->tj", grid.body_axes, grid.force)
+    force = level_forces[grid.complete, :2].mean(axis=0)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     return air_speed(linear, quadratic, np.hypot(*force))
 
 
-def sampled_winds(moved: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
+def sampled_winds(grid: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
     """Returns smoothed states (T, N, 4) of the wind for N samples of the posterior, with their covariances."""
     scaled_parameters = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
-    return filter_motion(filter_parameters(scaled_parameters, moved), moved).smooth()
+    return filter_motion(filter_parameters(scaled_parameters, grid), grid).smooth()
 
 
 def independent_share(errors: Array) -> float:
@@ -364,9 +366,9 @@ def independent_share(errors: Array) -> float:
     Returns:
         The ratio, above 0 and at most 1: a negative autocorrelation counts as 0.
     """
-    centred = np.nan_to_num(errors - np.nanmean(errors, axis=0))
-    power = max((centred**2).sum(), MIN_POWER)
-    autocorrelation = (centred[1:] * centred[:-1]).sum() / power
+    centred_errors = np.nan_to_num(errors - np.nanmean(errors, axis=0))
+    power = max((centred_errors**2).sum(), MIN_POWER)
+    autocorrelation = (centred_errors[1:] * centred_errors[:-1]).sum() / power
     correlation = min(max(autocorrelation, 0.0), MAX_AUTOCORRELATION)
     return (1 - correlation) / (1 + correlation)
 
@@ -409,10 +411,10 @@ def estimate_drag(
     samples = validated_motion(time, attitude, speeds)
     air = air[samples.usable]
     step = GUST_SECONDS if np.ptp(air, axis=0).max() > VARYING_WIND else GRID_STEP
-    moved = flight_grid(samples, step, wind=air)
-    moved = moved.select(moved.complete)
+    grid = flight_grid(samples, step, wind=air)
+    grid = grid.select(grid.complete)
     prior = Drag.from_parameters()
-    air_velocity = np.einsum("tij,tj->ti", moved.body_axes, moved.velocity)
+    air_velocity = np.einsum("tij,tj->ti", grid.body_axes, grid.velocity)
     speed = np.hypot(*air_velocity.T)[:, None]
     prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))
 
@@ -420,7 +422,7 @@ def estimate_drag(
         # The error of f = b − (c + q |u|) u.
         drag = axis_drag(logarithms)
         coefficient = drag.linear + drag.quadratic * speed
-        return moved.force + coefficient * air_velocity - logarithms[LEAN]
+        return grid.force + coefficient * air_velocity - logarithms[LEAN]
 
     def residuals(logarithms: Array, weight: float) -> Array:
         deviation = prior_whitening @ (logarithms - prior.mean)

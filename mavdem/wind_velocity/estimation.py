@@ -255,11 +255,11 @@ def estimate_wind(
         coarse = flight_grid(samples, max_steps=MAX_STEPS // 2)
         fine = flight_grid(samples, max_steps=MAX_STEPS)
         posterior = identify_drag(coarse, prior)
-        smoothed = sampled_winds(fine, posterior)
+        wind_samples = sampled_winds(fine, posterior)
     # The states are gust and mean wind, whose sum is the wind: N samples of it (T, N, 2), with variances by noise.
-    winds = smoothed.states @ TOTAL_WIND_MATRIX.T
+    winds = wind_samples.states @ TOTAL_WIND_MATRIX.T
     variances = np.einsum(
-        "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, smoothed.covariances, TOTAL_WIND_MATRIX
+        "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, wind_samples.covariances, TOTAL_WIND_MATRIX
     )
     whole_flight = _mean_wind(winds, variances, fine.step)
     air = winds.mean(axis=1)

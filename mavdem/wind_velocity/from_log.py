@@ -254,8 +254,8 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
         rows = ground_motion.boot == boot
         time = ground_motion.time[rows]
         flights = _flights(signals, boot, time, ground_motion.values[rows, 3])
-        recorded = intervals.intersection(flights, [(time[0], time[-1])])
-        duration += sum(end - start for start, end in recorded)
+        recorded_intervals = intervals.intersection(flights, [(time[0], time[-1])])
+        duration += sum(end - start for start, end in recorded_intervals)
     return float(duration)
 
 
@@ -435,7 +435,7 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
     Returns:
         (N,) flags; false also between two messages of which either says that the velocity is invalid.
     """
-    known = np.ones(len(time), np.bool_)
+    is_known = np.ones(len(time), np.bool_)
     for name in ESTIMATOR_FLAG_MESSAGES:
         flags = recorded_series(telemetry, name, "flags")
         if flags is None:
@@ -446,8 +446,8 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
         valid = horizontal_velocity_valid(flags.values[rows].astype(np.int64))
         # Between two messages that differ, the interpolated value is neither 0 nor 1.
         unknown = np.interp(time, flags.time[rows], ~valid)
-        known &= unknown == 0
-    return known
+        is_known &= unknown == 0
+    return is_known
 
 
 def horizontal_velocity_valid(flags: Any) -> Any:
@@ -504,10 +504,10 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled_intervals(signals, boot)
     min_height = np.nanmin(height) + MIN_FLIGHT_HEIGHT
-    armed = phases.armed_intervals(signals, boot)
+    armed_spans = phases.armed_intervals(signals, boot)
     above_ground = intervals.true_intervals(time, height > min_height)
     flights = []
-    for candidate in intervals.intersection(armed, above_ground):
+    for candidate in intervals.intersection(armed_spans, above_ground):
         flight = phases.without_transients(candidate, None)
         if flight is not None:
             flights.append(flight)
@@ -544,8 +544,8 @@ def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any)
         speed_after: speed at its end, m/s.
         dt: time that it took, s.
     """
-    covered = (speed_before + speed_after) * dt / 2
-    return abs(change - covered) > POSITION_RESET.offset + POSITION_RESET.rate * dt
+    covered_distance = (speed_before + speed_after) * dt / 2
+    return abs(change - covered_distance) > POSITION_RESET.offset + POSITION_RESET.rate * dt
 
 
 def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.inf) -> Flags:

@@ -57,5 +57,5 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
     for test in (in_even_block, ~in_even_block):
         coefficients = np.linalg.lstsq(regressors[~test], mean_torque[~test])[0]
         residual[test] -= regressors[test] @ coefficients
-    unexplained = residual.var() / mean_torque.var()
-    return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained, 0.0), span=GUST_SECONDS)
+    unexplained_share = residual.var() / mean_torque.var()
+    return Fact(WindShare.SHARE_KNOWN, share=max(1 - unexplained_share, 0.0), span=GUST_SECONDS)

@@ -308,9 +308,11 @@ class Drag(ImmutableResult):
         """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
         scale = np.array([1, 1, 1, 1, constant_share, constant_share])
-        added = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
+        added_covariance = np.diag([0, 0, 0, 0, 1, 1]) * LEAN_SD**2 * (1 - constant_share**2)
         return Drag(
-            self.mean * scale, self.covariance * np.outer(scale, scale) + added, self.source
+            self.mean * scale,
+            self.covariance * np.outer(scale, scale) + added_covariance,
+            self.source,
         )
 
     def as_dict(self) -> JsonValues:

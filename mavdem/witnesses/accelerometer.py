@@ -175,8 +175,8 @@ def _accelerometer_witness(
         return None
     magnitude = np.linalg.norm(force.values, axis=1)
     duration = force.time[-1] - force.time[0]
-    rest = rest_intervals(signals, boot)
-    at_rest = magnitude[in_intervals(force.time, rest)]
+    rest_spans = rest_intervals(signals, boot)
+    magnitude_at_rest = magnitude[in_intervals(force.time, rest_spans)]
     return AccelerometerWitness(
         number=number,
         is_used=is_used,
@@ -184,7 +184,9 @@ def _accelerometer_witness(
         magnitude=magnitude,
         force=force.values,
         rate=(len(force.time) - 1) / duration if duration > 0 else 0.0,
-        gravity_at_rest=float(np.median(at_rest)) if len(at_rest) >= MIN_WINDOWS else None,
+        gravity_at_rest=float(np.median(magnitude_at_rest))
+        if len(magnitude_at_rest) >= MIN_WINDOWS
+        else None,
     )
 
 
@@ -251,16 +253,16 @@ def rest_intervals(signals: Signals, boot: int) -> Intervals:
     windows = still_windows(signals, boot)
     if windows is None:
         return []
-    powered = is_powered(signals, boot, windows.start + REST_SECONDS / 2)
-    is_rest = windows.is_still if powered is None else windows.is_still & ~powered
-    rest: Intervals = []
+    has_power = is_powered(signals, boot, windows.start + REST_SECONDS / 2)
+    is_rest = windows.is_still if has_power is None else windows.is_still & ~has_power
+    rest_spans: Intervals = []
     for start in windows.start[is_rest].tolist():
         end = start + REST_SECONDS
-        if rest and start <= rest[-1][1]:
-            rest[-1] = (rest[-1][0], end)
+        if rest_spans and start <= rest_spans[-1][1]:
+            rest_spans[-1] = (rest_spans[-1][0], end)
         else:
-            rest.append((start, end))
-    return rest
+            rest_spans.append((start, end))
+    return rest_spans
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,5 +353,5 @@ def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
     collective = series_of_boot(signals.collective, boot)
     if collective is None:
         return None
-    least = min_airborne_collective(signals.telemetry.parameters)
-    return np.asarray(np.interp(time, collective.time, collective.values) > least)
+    min_collective = min_airborne_collective(signals.telemetry.parameters)
+    return np.asarray(np.interp(time, collective.time, collective.values) > min_collective)

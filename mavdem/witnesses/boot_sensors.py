@@ -518,8 +518,8 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
     angle = _angle_from_upright(signals, boot, middle)
     lies_on_side = angle > SIDE_ANGLE
     # Without the motors' outputs only the pose shows the ground.
-    powered = is_powered(signals, boot, middle)
-    is_grounded = lies_on_side if powered is None else ~powered | lies_on_side
+    has_power = is_powered(signals, boot, middle)
+    is_grounded = lies_on_side if has_power is None else ~has_power | lies_on_side
     is_rest = still.is_still & is_grounded
     return _RestRecord(still.start, is_rest, angle)
 

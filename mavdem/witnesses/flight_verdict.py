@@ -77,14 +77,14 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
         The answer with its witnesses: that the vehicle flew, that it did not, or None if that is not known. If the
         motors were not recorded or never ran it is not known, and has no witnesses.
     """
-    powered = powered_intervals(signals, boot)
-    if not powered:
+    powered_spans = powered_intervals(signals, boot)
+    if not powered_spans:
         return FlightVerdict(None, (), had_power=False)
     # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
     barometer = height_witnesses(signals, boot).barometer
     height = barometer if barometer is not None else series_of_boot(signals.height, boot)
     source = "barometer" if barometer is not None else "estimate"
-    rise = None if height is None else _rise(height, powered)
+    rise = None if height is None else _rise(height, powered_spans)
     statements = (*_rise_statements(rise, source), *_rotation_statements(signals, boot))
     support = supporting_statements(statements)
     objections = contradicting_statements(statements)
@@ -160,11 +160,11 @@ def powered_intervals(signals: Signals, boot: int) -> Intervals:
     collective = series_of_boot(signals.collective, boot)
     if collective is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
         return []
-    least = min_airborne_collective(signals.telemetry.parameters)
-    return true_intervals(collective.time, moving_average(collective) > least)
+    min_collective = min_airborne_collective(signals.telemetry.parameters)
+    return true_intervals(collective.time, moving_average(collective) > min_collective)
 
 
-def _rise(height: TimeSeries, powered: Intervals) -> float | None:
+def _rise(height: TimeSeries, powered_spans: Intervals) -> float | None:
     """Returns the height by which the vehicle rose above the ground while its motors could carry it.
 
     The ground is the lower of the heights ``CONTEXT_SECONDS`` before and after the time under power: a log may have
@@ -173,14 +173,14 @@ def _rise(height: TimeSeries, powered: Intervals) -> float | None:
 
     Args:
         height: (N,) height, m, in one boot.
-        powered: intervals under power, s.
+        powered_spans: intervals under power, s.
 
     Returns:
         Largest rise of all intervals, m, at least 0; None without samples under power.
     """
     mean = windowed_mean(height.time, height.values, MEAN_SECONDS)
     rises = []
-    for start, end in powered:
+    for start, end in powered_spans:
         is_inside = in_intervals(height.time, [(start, end)])
         if not is_inside.any():
             continue

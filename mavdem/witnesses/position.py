@@ -128,8 +128,8 @@ def _share_under_power(signals: Signals, boot: int, state: TimeSeries) -> float 
     Returns:
         Share, 0 to 1; None without samples under power.
     """
-    powered = powered_intervals(signals, boot)
+    powered_spans = powered_intervals(signals, boot)
     values: Array = np.asarray(state.values, dtype=float)
-    if powered:
-        values = values[in_intervals(state.time, powered)]
+    if powered_spans:
+        values = values[in_intervals(state.time, powered_spans)]
     return float(values.mean()) if len(values) else None

@@ -107,8 +107,8 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
     if tracking is None or collective is None or len(tracking.time) < 2:
         return None
     time = tracking.time
-    least = min_airborne_collective(signals.telemetry.parameters)
-    is_powered = np.interp(time, collective.time, moving_average(collective)) > least
+    min_collective = min_airborne_collective(signals.telemetry.parameters)
+    is_powered = np.interp(time, collective.time, moving_average(collective)) > min_collective
     steps = np.diff(time, append=time[-1])
     powered_seconds = float(steps[is_powered & (steps < 1)].sum())
     if powered_seconds < MIN_SECONDS:
@@ -268,10 +268,10 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         means = (euler_rate[1:] + euler_rate[:-1]) / 2
         integral = np.concatenate([[0.0], np.cumsum(steps * means)])
         change = np.diff(np.interp(grid, time, angle))
-        expected = np.diff(np.interp(grid, time, integral))
+        expected_changes = np.diff(np.interp(grid, time, integral))
         is_used = is_inside[1:] & is_inside[:-1]
         changes.append(change[is_used])
-        differences.append((change - expected)[is_used])
+        differences.append((change - expected_changes)[is_used])
     change = abs(np.concatenate(changes))
     difference = abs(np.concatenate(differences))
     is_turn = change > MIN_TURN

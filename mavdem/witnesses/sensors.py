@@ -281,12 +281,12 @@ def _stick_of_pulses(pulses: Array, channel: int, parameters: Parameters) -> Arr
     Returns:
         (N,) from 0 (closed) to 1 (open).
     """
-    closed = parameters.get(f"RC{channel}_MIN", USUAL_PULSE_RANGE[0])
-    opened = parameters.get(f"RC{channel}_MAX", USUAL_PULSE_RANGE[1])
-    has_range = opened > closed
+    closed_pulse = parameters.get(f"RC{channel}_MIN", USUAL_PULSE_RANGE[0])
+    open_pulse = parameters.get(f"RC{channel}_MAX", USUAL_PULSE_RANGE[1])
+    has_range = open_pulse > closed_pulse
     if not has_range:
-        closed, opened = USUAL_PULSE_RANGE
-    travel = np.clip((pulses - closed) / (opened - closed), 0, 1)
+        closed_pulse, open_pulse = USUAL_PULSE_RANGE
+    travel = np.clip((pulses - closed_pulse) / (open_pulse - closed_pulse), 0, 1)
     # RCn_REV is -1 for a reversed channel in older ArduPilot, RCn_REVERSED is 1 in newer, RCn_REV is -1 in PX4.
     is_reversed = (
         parameters.get(f"RC{channel}_REV", 1) < 0 or parameters.get(f"RC{channel}_REVERSED", 0) > 0

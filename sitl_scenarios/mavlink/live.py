@@ -195,8 +195,8 @@ def _ticks(
 
 def _take_arrived_frames(in_transit: deque[TimedFrame], now: float) -> list[bytes]:
     """Removes the frames that arrive until ``now`` (s of the flight) from those in transit, and returns them."""
-    arrived = []
+    arrived_frames = []
     while in_transit and in_transit[0][0] <= now:
         _, frame = in_transit.popleft()
-        arrived.append(frame)
-    return arrived
+        arrived_frames.append(frame)
+    return arrived_frames

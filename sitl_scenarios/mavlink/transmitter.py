@@ -395,7 +395,7 @@ class LossyLink:
         self._latest = -np.inf
         self._overtaken_frame: TimedFrame | None = None
 
-    def pass_on(self, sent: list[TimedFrame]) -> Iterator[TimedFrame]:
+    def pass_on(self, sent_frames: list[TimedFrame]) -> Iterator[TimedFrame]:
         """Passes frames over the link: some are lost, all are late, and some are overtaken by the next one.
 
         Each frame gets three uniform random numbers, whether they are used or not, so that one fault does not change
@@ -403,7 +403,7 @@ class LossyLink:
         swap their times of arrival.
 
         Args:
-            sent: Frames with the times at which they are sent, s of the flight, ascending.
+            sent_frames: Frames with the times at which they are sent, s of the flight, ascending.
 
         Yields:
             The frames that arrive, with their times of arrival, s of the flight, ascending.
@@ -411,8 +411,8 @@ class LossyLink:
         faults = self._faults
         lost_share, delay, max_jitter = faults.loss, faults.delay, faults.jitter
         has_outage = faults.outage is not None
-        uniform_numbers = self._random.random((len(sent), 3)).tolist()
-        for (time, frame), (loss, jitter, order) in zip(sent, uniform_numbers, strict=True):
+        uniform_numbers = self._random.random((len(sent_frames), 3)).tolist()
+        for (time, frame), (loss, jitter, order) in zip(sent_frames, uniform_numbers, strict=True):
             if loss < lost_share or (has_outage and self.is_lost(time)):
                 continue
             # A link keeps its order: a frame cannot arrive before the one that was sent before it.
@@ -437,7 +437,7 @@ class LossyLink:
         return [] if self._overtaken_frame is None else [self._overtaken_frame]
 
 
-def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[TimedFrame]:
+def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) -> list[TimedFrame]:
     """Returns the frames that arrive, with those of a second link or a second vehicle if the mishap has one.
 
     The second vehicle flies the same plan elsewhere, with another seed and another boot clock, and counts its own
@@ -445,32 +445,32 @@ def with_second_sender(scenario: Scenario, received: list[TimedFrame]) -> list[T
 
     Args:
         scenario: Scenario of the flight.
-        received: Frames of the vehicle with their times of arrival, s, ascending.
+        received_frames: Frames of the vehicle with their times of arrival, s, ascending.
 
     Returns:
         Frames with their times of arrival, s, ascending.
     """
     mishap = scenario.mishap
     if isinstance(mishap, SecondLink):
-        delayed_copies = [(time + mishap.delay, frame) for time, frame in received]
-        return sorted(received + delayed_copies, key=itemgetter(0))
+        delayed_copies = [(time + mishap.delay, frame) for time, frame in received_frames]
+        return sorted(received_frames + delayed_copies, key=itemgetter(0))
     if isinstance(mishap, SecondVehicle):
         second_scenario = scenario.model_copy(update={"seed": scenario.seed + 1})
         motion = fly(second_scenario)
         east = np.array([0.0, mishap.metres, 0.0])
-        moved = replace(
+        second_motion = replace(
             motion,
             time=motion.time + mishap.boot,
             position=motion.position + east,
             known_position=motion.known_position + east,
         )
-        if isinstance(moved, InstrumentedMotion):
-            moved = replace(moved, fix=moved.fix + east)
-        second = Transmitter(scenario).send(moved)
+        if isinstance(second_motion, InstrumentedMotion):
+            second_motion = replace(second_motion, fix=second_motion.fix + east)
+        second_frames = Transmitter(scenario).send(second_motion)
         shift = SECOND_VEHICLE_SECONDS - mishap.boot
-        frames_of_second = [(time + shift, frame) for time, frame in second]
-        return sorted(received + frames_of_second, key=itemgetter(0))
-    return received
+        frames_of_second = [(time + shift, frame) for time, frame in second_frames]
+        return sorted(received_frames + frames_of_second, key=itemgetter(0))
+    return received_frames
 
 
 SECOND_VEHICLE_SECONDS = 0.5
@@ -504,17 +504,17 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     """
     transmitter = Transmitter(scenario)
     link = LossyLink(scenario)
-    received: list[TimedFrame] = []
+    received_frames: list[TimedFrame] = []
     for begin in range(0, len(motion), BLOCK_CYCLES):
-        received += link.pass_on(transmitter.send(motion[begin : begin + BLOCK_CYCLES]))
-    received += link.held_frames()
-    received = with_second_sender(scenario, received)
-    data = np.frombuffer(b"".join(frame for _, frame in received), dtype=np.uint8)
-    sizes = np.array([len(frame) for _, frame in received], np.int64)
+        received_frames += link.pass_on(transmitter.send(motion[begin : begin + BLOCK_CYCLES]))
+    received_frames += link.held_frames()
+    received_frames = with_second_sender(scenario, received_frames)
+    data = np.frombuffer(b"".join(frame for _, frame in received_frames), dtype=np.uint8)
+    sizes = np.array([len(frame) for _, frame in received_frames], np.int64)
     frame_starts = np.cumsum(sizes) - sizes
     frames = frames_at(data, frame_starts)
     # The remainder keeps the dates within three years.
     boot = FIRST_BOOT + scenario.seed % 1000 * DAY
-    stamps = boot + np.round([1e6 * time for time, _ in received])
+    stamps = boot + np.round([1e6 * time for time, _ in received_frames])
     receive_stamps = stamps.astype(np.uint64).__getitem__
     return FrameStream("simulation", "simulation", data, frames, receive_stamps, 0, ())

@@ -199,14 +199,14 @@ class InstrumentedSimulation(Simulation):
         text, severity = "", 0
         if self._announcements and self._flight_time >= self._announcements[0].time:
             _, text, severity = self._announcements.popleft()
-        reported: dict[str, Any] = {
+        reported_fields: dict[str, Any] = {
             "throttle_stick": self._pilot.throttle_stick,
             "mode": MODES.index(self._pilot.mode),
             "is_failsafe": self._is_failsafe or self._pilot.mode == "land",
             "text": text[:50],
             "severity": severity,
         }
-        return row | reported
+        return row | reported_fields
 
     def _landed_state(self, reference: Reference) -> int:
         """Determines the landed state that the autopilot reports, which a mishap may make wrong.

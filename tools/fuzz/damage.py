@@ -71,10 +71,10 @@ def without_head(content: bytes, chance: random.Random, _: bytes) -> bytes:
 
 def flipped(content: bytes, chance: random.Random, _: bytes) -> bytes:
     """Flips single bits."""
-    changed = bytearray(content)
+    damaged_content = bytearray(content)
     for _number in range(chance.randint(1, FLIPPED_BITS)):
-        changed[chance.randrange(len(changed))] ^= 1 << chance.randrange(8)
-    return bytes(changed)
+        damaged_content[chance.randrange(len(damaged_content))] ^= 1 << chance.randrange(8)
+    return bytes(damaged_content)
 
 
 def with_hole(content: bytes, chance: random.Random, _: bytes) -> bytes:
@@ -106,20 +106,24 @@ def repeated(content: bytes, chance: random.Random, _: bytes) -> bytes:
     return content[: block.stop] + content[block] + content[block.stop :]
 
 
-def spliced(content: bytes, chance: random.Random, other: bytes) -> bytes:
+def spliced(content: bytes, chance: random.Random, other_content: bytes) -> bytes:
     """Writes a block of another log into it."""
     block = _block(content, chance)
-    return content[: block.start] + other[_block(other, chance)] + content[block.start :]
+    return (
+        content[: block.start]
+        + other_content[_block(other_content, chance)]
+        + content[block.start :]
+    )
 
 
 def with_huge_numbers(content: bytes, chance: random.Random, _: bytes) -> bytes:
     """Overwrites some numbers with huge ones, infinity and NaN."""
-    changed = bytearray(content)
+    damaged_content = bytearray(content)
     for _number in range(chance.randint(1, 40)):
         number = chance.choice(HUGE_NUMBERS)
-        start = chance.randrange(max(len(changed) - len(number), 1))
-        changed[start : start + len(number)] = number
-    return bytes(changed)
+        start = chance.randrange(max(len(damaged_content) - len(number), 1))
+        damaged_content[start : start + len(number)] = number
+    return bytes(damaged_content)
 
 
 DAMAGES: tuple[Damage, ...] = (

@@ -160,10 +160,10 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns the table: counts of loops and medians by tuner and autopilot."""
     with_both_autopilots = pd.concat([rows, rows.assign(autopilot="both")])
-    grouped = with_both_autopilots.groupby(["tuner", "autopilot"], sort=False)
-    table = grouped[["refused", "met before", *EFFECTS]].sum().astype(int)
-    table.insert(0, "loops", grouped.size())
-    table[MEDIANS] = grouped[MEDIANS].median()
+    rows_by_tuner = with_both_autopilots.groupby(["tuner", "autopilot"], sort=False)
+    table = rows_by_tuner[["refused", "met before", *EFFECTS]].sum().astype(int)
+    table.insert(0, "loops", rows_by_tuner.size())
+    table[MEDIANS] = rows_by_tuner[MEDIANS].median()
     return table.reset_index()
 
 

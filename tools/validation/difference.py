@@ -79,12 +79,12 @@ def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
 
 def counts(difference: VehicleDifference) -> Values:
     """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1."""
-    changed = difference.changes_with(QuantityOutcome.CHANGED)
-    by_kind = Counter(change.quantity.kind for change in changed)
+    changes = difference.changes_with(QuantityOutcome.CHANGED)
+    by_kind = Counter(change.quantity.kind for change in changes)
     alone = any(change.is_significant_alone for change in difference.changes)
     return {
         "pairs": 1,
-        "any": int(bool(changed)),
+        "any": int(bool(changes)),
         "alone": int(alone),
         "tests": len(difference.changes),
         **by_kind,

@@ -123,10 +123,10 @@ def without_gains(log: Log) -> Log:
     """Returns a log without the gains of the rate controllers: identifying the loops would take most of the time."""
     vehicles = []
     for vehicle in log.vehicles:
-        kept = {
+        kept_parameters = {
             name: value for name, value in vehicle.parameters.items() if not name.startswith(GAINS)
         }
-        vehicles.append(replace(vehicle, parameters=kept))
+        vehicles.append(replace(vehicle, parameters=kept_parameters))
     return replace(log, vehicles=tuple(vehicles))
 
 

@@ -145,8 +145,8 @@ def coverage(rows: Any) -> str:
     Args:
         rows: rows of :func:`evaluate_case`.
     """
-    reported = rows[rows["status"] == Status.REPORTED]
-    return f"{reported['inside'].sum()}/{len(reported)}"
+    reported_rows = rows[rows["status"] == Status.REPORTED]
+    return f"{reported_rows['inside'].sum()}/{len(reported_rows)}"
 
 
 def table_row(rows: Any) -> pd.Series:
@@ -155,14 +155,14 @@ def table_row(rows: Any) -> pd.Series:
     Args:
         rows: rows of :func:`evaluate_case`.
     """
-    reported = rows[rows["status"] == Status.REPORTED]
-    biased = rows[rows["status"] == Status.BIASED]
-    worst = max(reported["error"], key=abs, default=np.nan)
+    reported_rows = rows[rows["status"] == Status.REPORTED]
+    biased_rows = rows[rows["status"] == Status.BIASED]
+    worst = max(reported_rows["error"], key=abs, default=np.nan)
     cells = {
         "inside, half A": coverage(rows[rows["half"] == "A"]),
         "inside, half B": coverage(rows[rows["half"] == "B"]),
         "worst error": "–" if np.isnan(worst) else f"{worst:+.0%}",
-        "inside, where biased": f"{biased['inside'].sum()}/{len(biased)}",
+        "inside, where biased": f"{biased_rows['inside'].sum()}/{len(biased_rows)}",
         "withheld": (rows["status"] == Status.NOT_IDENTIFIABLE).sum(),
     }
     return pd.Series(cells)

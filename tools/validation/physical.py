@@ -128,9 +128,9 @@ def cases(seed: int, every: int) -> Iterator[Case]:
     vehicles_and_winds = list(product(TABLES["scales"]["wind"], CONDITIONS["winds"]))
     count = len(vehicles_and_winds) // every
     # Steering, and rates with autopilots, take turns: a part of the bank has as many of each.
-    chosen = rng.permutation(len(vehicles_and_winds))[:count]
+    chosen_rows = rng.permutation(len(vehicles_and_winds))[:count]
     flights_by_steering = [
-        [(*vehicles_and_winds[number], steering) for number in chosen]
+        [(*vehicles_and_winds[number], steering) for number in chosen_rows]
         for steering in CONDITIONS["steering"]
     ]
     flights = [flight for turn in zip(*flights_by_steering, strict=True) for flight in turn]
@@ -306,12 +306,12 @@ def status_statistics(rows: Any, name: str) -> pd.Series:
     """
     status = rows[f"{name} status"]
     line = {"number": len(rows)} | {kind: percent_true(status == kind) for kind in STATUSES}
-    reported = rows[status == Status.REPORTED]
-    line["inside"] = percent_true(reported[f"{name} inside"])
-    worst = max(reported[f"{name} error"], key=abs, default=np.nan)
+    reported_rows = rows[status == Status.REPORTED]
+    line["inside"] = percent_true(reported_rows[f"{name} inside"])
+    worst = max(reported_rows[f"{name} error"], key=abs, default=np.nan)
     line["worst"] = f"{worst:+.0%}"
-    biased = rows[status == Status.BIASED]
-    line["inside, where biased"] = percent_true(biased[f"{name} inside"])
+    biased_rows = rows[status == Status.BIASED]
+    line["inside, where biased"] = percent_true(biased_rows[f"{name} inside"])
     return pd.Series(line)
 
 

@@ -127,13 +127,13 @@ def main(flights: int, first: int, rate: float, jobs: int) -> None:
     for loop, rows in all_rows.groupby("loop"):
         measured_rows = rows.dropna(subset="true")
         overshoot_errors = (measured_rows["overshoot, %"] - measured_rows["true"]).abs()
-        inside = f"inside {measured_rows['inside, %'].mean():.0f} %"
+        inside_text = f"inside {measured_rows['inside, %'].mean():.0f} %"
         median_and_max = (
             f"{overshoot_errors.median():.1f} points (median), {overshoot_errors.max():.1f} at most"
         )
         within_3_points = f"{(overshoot_errors <= 3).sum()} within 3"
         summary = (
-            f"{len(measured_rows)} of {flights}: {inside}, overshoot off by {median_and_max}, "
+            f"{len(measured_rows)} of {flights}: {inside_text}, overshoot off by {median_and_max}, "
             f"{within_3_points}."
         )
         print_table(f"The {loop} of roll", rows.drop(columns="loop"), summary)

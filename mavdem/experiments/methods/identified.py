@@ -202,8 +202,12 @@ def identified(
     # The matrices are so small that several threads would only cost time.
     with one_thread():
         units = NormalizedUnits.of(record)
-        fitted = fit(units.normalized_segments(record), order)
-    model = units.physical_model(fitted.model)
+        normalized_fit = fit(units.normalized_segments(record), order)
+    model = units.physical_model(normalized_fit.model)
     return Identified(
-        f"{method}({order})", model, record, fitted.starts, iterations=fitted.iterations
+        f"{method}({order})",
+        model,
+        record,
+        normalized_fit.starts,
+        iterations=normalized_fit.iterations,
     )

@@ -119,10 +119,10 @@ class PredictionErrorLikelihood(NamedTuple):
         """
         arrays = self._parameter_arrays
         ends = np.cumsum([array.size for array in arrays])
-        reshaped = []
+        reshaped_arrays = []
         for values, array in zip(np.split(parameters, ends[:-1]), arrays, strict=True):
-            reshaped.append(values.reshape(array.shape))
-        A, B, C, K, offset, starts = reshaped
+            reshaped_arrays.append(values.reshape(array.shape))
+        A, B, C, K, offset, starts = reshaped_arrays
         model = replace(self.model, A=A, B=B, C=C, K=K, offset=offset)
         return self._replace(model=model, starts=starts)
 
@@ -140,8 +140,8 @@ class PredictionErrorLikelihood(NamedTuple):
         predictions = []
         for start, (inputs, outputs) in zip(starts, segments, strict=True):
             predictions.append(model.predicted_outputs(start, inputs, outputs))
-        measured = np.concatenate([outputs for _, outputs in segments])
-        return measured - np.concatenate(predictions)
+        measured_outputs = np.concatenate([outputs for _, outputs in segments])
+        return measured_outputs - np.concatenate(predictions)
 
     def value(self, parameters: Array) -> float:
         """Returns the log likelihood up to a constant, nats; NaN where the predictor A − K C is not stable."""
@@ -280,18 +280,18 @@ def iterate_em(segments: Segments, order: int, iterations: int = MAX_ITERATIONS)
     starts = fit.starts
     log_likelihoods: list[float] = []
     for _ in range(iterations):
-        smoothed = []
+        smoothed_states = []
         for start, (inputs, outputs) in zip(starts, segments, strict=True):
-            smoothed.append(smooth_states(model, start, inputs, outputs))
-        log_likelihoods.append(sum(states.log_likelihood for states in smoothed))
+            smoothed_states.append(smooth_states(model, start, inputs, outputs))
+        log_likelihoods.append(sum(states.log_likelihood for states in smoothed_states))
         if not np.isfinite(log_likelihoods[-1]):
             raise LinAlgError("the likelihood is not finite")
         if len(log_likelihoods) > 1:
             gain = log_likelihoods[-1] - log_likelihoods[-2]
             if gain < EM_CONVERGED_NATS:
                 break
-        model = maximize_expected_likelihood(model, smoothed, segments)
-        starts = np.array([states.means[0] for states in smoothed])
+        model = maximize_expected_likelihood(model, smoothed_states, segments)
+        starts = np.array([states.means[0] for states in smoothed_states])
     return EMFit(model, starts, log_likelihoods)
 
 
@@ -320,7 +320,7 @@ def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianMo
 
 
 def maximize_expected_likelihood(
-    model: LinearGaussianModel, smoothed: list[SmoothedStates], segments: Segments
+    model: LinearGaussianModel, smoothed_states: list[SmoothedStates], segments: Segments
 ) -> LinearGaussianModel:
     """Returns the model with the highest expected likelihood of outputs and states together: the M step of EM.
 
@@ -330,14 +330,14 @@ def maximize_expected_likelihood(
 
     Args:
         model: model of the last iteration, for its shapes: n states, k inputs, m outputs.
-        smoothed: the states of each segment under that model.
+        smoothed_states: the states of each segment under that model.
         segments: inputs (T, k) and outputs (T, m) of each segment.
     """
     n, k = model.B.shape
     m = len(model.C)
     dynamics_products = []
     observation_products = []
-    for (inputs, outputs), states in zip(segments, smoothed, strict=True):
+    for (inputs, outputs), states in zip(segments, smoothed_states, strict=True):
         means = states.means
         covariances = states.covariances
         ones = np.ones((len(outputs), 1))
@@ -389,9 +389,11 @@ def regress_on_products(products: list[Array], target_count: int, samples: int) 
     coefficients = cross_products @ np.linalg.pinv(
         regressor_products, rcond=DEPENDENCE_TOLERANCE**2, hermitian=True
     )
-    explained = coefficients @ cross_products.T
-    squared = coefficients @ regressor_products @ coefficients.T
-    residual_covariance = (target_products - explained - explained.T + squared) / samples
+    explained_products = coefficients @ cross_products.T
+    squared_predictions = coefficients @ regressor_products @ coefficients.T
+    residual_covariance = (
+        target_products - explained_products - explained_products.T + squared_predictions
+    ) / samples
     symmetric = (residual_covariance + residual_covariance.T) / 2
     variances, axes = np.linalg.eigh(symmetric)
     covariance = axes * np.maximum(variances, ROUNDING_TOLERANCE) @ axes.T

@@ -114,8 +114,8 @@ def turning_sense(record: Record, mixer: Array) -> float:
     Returns:
         1 in the positive sense of the rate, otherwise −1.
     """
-    combined = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
-    coefficients = VectorAutoregression.learn(combined, MIXER_LAGS).coefficients
+    record_of_mixed_input = replace(record, inputs=record.inputs @ mixer, effect_directions=None)
+    coefficients = VectorAutoregression.learn(record_of_mixed_input, MIXER_LAGS).coefficients
     _, rate = derivative_pairs(record)[0]
     return float(np.sign(coefficients[:, rate, -1].sum()) or 1.0)
 
@@ -235,9 +235,9 @@ class ClosedLoop(ForecasterBase):
         output[:STATES] = wind_torque_output(self.maximum.point, self._loop.state_sd)
         forcing = np.zeros((len(samples), len(output)))
         states, innovations = self._filter.filter(np.zeros(len(output)), forcing, samples)
-        smoothed = self._filter.smooth(states, innovations)
-        mean = smoothed.means[:-1] @ output
-        variance = np.einsum("i,tij,j->t", output, smoothed.covariances[:-1], output)
+        smoothed_states = self._filter.smooth(states, innovations)
+        mean = smoothed_states.means[:-1] @ output
+        variance = np.einsum("i,tij,j->t", output, smoothed_states.covariances[:-1], output)
         return Forecast(mean[:, None], variance[:, None])
 
     @cached_property
@@ -265,15 +265,15 @@ class ClosedLoop(ForecasterBase):
         C = self._filter.C
         predictions = []
         for samples in self.posterior.data.segments:
-            predicted = self._predicted_states(samples)[:-1] @ C.T
-            innovations = samples - predicted
+            predicted_outputs = self._predicted_states(samples)[:-1] @ C.T
+            innovations = samples - predicted_outputs
             rows = self._filter.gain_rows(len(samples))
             covariances = np.linalg.inv(self._filter.innovation_precisions[rows])
             # Regression of each channel's innovation on that of the motors.
             gains = (
                 covariances[:, :, MOTORS_CHANNEL] / covariances[:, [MOTORS_CHANNEL], MOTORS_CHANNEL]
             )
-            predictions.append(predicted + gains * innovations[:, [MOTORS_CHANNEL]])
+            predictions.append(predicted_outputs + gains * innovations[:, [MOTORS_CHANNEL]])
         return self._output_forecast(np.concatenate(predictions), np.zeros(CHANNELS)).mean
 
     def rolling_forecast_unknown_inputs(
@@ -323,8 +323,8 @@ class ClosedLoop(ForecasterBase):
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, 2) with known ``inputs`` (H, r), after all channels were at their means."""
-        at_rest = np.zeros((1, STATES + CHANNELS))
-        return self._forecast_from_states(at_rest, len(inputs), inputs, smooth=False).mean
+        zero_state = np.zeros((1, STATES + CHANNELS))
+        return self._forecast_from_states(zero_state, len(inputs), inputs, smooth=False).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Raises ``ValueError`` for any ``inputs``: here the controller commands the motors, and nobody else."""
@@ -361,9 +361,9 @@ class ClosedLoop(ForecasterBase):
         forcing = np.zeros((*rows.shape, len(full_filter.A)))
         states, innovations = motors_filter.filter(starts, forcing, motors[rows])
         if smooth:
-            smoothed = motors_filter.smooth(states, innovations)
-            estimates = smoothed.means[:, :-1]
-            covariances = smoothed.covariances[:-1]
+            smoothed_states = motors_filter.smooth(states, innovations)
+            estimates = smoothed_states.means[:, :-1]
+            covariances = smoothed_states.covariances[:-1]
         else:
             # Each state is corrected by the motors of its own sample: x̂ + P Cᵀ F⁻¹ e.
             P = motors_filter.predicted_covariances(steps)[:-1]
@@ -384,9 +384,9 @@ class ClosedLoop(ForecasterBase):
 
     def _predicted_states(self, samples: Array) -> Array:
         """Returns the state before each of T centred samples (T, 3), and after the last, (T + 1, n + 3)."""
-        at_rest = np.zeros(len(self._filter.A))
-        forcing = np.zeros((len(samples), len(at_rest)))
-        states, _ = self._filter.filter(at_rest, forcing, samples)
+        zero_state = np.zeros(len(self._filter.A))
+        forcing = np.zeros((len(samples), len(zero_state)))
+        states, _ = self._filter.filter(zero_state, forcing, samples)
         return states
 
     def _start_states(self, steps: int, inputs: Array, outputs: Array) -> Array:

@@ -53,8 +53,8 @@ class NormalizedUnits(NamedTuple):
         record.require_varying(False)
         # A constant input has no deviation to be scaled to, and gets no component.
         input_sd = np.where(inputs.varying, np.sqrt(inputs.variance), np.inf)
-        standardized = (record.inputs - inputs.mean) / input_sd
-        _, singular_values, directions = np.linalg.svd(standardized, full_matrices=False)
+        standardized_inputs = (record.inputs - inputs.mean) / input_sd
+        _, singular_values, directions = np.linalg.svd(standardized_inputs, full_matrices=False)
         independent = singular_values > DEPENDENCE_TOLERANCE * singular_values[0]
         components = directions[independent].T / singular_values[independent] * np.sqrt(len(record))
         return cls(

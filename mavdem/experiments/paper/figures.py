@@ -117,10 +117,10 @@ def _draw_output(
     first_shown = 0 if one_step is not None else -TRAINING_SAMPLES_SHOWN
     start_time = train.time[0]
     time = np.concatenate([train.time[first_shown:], test.time]) - start_time
-    measured = np.concatenate([train.outputs[first_shown:, output], test.outputs[:, output]])
+    measured_output = np.concatenate([train.outputs[first_shown:, output], test.outputs[:, output]])
     test_time = test.time - start_time
     axes.axvspan(test_time[0], test_time[-1], color=MEASURED, alpha=BAND_OPACITY, linewidth=0)
-    axes.plot(time, measured, color=MEASURED, label="measured")
+    axes.plot(time, measured_output, color=MEASURED, label="measured")
     if one_step is not None:
         # The first sample has no prediction: there is no sample before it.
         axes.plot(
@@ -133,7 +133,7 @@ def _draw_output(
     for color_index, (name, forecast) in enumerate(forecasts.items(), start=1):
         axes.plot(test_time, forecast[:, output], color=distinct(color_index), label=name)
     # A forecast that diverges would flatten all others.
-    limit_to_values(axes, measured)
+    limit_to_values(axes, measured_output)
 
 
 def draw_histograms(series: Mapping[str, Array]) -> Figure:

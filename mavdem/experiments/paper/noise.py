@@ -49,8 +49,8 @@ def run(runner: Runner) -> ExperimentResult:
     noises_shown = dict(simulated_noises)
     if ardrone_noises:
         # One window stands for all in the figures: that with the median p-value of the normality test.
-        by_p_value = sorted(ardrone_noises, key=lambda noise: noise.normality.p_value)
-        noises_shown["real AR.Drone"] = by_p_value[len(by_p_value) // 2]
+        noises_by_p_value = sorted(ardrone_noises, key=lambda noise: noise.normality.p_value)
+        noises_shown["real AR.Drone"] = noises_by_p_value[len(noises_by_p_value) // 2]
     return ExperimentResult(
         checks=tuple(checks),
         numbers={

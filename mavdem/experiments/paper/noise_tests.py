@@ -88,13 +88,13 @@ def analyse_noise(values: Array, overlap: int) -> NoiseAnalysis:
     Returns:
         Autocorrelation with its bound, and both tests.
     """
-    standardised = (values - values.mean()) / values.std()
+    standardised_values = (values - values.mean()) / values.std()
     lag_count = min(MAX_REPORTED_LAG, len(values) // 4) + 1
     return NoiseAnalysis(
-        standardised,
-        autocorrelation=autocovariance(standardised)[:lag_count],
+        standardised_values,
+        autocorrelation=autocovariance(standardised_values)[:lag_count],
         bound=WHITE_NOISE_BOUND / sqrt(len(values)),
-        normality=normality(standardised),
+        normality=normality(standardised_values),
         whiteness=whiteness(values[::overlap]),
         overlap=overlap,
     )

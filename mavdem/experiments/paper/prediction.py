@@ -109,13 +109,13 @@ def _one_step_checks(window: Window, learned: Learned) -> tuple[Check, Check]:
     # The first sample has no sample before it, by which it could be predicted.
     one_step_errors = mspe(train.outputs[1:], learned.one_step()[1:]).per_output
     hold_errors = mspe(train.outputs[1:], train.outputs[:-1]).per_output
-    explained = 1 - one_step_errors / train.outputs.var(axis=0)
+    explained_shares = 1 - one_step_errors / train.outputs.var(axis=0)
     error_ratios = one_step_errors / hold_errors
     return (
         Check(
             f"one-step predictions explain over {percent(MIN_EXPLAINED_VARIANCE)} of each output’s training variance",
-            bool((explained > MIN_EXPLAINED_VARIANCE).all()),
-            f"one-step predictions explain {listed(map(percent, explained))} of the variance of "
+            bool((explained_shares > MIN_EXPLAINED_VARIANCE).all()),
+            f"one-step predictions explain {listed(map(percent, explained_shares))} of the variance of "
             f"{listed(train.output_names)}",
         ),
         Check(

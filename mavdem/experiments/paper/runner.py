@@ -101,8 +101,8 @@ def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
     Returns:
         The outcome; of an even number, the upper one of the two in the middle.
     """
-    by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
-    return outcomes[by_error[len(outcomes) // 2]]
+    rows_by_error = np.argsort(forecast_errors(outcomes, start), kind="stable")
+    return outcomes[rows_by_error[len(outcomes) // 2]]
 
 
 def random_prior_methods(settings: Settings, count: int) -> list[Method]:
@@ -213,7 +213,7 @@ class Runner:
     @property
     def experiment_windows(self) -> dict[int, Window]:
         """The first 850 samples of each simulated flight, by number: as much as the paper's experiments have."""
-        return {number: cut[0] for number, cut in self.simulated_windows.items()}
+        return {number: windows[0] for number, windows in self.simulated_windows.items()}
 
     @property
     def figure_window(self) -> Window:

@@ -251,12 +251,12 @@ def read_binary(content: FileContent) -> DataflashRecording:
         return _message_table(data, definition_of_name[name], starts_of_name[name])
 
     counts = {name: len(starts) for name, starts in starts_of_name.items()}
-    skipped = scan.skipped()
+    skipped_bytes = scan.skipped()
     undefined_messages = 0
     # Where most bytes belong to no message, the definitions of the messages may be lost: their markers are counted.
-    if skipped > scan.message_bytes:
+    if skipped_bytes > scan.message_bytes:
         undefined_messages = max(_marker_count(data) - len(starts), 0)
-    return DataflashRecording(counts, decode, skipped, scan.repairs, undefined_messages)
+    return DataflashRecording(counts, decode, skipped_bytes, scan.repairs, undefined_messages)
 
 
 def _marker_count(data: Bytes) -> int:
@@ -442,10 +442,10 @@ class _MessageScan:
         contradictory: dict[int, FormatDefinition] = {}
         defined_names = {FORMAT.name}
         for match in DEFINITION_START.finditer(self.content):
-            parsed = self._definition_at(match.start())
-            if parsed is None:
+            parsed_definition = self._definition_at(match.start())
+            if parsed_definition is None:
                 continue
-            message_id, definition = parsed
+            message_id, definition = parsed_definition
             is_new_name = definition.name not in defined_names
             defined_names.add(definition.name)
             if message_id in self.definitions:
@@ -486,10 +486,10 @@ class _MessageScan:
         Args:
             offset: Offset of the FMT.
         """
-        parsed = self._definition_at(offset)
-        if parsed is None:
+        parsed_definition = self._definition_at(offset)
+        if parsed_definition is None:
             return False
-        message_id, definition = parsed
+        message_id, definition = parsed_definition
         is_sound = definition.length == definition.wire_length
         is_known = message_id in self.definitions
         is_shared = definition in self.sharing_definitions.get(message_id, ())

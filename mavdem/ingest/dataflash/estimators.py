@@ -66,8 +66,10 @@ class FlownEstimates(NamedTuple):
 
     def preferred_names(self, names: Sequence[str]) -> list[str]:
         """Returns the names of messages of several filters, those of the filter that flies first."""
-        preferred = [name for name in names if self._is_of_preferred_filter(name)]
-        return preferred + [name for name in names if name not in preferred]
+        names_of_preferred_filter = [name for name in names if self._is_of_preferred_filter(name)]
+        return names_of_preferred_filter + [
+            name for name in names if name not in names_of_preferred_filter
+        ]
 
     def _is_of_preferred_filter(self, name: str) -> bool:
         """Returns whether a message is of the filter that flies by the parameter."""

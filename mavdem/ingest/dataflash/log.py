@@ -229,29 +229,31 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
     initial_parameters = {
         name: value for name, value in first_values.items() if value != parameters[name]
     }
-    kind = _mav_type(texts, parameters)
+    vehicle_kind = _mav_type(texts, parameters)
     messages, source_names, unit_repairs = mavlink_messages(
-        tables, mavlink_constant(f"MAV_TYPE_{kind}"), parameters
+        tables, mavlink_constant(f"MAV_TYPE_{vehicle_kind}"), parameters
     )
     for name, (source_name, columns) in raw_samples(tables, parameters).items():
         messages[name] = columns
         source_names[name] = source_name
     dropouts = _lost_messages(recording)
-    skipped = recording.bytes_skipped
-    unreadable = sum(table.unreadable for table in logged.values())
+    skipped_bytes = recording.bytes_skipped
+    unreadable_messages = sum(table.unreadable for table in logged.values())
     return Telemetry(
         system=_system_id(parameters),
         component=AUTOPILOT_COMPONENT,
-        vehicle=UNNAMED if kind == "GENERIC" else kind,
+        vehicle=UNNAMED if vehicle_kind == "GENERIC" else vehicle_kind,
         autopilot="ARDUPILOTMEGA",
         messages=messages,
         parameters=parameters,
         source=source,
         repairs=(
             *recording.repairs,
-            *repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="message"),
+            *repair_facts(Repair.BYTES_SKIPPED, count=skipped_bytes, part="message"),
             *repair_facts(
-                Repair.LOGGED_MESSAGES_LEFT_OUT, count=unreadable, flaw=Flaw.UNREADABLE_NUMBER
+                Repair.LOGGED_MESSAGES_LEFT_OUT,
+                count=unreadable_messages,
+                flaw=Flaw.UNREADABLE_NUMBER,
             ),
             *block_repairs,
             *clock_repairs,
@@ -284,10 +286,15 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
     if "StartTime" in recording.decode("TIME").columns:
         return Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
-    undefined = recording.undefined_messages
+    undefined_messages = recording.undefined_messages
     # Two bytes of random data are a header now and then, but not in every few hundred bytes.
-    if undefined * MAX_MESSAGE_BYTES > recording.bytes_skipped and undefined > len(names):
-        return Unreadable(Source.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined)
+    if (
+        undefined_messages * MAX_MESSAGE_BYTES > recording.bytes_skipped
+        and undefined_messages > len(names)
+    ):
+        return Unreadable(
+            Source.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_messages
+        )
     code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
     return Unreadable(code, path=source, names=names)
 

@@ -99,11 +99,17 @@ def states_of(tables: Tables, vehicle_type: int) -> tuple[Columns, Columns]:
     """
     # The stamps of a boot are needed for each state; collecting them takes a pass over all messages.
     boot_stamps = cache(partial(_boot_stamps, tables))
-    by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
-    by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
-    armed = by_arm_messages if len(by_arm_messages) > len(by_events) else by_events
-    landed = _changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
-    return _heartbeats(armed, vehicle_type, boot_stamps), _landed_states(landed, boot_stamps)
+    changes_by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
+    changes_by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
+    armed_changes = (
+        changes_by_arm_messages
+        if len(changes_by_arm_messages) > len(changes_by_events)
+        else changes_by_events
+    )
+    landed_changes = _changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
+    return _heartbeats(armed_changes, vehicle_type, boot_stamps), _landed_states(
+        landed_changes, boot_stamps
+    )
 
 
 def _changes(
@@ -245,13 +251,13 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         time = np.union1d(stamps[second_starts], change_time)
         # For each row the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
         # have one element for each of these numbers; indexing them by ``passed`` gives the value of each row.
-        passed = np.searchsorted(change_time, time, side="right")
-        state = np.append(before[0], after)[passed]
+        passed_changes = np.searchsorted(change_time, time, side="right")
+        state = np.append(before[0], after)[passed_changes]
         contradicts_next = after[:-1] != before[1:]
         # Before the first change the state is sure, and after the last one it is not.
-        is_unsure = np.concatenate([[False], contradicts_next, [True]])[passed]
-        next_change_time = np.append(change_time, np.inf)[passed]
-        state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed]
+        is_unsure = np.concatenate([[False], contradicts_next, [True]])[passed_changes]
+        next_change_time = np.append(change_time, np.inf)[passed_changes]
+        state_before_next = np.append(before, UNDEFINED_LANDED_STATE)[passed_changes]
         is_next_soon = next_change_time <= time + CONTRADICTION_SECONDS
         unsure_state = np.where(is_next_soon, state_before_next, UNDEFINED_LANDED_STATE)
         # At the time of a change itself the state after it is certain.

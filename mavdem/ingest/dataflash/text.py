@@ -106,8 +106,8 @@ def _definition(values: bytes) -> FormatDefinition | None:
     if _BYTE.fullmatch(message_id) is None or _BYTE.fullmatch(length) is None:
         return None
     fields = FormatFields(int(message_id), int(length), name, characters, field_names)
-    parsed = parse_definition(fields)
-    return None if parsed is None else parsed[1]
+    parsed_definition = parse_definition(fields)
+    return None if parsed_definition is None else parsed_definition[1]
 
 
 def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageTable:

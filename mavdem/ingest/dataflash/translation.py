@@ -205,7 +205,7 @@ def mavlink_messages(
     attitude_message = attitude(tables, units_per_degree)
     demands, demand_repairs = controller_demands(tables)
     tuning = rate_tuning(tables, attitude_message.columns, units_per_degree)
-    armed, landed = states_of(tables, vehicle_type)
+    armed_states, landed_states = states_of(tables, vehicle_type)
     messages = {
         "ATTITUDE": attitude_message,
         "SERVO_OUTPUT_RAW": _servo_outputs(tables),
@@ -237,8 +237,8 @@ def mavlink_messages(
     messages["GLOBAL_POSITION_INT"] = _global_position(messages)
     messages["EKF_STATUS_REPORT"] = _estimator_status(messages["EKF_STATUS_REPORT"])
     messages[INSTANCES_MESSAGE] = _estimator_instances(estimates, messages["EKF_STATUS_REPORT"])
-    messages["HEARTBEAT"] = NamedMessage("EV", armed)
-    messages["EXTENDED_SYS_STATE"] = NamedMessage("EV", landed)
+    messages["HEARTBEAT"] = NamedMessage("EV", armed_states)
+    messages["EXTENDED_SYS_STATE"] = NamedMessage("EV", landed_states)
     columns_of_messages = {}
     source_names = {}
     for name, message_of_log in messages.items():
@@ -447,8 +447,8 @@ def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Arr
         for pattern in OUTPUT_NAMES:
             if pattern.format(output) in logged:
                 values = np.nan_to_num(logged[pattern.format(output)].astype(np.float64))
-                in_range = np.clip(values, 0, np.iinfo(np.uint16).max)
-                pulse_widths[output - PORT_OUTPUTS * port] = in_range
+                clipped_widths = np.clip(values, 0, np.iinfo(np.uint16).max)
+                pulse_widths[output - PORT_OUTPUTS * port] = clipped_widths
     has_pulse = any(widths.any() for widths in pulse_widths.values())
     return pulse_widths if has_pulse else {}
 

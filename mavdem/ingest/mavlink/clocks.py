@@ -222,10 +222,13 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
         The first of ``REFERENCES`` with enough stamps; otherwise the type with most stamps, one whose counter wraps
         preferred, since 64-bit stamps may be UNIX time; None if no message has a stamp.
     """
-    by_name = {message_type.message: message_type for message_type in message_types}
+    types_by_name = {message_type.message: message_type for message_type in message_types}
     for name in REFERENCES:
-        if name in by_name and len(stamped_messages(by_name[name])[0]) >= MIN_REFERENCE_STAMPS:
-            return by_name[name]
+        if (
+            name in types_by_name
+            and len(stamped_messages(types_by_name[name])[0]) >= MIN_REFERENCE_STAMPS
+        ):
+            return types_by_name[name]
     stamp_counts: dict[str, int] = {}
     for message_type in message_types:
         positions, _ = stamped_messages(message_type)
@@ -233,9 +236,9 @@ def reference_type_of(message_types: Sequence[MessageStamps]) -> MessageStamps |
             stamp_counts[message_type.message] = len(positions)
     if not stamp_counts:
         return None
-    wrapping_names = [name for name in stamp_counts if np.isfinite(by_name[name].period)]
+    wrapping_names = [name for name in stamp_counts if np.isfinite(types_by_name[name].period)]
     most_stamped = max(wrapping_names or stamp_counts, key=stamp_counts.__getitem__)
-    return by_name[most_stamped]
+    return types_by_name[most_stamped]
 
 
 def _last_rows_before(positions: StreamPositions, query: StreamPositions) -> Rows:
@@ -553,16 +556,18 @@ def _compared_with_reference(
     time_after = reference.time[row_after]
     is_same_boot = reference.boot[row_before] == reference.boot[row_after]
     # Wraps are undone twice, once so that the stamp is nearest to the reference's before it, once to the one after it.
-    by_before = _unwrapped(stamps, period, time_before)
-    by_after = _unwrapped(stamps, period, time_after)
-    inside_by_before = np.clip(by_before, time_before, time_after)
-    inside_by_after = np.clip(by_after, time_before, time_after)
+    time_by_reference_before = _unwrapped(stamps, period, time_before)
+    time_by_reference_after = _unwrapped(stamps, period, time_after)
+    inside_by_before = np.clip(time_by_reference_before, time_before, time_after)
+    inside_by_after = np.clip(time_by_reference_after, time_before, time_after)
     # Within one boot a stamp between the reference's two has no offset. Around a reboot there is no such interval.
-    offset_by_before = by_before - np.where(is_same_boot, inside_by_before, time_before)
-    offset_by_after = by_after - np.where(is_same_boot, inside_by_after, time_after)
+    offset_by_before = time_by_reference_before - np.where(
+        is_same_boot, inside_by_before, time_before
+    )
+    offset_by_after = time_by_reference_after - np.where(is_same_boot, inside_by_after, time_after)
     is_nearer_before = abs(offset_by_before) <= abs(offset_by_after)
     return _Comparison(
-        np.where(is_nearer_before, by_before, by_after),
+        np.where(is_nearer_before, time_by_reference_before, time_by_reference_after),
         np.where(is_nearer_before, offset_by_before, offset_by_after),
         np.where(is_nearer_before, reference.boot[row_before], reference.boot[row_after]),
     )

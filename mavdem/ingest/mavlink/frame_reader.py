@@ -76,7 +76,7 @@ class FrameReader:
         """
         data = self._pending + piece
         # All bytes before this offset belong to frames that were returned, or to none.
-        decided = 0
+        decided_end = 0
         offset = self._searched
         frames: list[Frame] = []
         while True:
@@ -88,16 +88,16 @@ class FrameReader:
             if frame is None or frame.checksum != framing.CHECKSUM_MATCHES:
                 offset += 1
                 continue
-            undecoded = _frames_that_fill(data[decided:offset])
-            self.undecoded_frames += len(undecoded)
-            frames += undecoded
+            undecoded_frames = _frames_that_fill(data[decided_end:offset])
+            self.undecoded_frames += len(undecoded_frames)
+            frames += undecoded_frames
             frames.append(frame)
             offset += length
-            decided = offset
+            decided_end = offset
         # In a stream without any good frame nothing is ever decided: to bound the memory, only its last bytes are kept.
-        decided = max(decided, offset - MAX_UNDECIDED_BYTES)
-        self._pending = data[decided:]
-        self._searched = offset - decided
+        decided_end = max(decided_end, offset - MAX_UNDECIDED_BYTES)
+        self._pending = data[decided_end:]
+        self._searched = offset - decided_end
         return frames
 
 

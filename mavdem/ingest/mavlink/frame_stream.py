@@ -87,22 +87,22 @@ def receive_interval(stream: FrameStream) -> Interval:
     margin = STAMP_WINDOW // 2
     seconds = np.empty(0)
     # Number of the first values of ``seconds`` that were compared already.
-    compared = 0
+    compared_frames = 0
     for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
         end_row = first_row + STAMPS_AT_ONCE
         stamps = stream.receive_stamps(slice(first_row, end_row))
         seconds = np.concatenate([seconds, stamps[stamps > 0] / MICROSECONDS])
         end = len(seconds)
         if end_row < len(stream.frames):
-            end = max(end - margin, compared)
+            end = max(end - margin, compared_frames)
         is_wrong = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
-        trusted_seconds = seconds[compared:end][~is_wrong[compared:end]]
+        trusted_seconds = seconds[compared_frames:end][~is_wrong[compared_frames:end]]
         if len(trusted_seconds):
             first_stamps.append(float(trusted_seconds.min()))
             last_stamps.append(float(trusted_seconds.max()))
         first_kept = max(end - margin, 0)
         seconds = seconds[first_kept:]
-        compared = end - first_kept
+        compared_frames = end - first_kept
     if not first_stamps:
         return np.nan, np.nan
     return min(first_stamps), max(last_stamps)

@@ -154,10 +154,10 @@ def filled_payloads(name: str, count: int = 1, /, **fields: Any) -> NDArray[np.v
     return table
 
 
-def latest_parameters(sent: Columns, autopilot: str) -> Parameters:
+def latest_parameters(parameter_values: Columns, autopilot: str) -> Parameters:
     """Returns the last finite value of each parameter by name; arguments as of :func:`decoded_parameters`."""
     parameters = {}
-    for name, value in decoded_parameters(sent, autopilot):
+    for name, value in decoded_parameters(parameter_values, autopilot):
         if isfinite(value):
             parameters[name] = value
     return parameters

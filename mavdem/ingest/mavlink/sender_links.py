@@ -338,10 +338,10 @@ class SenderLinks:
         self._sequence = sequence
         if reading is None:
             return
-        sent = (sequence - self._counted_sequence) % SEQUENCE_NUMBERS
+        sent_frames = (sequence - self._counted_sequence) % SEQUENCE_NUMBERS
         # After a longer gap nobody knows how often the numbers went round.
-        if sent <= MAX_MISSING_STEP:
-            self.missing += sent - self._received
+        if sent_frames <= MAX_MISSING_STEP:
+            self.missing += sent_frames - self._received
         self._counted_sequence = sequence
         self._received = 0
         self._clock = reading.clock

@@ -316,10 +316,10 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
     Returns:
         Flags (n,).
     """
-    lowered = 1 - LIMIT_MARGIN
+    lowered_limit = 1 - LIMIT_MARGIN
     # A comparison with NaN is false. Negated, it flags what is not surely within the limit.
     flags = np.ones(len(readings.clock), dtype=np.bool_)
-    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * lowered)
+    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * lowered_limit)
     rows = np.flatnonzero(~np.isnan(readings.latitude))
     if len(rows):
         latitude = readings.latitude[rows]
@@ -328,12 +328,16 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
         distance = METERS_PER_DEGREE * np.hypot(north, east)
         seconds = abs(np.diff(readings.clock[rows]))
         flags[rows[0]] = True
-        flags[rows[1:]] |= ~(distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * lowered)
+        flags[rows[1:]] |= ~(
+            distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * lowered_limit
+        )
     rows = np.flatnonzero(~np.isnan(readings.heading))
     if len(rows):
         turn = abs(np.diff(readings.heading[rows])) % (2 * pi)
         turn = np.minimum(turn, 2 * pi - turn)
         seconds = abs(np.diff(readings.clock[rows]))
         flags[rows[0]] = True
-        flags[rows[1:]] |= ~(turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * lowered)
+        flags[rows[1:]] |= ~(
+            turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * lowered_limit
+        )
     return flags

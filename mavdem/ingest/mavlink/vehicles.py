@@ -178,8 +178,8 @@ def _stream_repairs(stream: FrameStream, unread: Sequence[UnreadFrames]) -> Fact
     for cause in (Flaw.DAMAGE, Flaw.ANOTHER_DIALECT):
         count = sum(kind.frames for kind in unread if kind.cause is cause)
         repairs += repair_facts(Repair.FRAMES_LEFT_OUT, count=count, flaw=cause)
-    skipped = stream.bytes_skipped
-    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped, part="frame")
+    skipped_bytes = stream.bytes_skipped
+    return repairs + repair_facts(Repair.BYTES_SKIPPED, count=skipped_bytes, part="frame")
 
 
 # A sender's system and component id are packed into one number, so that frames can be sorted by sender.
@@ -209,17 +209,17 @@ def _matching_frames(frames: Frames, sender_ids: NDArray[np.uint16]) -> dict[int
     Returns:
         Offsets of the frames by packed sender, ascending, and message id.
     """
-    grouped: dict[int, OffsetsByMessage] = {}
+    frames_of_senders: dict[int, OffsetsByMessage] = {}
     for sender_id, rows in rows_by_value(sender_ids).items():
         matching_rows = rows[frames.checksum[rows] == CHECKSUM_MATCHES]
         if len(matching_rows):
             rows_of_messages = rows_by_value(frames.message_id[matching_rows])
             starts = frames.start[matching_rows]
-            grouped[sender_id] = {
+            frames_of_senders[sender_id] = {
                 message_id: starts[message_rows]
                 for message_id, message_rows in rows_of_messages.items()
             }
-    return grouped
+    return frames_of_senders
 
 
 MIN_FOREIGN_FRAMES = 3
@@ -424,7 +424,7 @@ def _messages(
         repairs = repair_facts(Repair.OTHER_CLOCK_LEFT_OUT, count=count, duration=duration)
     boot_times, clock_repairs = boot_clock(message_stamps)
     tables = {}
-    decoded = DecodedColumns(stream.data)
+    decoded_columns = DecodedColumns(stream.data)
     for stamps in message_stamps:
         times = boot_times[stamps.message]
         starts = stamps.positions
@@ -433,7 +433,9 @@ def _messages(
             starts = starts[order]
             times = BootTimes(times.time[order], times.boot[order])
         definition = definitions_by_name()[stamps.message]
-        tables[stamps.message] = FrameColumns(stream.data, starts, definition, times, decoded)
+        tables[stamps.message] = FrameColumns(
+            stream.data, starts, definition, times, decoded_columns
+        )
     return tables, repairs + clock_repairs
 
 

@@ -110,8 +110,8 @@ def _parsed_json(body: bytes) -> Any:
         return _PARSER.decode(body.decode("utf-8", errors="replace"))
     except (ValueError, RecursionError):
         # Rust prints an infinity as inf, instead of JSON5's Infinity.
-        repaired = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
-        return None if repaired == body else _parsed_json(repaired)
+        repaired_body = re.sub(rb"(?<=[:,\[])\s*(-?)inf(?=\s*[,\]}])", rb"\1Infinity", body)
+        return None if repaired_body == body else _parsed_json(repaired_body)
 
 
 def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any:

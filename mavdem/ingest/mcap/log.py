@@ -124,7 +124,7 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     # This reads the recording, so its channels are known below. Bytes outside frames, in channels of frames, count as
     # skipped.
     parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
-    skipped = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
+    skipped_bytes = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     frame_senders = _senders_in(parts)
     json_topics = {
         channel: topic
@@ -145,7 +145,7 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     if flight_topics(recording):
         repairs += repair_facts(Repair.TOPICS_NOT_READ, name="ros2")
     return FrameStream(
-        source, ".mcap", part.data, part.frames, stamps.__getitem__, skipped, repairs
+        source, ".mcap", part.data, part.frames, stamps.__getitem__, skipped_bytes, repairs
     )
 
 

@@ -259,12 +259,12 @@ def _next_record(content: bytes, offset: int) -> int:
     return len(content)
 
 
-def _unpacked_records(compression: str, packed: bytes, max_size: int) -> bytes:
+def _unpacked_records(compression: str, packed_bytes: bytes, max_size: int) -> bytes:
     """Unpacks the records of a chunk, as far as they can be.
 
     Args:
         compression: Name of the compression in MCAP: empty, "lz4" or "zstd".
-        packed: The packed records.
+        packed_bytes: The packed records.
         max_size: Number of bytes to unpack at most.
 
     Returns:
@@ -272,11 +272,11 @@ def _unpacked_records(compression: str, packed: bytes, max_size: int) -> bytes:
     """
     reader: Any
     if compression == "":
-        reader = BytesIO(packed)
+        reader = BytesIO(packed_bytes)
     elif compression == "lz4":
-        reader = lz4.frame.open(BytesIO(packed))
+        reader = lz4.frame.open(BytesIO(packed_bytes))
     elif compression == "zstd":
-        reader = zstandard.ZstdDecompressor().stream_reader(packed)
+        reader = zstandard.ZstdDecompressor().stream_reader(packed_bytes)
     else:
         return b""
     records = bytearray()

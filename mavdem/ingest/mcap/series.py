@@ -241,10 +241,10 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
     heads = messages.heads.view(f"V{MESSAGE_HEAD.itemsize}").tolist()
     record_parts = chain.from_iterable(zip(heads, messages.bodies, strict=True))
     records = definitions + b"".join(record_parts)
-    packed = zstandard.compress(records)
+    packed_records = zstandard.compress(records)
     chunk = Chunk(
         compression="zstd",
-        data=packed,
+        data=packed_records,
         message_start_time=int(times[0]),
         message_end_time=int(times[-1]),
         uncompressed_crc=zlib.crc32(records),
@@ -264,7 +264,7 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
         chunk_length=chunk_length,
         chunk_start_offset=offset,
         compression=chunk.compression,
-        compressed_size=len(packed),
+        compressed_size=len(packed_records),
         message_start_time=chunk.message_start_time,
         message_end_time=chunk.message_end_time,
         message_index_length=len(content) - chunk_length,
@@ -295,8 +295,8 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
     summary_offsets = b""
     for opcode, records in groups.items():
         group = b"".join(map(_record_bytes, records))
-        place = SummaryOffset(opcode, offset + len(summary), len(group))
-        summary_offsets += _record_bytes(place)
+        summary_offset = SummaryOffset(opcode, offset + len(summary), len(group))
+        summary_offsets += _record_bytes(summary_offset)
         summary += group
     offsets_start = offset + len(summary)
     summary += summary_offsets

@@ -72,7 +72,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
     decoders = {
         schema: decoder(recording.schemas[schema]) for schema in set(schema_of_channel.values())
     }
-    decoded: dict[int, dict[int, Any]] = {number: {} for number in topics}
+    decoded_messages: dict[int, dict[int, Any]] = {number: {} for number in topics}
     undecodable: Counter[str] = Counter()
     receive_times: dict[int, int] = {}
     second_reading = McapRecording(recording.content)
@@ -84,13 +84,13 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         try:
             # A type without a decoder counts as undecodable, like a damaged message.
             assert decode is not None
-            decoded[number][position] = decode(message.data)
+            decoded_messages[number][position] = decode(message.data)
             receive_times[position] = message.log_time
         except Exception:
             # Of a message that is cut short, or of another type, the library may raise anything.
             undecodable[second_reading.channels[number].topic] += 1
     tables = []
-    for number, messages in decoded.items():
+    for number, messages in decoded_messages.items():
         table = _topic_columns(topics[number], messages)
         if table is None:
             undecodable[second_reading.channels[number].topic] += len(messages)
@@ -140,8 +140,8 @@ def _topic_columns(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns
     stamp_fields = tuple(STAMP_UNITS[topic.bridge])
     if topic.bridge == PX4_BRIDGE:
         return columns_of(messages, required=stamp_fields, optional=TOPIC_FIELDS[topic.name])
-    required = (*stamp_fields, *MAVROS_TOPICS[topic.name].numbers)
-    return columns_of(messages, required, optional=())
+    required_fields = (*stamp_fields, *MAVROS_TOPICS[topic.name].numbers)
+    return columns_of(messages, required_fields, optional=())
 
 
 def _tables_by_vehicle(

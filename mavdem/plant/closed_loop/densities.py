@@ -292,11 +292,11 @@ class DensityModel:
                     rows.append(PARAMETER_NAMES.index(name))
                     densities.append(component.density * slope)
             response = loop.from_source[source]
-            folded = self._folded_products(np.array(densities), response, response.conj())
-            density += folded[:, 0]
+            folded_products = self._folded_products(np.array(densities), response, response.conj())
+            density += folded_products[:, 0]
             # They are added one by one, since a parameter of two components of this source has two rows.
             for number, row in enumerate(rows, start=1):
-                gradient[:, row] += folded[:, number]
+                gradient[:, row] += folded_products[:, number]
         return density, gradient
 
     def _closed_loop(self, parameters: LoopParameters) -> ClosedLoopResponse:
@@ -374,9 +374,9 @@ class DensityModel:
         Returns:
             The density with these two derivatives.
         """
-        squared = (self._angular_frequency * time) ** 2
+        squared_ratio = (self._angular_frequency * time) ** 2
         density = FIRST_ORDER.density(self._angular_frequency, size, time) * self._in_range
-        time_slope = (1 - squared) / (1 + squared)
+        time_slope = (1 - squared_ratio) / (1 + squared_ratio)
         return DensityComponent(
             Source.WIND, density, {f"{name}_size": 2.0, f"{name}_time": time_slope}
         )
@@ -394,10 +394,10 @@ class DensityModel:
         Returns:
             The density with these two derivatives.
         """
-        squared = (self._angular_frequency * time) ** 2
-        density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared)
+        squared_ratio = (self._angular_frequency * time) ** 2
+        density = 2 * np.sqrt(np.pi) * size**2 * time * self._in_range * np.exp(-squared_ratio)
         return DensityComponent(
-            Source.WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * squared}
+            Source.WIND, density, {"gust_size": 2.0, "gust_time": 1 - 2 * squared_ratio}
         )
 
     def _synchronous_steps(

@@ -106,8 +106,8 @@ class LoopData(NamedTuple):
         """
         samples = np.concatenate(segments)
         center = samples.mean(axis=0)
-        centred = tuple(segment - center for segment in segments)
-        return cls(centred, dt, center, samples.std(axis=0))
+        centred_segments = tuple(segment - center for segment in segments)
+        return cls(centred_segments, dt, center, samples.std(axis=0))
 
     def prediction_errors(self) -> Array:
         """Returns the standard deviation (3,) of each channel's one-step errors by a short autoregression of all three.
@@ -175,15 +175,15 @@ def steady_likelihood(
     measurements[:, 0, 0] = samples
     measurements[:, 0, 1:] = np.eye(CHANNELS)
     residuals = _filter_residuals(L, K, C, measurements, np.zeros((B, 1 + CHANNELS, STATES)))
-    weighted = residuals @ F_inverse
+    weighted_residuals = residuals @ F_inverse
     # Backward in time, the sums Σ (Lᵗ)ᵀ Cᵀ F⁻¹ e_t over all samples.
     sums = np.zeros((B, 1 + CHANNELS, STATES))
-    for addend in (weighted @ C)[::-1]:
+    for addend in (weighted_residuals @ C)[::-1]:
         sums = sums @ L
         sums += addend
-    by_model = residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
-    weighted_by_model = weighted.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
-    products = weighted_by_model @ by_model.mT
+    residuals_by_model = residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
+    weighted_by_model = weighted_residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
+    products = weighted_by_model @ residuals_by_model.mT
 
     # Information of the samples on the start δ and the trims μ together.
     information = np.empty((B, STATES + CHANNELS, STATES + CHANNELS))

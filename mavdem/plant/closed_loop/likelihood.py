@@ -97,8 +97,8 @@ class AxisPosterior:
 
     def value(self, at: Array) -> float:
         """Returns the log posterior density of θ = ``at`` (k,); minus infinity where the model has no likelihood."""
-        whitened = self._whiten(self.densities.density(at))
-        return whitened.log_likelihood + self._log_prior(at)
+        whitened_density = self._whiten(self.densities.density(at))
+        return whitened_density.log_likelihood + self._log_prior(at)
 
     def expand(self, at: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, as Fisher scoring needs it.
@@ -166,8 +166,8 @@ class AxisPosterior:
         try:
             factor = np.linalg.cholesky(density)
         except np.linalg.LinAlgError:
-            undefined = np.full_like(density, np.nan)
-            return WhitenedSpectra(-np.inf, undefined, undefined)
+            undefined_density = np.full_like(density, np.nan)
+            return WhitenedSpectra(-np.inf, undefined_density, undefined_density)
         whitener = np.linalg.inv(factor).astype(complex)
         spectra = whitener @ self._estimate @ whitener.mT.conj()
         log_diagonal = np.log(np.einsum("jaa->ja", factor).real)

@@ -148,14 +148,14 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     # for no more than MAX_COUNTED_GAP.
     slowest = min((stream.time for stream in streams), key=len)
     stamps = _evenly_spaced_stamps(slowest)
-    matched = [_matched_messages(stream, stamps) for stream in streams]
+    matched_streams = [_matched_messages(stream, stamps) for stream in streams]
     rate = (len(stamps) - 1) / np.diff(stamps).clip(max=MAX_COUNTED_GAP).sum()
 
     # Frequencies are multiples of 1 / SPECTRUM_SECONDS. The first, 0, is left out, since the trend has been removed.
     count = int(min(MAX_RELATIVE_FREQUENCY * rate, HIGHEST_FREQUENCY) * SPECTRUM_SECONDS)
     frequency = np.arange(1, count + 1) / SPECTRUM_SECONDS
-    in_range = frequency >= LOWEST_FREQUENCY
-    frequency = frequency[in_range]
+    is_in_range = frequency >= LOWEST_FREQUENCY
+    frequency = frequency[is_in_range]
 
     # The products x y* of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums from
     # each edge to the next; the last edge only marks the end. An hour of flight has hundreds of windows, whose
@@ -165,7 +165,10 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     densities = []
     for start in window_starts:
         transforms = np.array(
-            [_windowed_transform(stream, start)[1 : count + 1][in_range] for stream in matched]
+            [
+                _windowed_transform(stream, start)[1 : count + 1][is_in_range]
+                for stream in matched_streams
+            ]
         )
         products = np.einsum("cf,df->fcd", transforms, transforms.conj())
         densities.append(np.add.reduceat(products, edges[:-1], axis=0) / counts[:, None, None])
@@ -173,7 +176,7 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
         frequency=np.add.reduceat(frequency, edges[:-1]) / counts,
         effective_samples=counts / 2,
         densities=np.asarray(densities, complex),
-        stamp_offsets=tuple(stream.time - matched[0].time for stream in matched),
+        stamp_offsets=tuple(stream.time - matched_streams[0].time for stream in matched_streams),
         message_rate=rate,
     )
 

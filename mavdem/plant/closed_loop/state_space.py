@@ -623,10 +623,10 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     stationary = covariance
     power = transition
     for _ in range(MAX_DOUBLINGS):
-        doubled = _two_step_noise_covariance(power, stationary)
+        two_step_covariance = _two_step_noise_covariance(power, stationary)
         variances = np.diagonal(stationary, axis1=-2, axis2=-1)
-        increases = np.diagonal(doubled, axis1=-2, axis2=-1) - variances
-        stationary = doubled
+        increases = np.diagonal(two_step_covariance, axis1=-2, axis2=-1) - variances
+        stationary = two_step_covariance
         power = power @ power
         if (increases <= STEADY_CHANGE * variances).all():
             break
@@ -645,5 +645,5 @@ def _two_step_noise_covariance(transition: Array, covariance: Array) -> Array:
     Returns:
         (…, n, n) covariance of two steps.
     """
-    doubled = covariance + transition @ covariance @ transition.mT
-    return np.asarray((doubled + doubled.mT) / 2)
+    two_step_covariance = covariance + transition @ covariance @ transition.mT
+    return np.asarray((two_step_covariance + two_step_covariance.mT) / 2)

@@ -83,13 +83,19 @@ def innovation_correlation(record: NoisyRecord) -> Array:
     for t, output in enumerate(record.outputs):
         innovations[t] = output - state
         state = Phi @ state + Gamma @ record.inputs[t] + K @ innovations[t]
-    measured = _autocovariances(innovations, CORRELATION_LAGS)
+    measured_autocovariances = _autocovariances(innovations, CORRELATION_LAGS)
     # What the process noise alone explains is subtracted; the rest is fitted by the variances of the measurement noise.
     no_noise = np.zeros((n, n))
-    by_process_noise = _innovation_autocovariances(L, K, Q, no_noise)
-    effects = [_innovation_autocovariances(L, K, no_noise, R) for R in _unit_covariances(n)]
-    scales = np.sqrt(measured[0].diagonal())
-    return _least_squares_variances(measured - by_process_noise, scales, effects)
+    autocovariances_by_process_noise = _innovation_autocovariances(L, K, Q, no_noise)
+    effects_of_unit_variances = [
+        _innovation_autocovariances(L, K, no_noise, R) for R in _unit_covariances(n)
+    ]
+    scales = np.sqrt(measured_autocovariances[0].diagonal())
+    return _least_squares_variances(
+        measured_autocovariances - autocovariances_by_process_noise,
+        scales,
+        effects_of_unit_variances,
+    )
 
 
 def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array:
@@ -131,11 +137,13 @@ def measurement_difference(record: NoisyRecord) -> Array:
     Phi, Gamma = record.transition
     n = len(Phi)
     differences = record.outputs[1:] - record.outputs[:-1] @ Phi.T - record.inputs[:-1] @ Gamma.T
-    measured = _autocovariances(differences, lags=2)
-    scales = np.sqrt(measured[0].diagonal())
-    measured[0] -= np.diag(record.process_variances)
-    effects = [np.array([R + Phi @ R @ Phi.T, -Phi @ R]) for R in _unit_covariances(n)]
-    return _least_squares_variances(measured, scales, effects)
+    measured_autocovariances = _autocovariances(differences, lags=2)
+    scales = np.sqrt(measured_autocovariances[0].diagonal())
+    measured_autocovariances[0] -= np.diag(record.process_variances)
+    effects_of_unit_variances = [
+        np.array([R + Phi @ R @ Phi.T, -Phi @ R]) for R in _unit_covariances(n)
+    ]
+    return _least_squares_variances(measured_autocovariances, scales, effects_of_unit_variances)
 
 
 def _unit_covariances(n: int) -> list[Array]:
@@ -197,9 +205,9 @@ def expectation_maximization(record: NoisyRecord) -> Array:
             Q=np.diag(record.process_variances),
             R=np.diag(variances),
         )
-        smoothed = smooth_states(model, record.outputs[0], record.inputs, record.outputs)
-        residuals = record.outputs - smoothed.means
-        state_variances = np.einsum("tii->ti", smoothed.covariances)
+        smoothed_states = smooth_states(model, record.outputs[0], record.inputs, record.outputs)
+        residuals = record.outputs - smoothed_states.means
+        state_variances = np.einsum("tii->ti", smoothed_states.covariances)
         variances = np.maximum((residuals**2 + state_variances).mean(axis=0), SMALLEST_VARIANCE)
     return variances
 
@@ -231,20 +239,20 @@ def corrected_step(prediction: FilterStep, output: Array, variances: Array) -> F
     return FilterStep(state, P - gain @ P)
 
 
-def predicted_step(record: NoisyRecord, filtered: FilterStep, t: int) -> FilterStep:
+def predicted_step(record: NoisyRecord, filter_step: FilterStep, t: int) -> FilterStep:
     """Predicts state and covariance of a Kalman filter for the sample after t.
 
     Args:
         record: the record, with its model and inputs.
-        filtered: state and covariance of sample t, after its correction.
+        filter_step: state and covariance of sample t, after its correction.
         t: number of the sample.
 
     Returns:
         Predicted state and covariance.
     """
     Phi, Gamma = record.transition
-    state = Phi @ filtered.state + Gamma @ record.inputs[t]
-    covariance = Phi @ filtered.covariance @ Phi.T + np.diag(record.process_variances)
+    state = Phi @ filter_step.state + Gamma @ record.inputs[t]
+    covariance = Phi @ filter_step.covariance @ Phi.T + np.diag(record.process_variances)
     return FilterStep(state, covariance)
 
 
@@ -364,14 +372,14 @@ def variational_bayes(record: NoisyRecord) -> RecursiveEstimates:
     for t, output in enumerate(record.outputs):
         shape = shape + 0.5
         new_scale = scale
-        filtered = step
+        filter_step = step
         for _ in range(VB_ITERATIONS):
-            filtered = corrected_step(step, output, new_scale / shape)
-            residual = output - filtered.state
-            new_scale = scale + 0.5 * (residual**2 + filtered.covariance.diagonal())
+            filter_step = corrected_step(step, output, new_scale / shape)
+            residual = output - filter_step.state
+            new_scale = scale + 0.5 * (residual**2 + filter_step.covariance.diagonal())
         histories[t] = new_scale / shape
-        states[t] = filtered.state
-        step = predicted_step(record, filtered, t)
+        states[t] = filter_step.state
+        step = predicted_step(record, filter_step, t)
         shape = FORGETTING_FACTOR * shape
         scale = FORGETTING_FACTOR * new_scale
     return RecursiveEstimates(histories, states)

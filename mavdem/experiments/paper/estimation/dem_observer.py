@@ -162,7 +162,7 @@ class DemObserver:
         no_states = np.zeros((hidden_size, data.shape[1]))
         statistics = SufficientStatistics.from_segments(data)
         # θ and λ are known: their covariances are zero. The D step does not use the states of the posterior.
-        known = Posterior(
+        posterior_at_true_parameters = Posterior(
             GeneralizedMoments.from_state_map(model, statistics, no_states),
             state_covariance=np.zeros((hidden_size, hidden_size)),
             theta=pack(self.A, self.B, self.C),
@@ -170,7 +170,7 @@ class DemObserver:
             lambda_=np.log(noise_precisions),
             lambda_covariance=np.zeros((noise_count, noise_count)),
         )
-        return d_step(known)
+        return d_step(posterior_at_true_parameters)
 
 
 def embedding_derivative(outputs: Array, order: int, dt: float) -> Array:
@@ -188,7 +188,7 @@ def embedding_derivative(outputs: Array, order: int, dt: float) -> Array:
     """
     center = order // 2
     m = outputs.shape[1]
-    embedded = embed(outputs, order, dt, order + 1, center)
+    embedded_outputs = embed(outputs, order, dt, order + 1, center)
     derivatives = np.full(outputs.shape, np.nan)
-    derivatives[center : center + len(embedded)] = embedded[:, m : 2 * m]
+    derivatives[center : center + len(embedded_outputs)] = embedded_outputs[:, m : 2 * m]
     return derivatives

@@ -150,8 +150,10 @@ class SplitModel(NamedTuple):
 def split_model(window: RollWindow) -> SplitModel:
     """Returns the discrete model of a window, with the hidden command apart from the known ones."""
     Phi, Gamma = window.transition
-    known = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
-    return SplitModel(Phi, window.inputs[:, known] @ Gamma[:, known].T, Gamma[:, UNKNOWN_INPUT])
+    known_columns = np.delete(np.arange(Gamma.shape[1]), UNKNOWN_INPUT)
+    return SplitModel(
+        Phi, window.inputs[:, known_columns] @ Gamma[:, known_columns].T, Gamma[:, UNKNOWN_INPUT]
+    )
 
 
 def proportional_integral_input(window: RollWindow) -> Array:
@@ -232,10 +234,10 @@ def random_walk_input(window: RollWindow) -> Array:
     Phi[:2, 2] = model.g
     Q = np.diag([*window.process_noise.var(axis=0, ddof=1), step_variance])
     # The known commands enter as their effect on the two states.
-    augmented = DiscreteModel(
+    augmented_model = DiscreteModel(
         Phi, np.eye(3, 2), np.eye(2, 3), Q, R=MEASUREMENT_VARIANCE * np.eye(2)
     )
-    commands = kalman_states(augmented, measured_states(window), model.known_forcing)[:, 2]
+    commands = kalman_states(augmented_model, measured_states(window), model.known_forcing)[:, 2]
     # The states of a sample show the command of the sample before, so that the estimates are moved by one sample.
     return np.append(commands[1:], commands[-1])
 
@@ -298,33 +300,35 @@ def run(runner: Runner) -> ExperimentResult:
     ]
     recorded_windows = flight_windows(runner.recorded_flights, INPUT_SAMPLES, count=1)
     errors = runner.map_jobs(input_errors, [*simulated_windows, *recorded_windows])
-    simulated = dict(zip(SIMULATED_SMOOTHNESS, errors[: len(simulated_windows)], strict=True))
-    recorded = {}
+    simulated_errors = dict(
+        zip(SIMULATED_SMOOTHNESS, errors[: len(simulated_windows)], strict=True)
+    )
+    recorded_errors = {}
     for window, errors_of_window in zip(
         recorded_windows, errors[len(simulated_windows) :], strict=True
     ):
-        recorded[window.flight] = errors_of_window
+        recorded_errors[window.flight] = errors_of_window
     checks = []
     tables: tuple[Block, ...] = ()
     remarks = []
-    if recorded:
-        in_wind = {}
-        for flight, errors_of_flight in recorded.items():
+    if recorded_errors:
+        errors_in_wind = {}
+        for flight, errors_of_flight in recorded_errors.items():
             if wind_of_flight(flight) == WITH_WIND:
-                in_wind[flight] = errors_of_flight
-        if in_wind:
-            checks += input_checks(in_wind, "flights in wind")
-        tables += recorded_table(recorded)
+                errors_in_wind[flight] = errors_of_flight
+        if errors_in_wind:
+            checks += input_checks(errors_in_wind, "flights in wind")
+        tables += recorded_table(recorded_errors)
     else:
         remarks.append(missing_flights_remark(runner.recorded_flights))
-    checks += input_checks(simulated, "simulated")
+    checks += input_checks(simulated_errors, "simulated")
     tables += (
         Sentence("SSE of the hidden command in 10 s of each noise.", "Simulated:"),
-        error_table(simulated),
+        error_table(simulated_errors),
     )
     numbers = {
-        "simulated": simulated,
-        "recorded": recorded,
+        "simulated": simulated_errors,
+        "recorded": recorded_errors,
         "published": {name: sse._asdict() for name, sse in PUBLISHED_INPUT_SSE.items()},
     }
     return ExperimentResult(tuple(checks), numbers, tables, remarks=tuple(remarks))
@@ -372,11 +376,11 @@ def error_table(errors: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(["estimator", *errors], rows)
 
 
-def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
+def recorded_table(errors_by_flight: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
     """Returns the tables of the errors (SSE) on the recorded flights, with the published ones.
 
     Args:
-        recorded: SSE by flight and estimator.
+        errors_by_flight: SSE by flight and estimator.
 
     Returns:
         A sentence and a table for flights with wind, and for those without.
@@ -384,7 +388,7 @@ def recorded_table(recorded: Mapping[str, Mapping[str, float]]) -> tuple[Block, 
     blocks: list[Block] = []
     for wind in (WITH_WIND, WITHOUT_WIND):
         flights = {}
-        for flight, errors in recorded.items():
+        for flight, errors in errors_by_flight.items():
             if wind_of_flight(flight) == wind:
                 flights[flight] = errors
         if not flights:
@@ -415,7 +419,7 @@ def _published_rows(flights: list[str]) -> list[list[str]]:
     uio_row = ["UIO, published"]
     for flight in flights:
         # The names of the files begin with that of the experiment, such as "exp_21".
-        published = PUBLISHED_INPUT_SSE.get(flight[: len("exp_21")])
-        dem_row.append(rounded(published.dem, 3) if published else "-")
-        uio_row.append(rounded(published.uio, 3) if published else "-")
+        published_errors = PUBLISHED_INPUT_SSE.get(flight[: len("exp_21")])
+        dem_row.append(rounded(published_errors.dem, 3) if published_errors else "-")
+        uio_row.append(rounded(published_errors.uio, 3) if published_errors else "-")
     return [dem_row, uio_row]

@@ -219,33 +219,33 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, and the errors of all estimators as ``numbers``.
     """
-    simulated = {}
-    recorded = {}
+    simulated_errors = {}
+    recorded_errors = {}
     for name, steps in SMOOTHNESS_IN_STEPS.items():
         records = [random_record(seed, steps * SIMULATED_DT) for seed in range(RANDOM_RECORDS)]
-        simulated[name] = mean_errors(runner.map_jobs(record_errors, records))
+        simulated_errors[name] = mean_errors(runner.map_jobs(record_errors, records))
         flights_with_noise = _flight_records(runner, steps)
         if flights_with_noise:
-            recorded[name] = mean_errors(runner.map_jobs(record_errors, flights_with_noise))
+            recorded_errors[name] = mean_errors(runner.map_jobs(record_errors, flights_with_noise))
     step_smoothness = SMOOTHNESS_IN_STEPS[STEP_NOISE] * SIMULATED_DT
-    stepping = [
+    records_with_step = [
         random_record(seed, step_smoothness, VARIANCE_STEP) for seed in range(RANDOM_RECORDS)
     ]
-    online = _online_factors(runner.map_jobs(online_errors, stepping))
-    checks = covariance_checks(simulated, "simulated")
-    checks.append(state_check(simulated[SMOOTHEST]))
-    checks.append(online_check(online))
-    tables = [*error_tables(simulated, "Simulated"), *online_table(online)]
+    online_factors = _online_factors(runner.map_jobs(online_errors, records_with_step))
+    checks = covariance_checks(simulated_errors, "simulated")
+    checks.append(state_check(simulated_errors[SMOOTHEST]))
+    checks.append(online_check(online_factors))
+    tables = [*error_tables(simulated_errors, "Simulated"), *online_table(online_factors)]
     remarks = []
-    if recorded:
-        checks = [*covariance_checks(recorded, "flights with added noise"), *checks]
-        tables = [*error_tables(recorded, "Flights with added noise"), *tables]
+    if recorded_errors:
+        checks = [*covariance_checks(recorded_errors, "flights with added noise"), *checks]
+        tables = [*error_tables(recorded_errors, "Flights with added noise"), *tables]
     else:
         remarks.append(missing_flights_remark(runner.recorded_flights))
     numbers = {
-        "simulated": _nested_values(simulated),
-        "flights with added noise": _nested_values(recorded),
-        "online, factor": online,
+        "simulated": _nested_values(simulated_errors),
+        "flights with added noise": _nested_values(recorded_errors),
+        "online, factor": online_factors,
     }
     return ExperimentResult(tuple(checks), numbers, tuple(tables), remarks=tuple(remarks))
 
@@ -361,15 +361,19 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> l
         data: names the records in the sentences.
     """
     noises = list(errors)
-    first = errors[noises[0]]
-    by_factor = sorted((*BASELINES, DEM, ONLINE_DEM), key=lambda name: first[name].variance_factor)
-    by_state = sorted((*BASELINES, DEM, TRUE_VARIANCES), key=lambda name: first[name].state_error)
+    errors_in_first_noise = errors[noises[0]]
+    names_by_factor = sorted(
+        (*BASELINES, DEM, ONLINE_DEM), key=lambda name: errors_in_first_noise[name].variance_factor
+    )
+    names_by_state_error = sorted(
+        (*BASELINES, DEM, TRUE_VARIANCES), key=lambda name: errors_in_first_noise[name].state_error
+    )
     variance_rows = []
-    for name in by_factor:
+    for name in names_by_factor:
         factors = [rounded(errors[noise][name].variance_factor, 3) for noise in noises]
         variance_rows.append([name, *factors])
     state_rows = []
-    for name in by_state:
+    for name in names_by_state_error:
         state_errors = [rounded(errors[noise][name].state_error, 3) for noise in noises]
         state_rows.append([name, *state_errors])
     return [

@@ -122,30 +122,36 @@ def run(runner: Runner) -> ExperimentResult:
     """
     jobs = [(width, seed) for width in TRUE_WIDTHS for seed in range(RECORD_COUNT)]
     results = runner.map_jobs(_learn_simulated, jobs)
-    simulated: dict[int, list[SimulatedResult]] = {width: [] for width in TRUE_WIDTHS}
+    simulated_results: dict[int, list[SimulatedResult]] = {width: [] for width in TRUE_WIDTHS}
     for (width, _), result in zip(jobs, results, strict=True):
-        simulated[width].append(result)
-    checks = [coverage_check(simulated)]
-    tables = _simulated_table(simulated)
-    recorded = {}
+        simulated_results[width].append(result)
+    checks = [coverage_check(simulated_results)]
+    tables = _simulated_table(simulated_results)
+    recorded_results = {}
     windows = runner.recorded_windows[::WINDOW_STEP]
     for name, settings in FLIGHT_SETTINGS.items():
         if windows:
-            recorded[name] = runner.map_jobs(partial(_learn_window, settings=settings), windows)
-    comparisons = {name: _comparison(found, windows) for name, found in recorded.items()}
+            recorded_results[name] = runner.map_jobs(
+                partial(_learn_window, settings=settings), windows
+            )
+    comparisons = {
+        name: _comparison(results_of_name, windows)
+        for name, results_of_name in recorded_results.items()
+    }
     if comparisons:
         checks.append(gain_check(comparisons))
-        tables += _recorded_table(recorded, comparisons)
+        tables += _recorded_table(recorded_results, comparisons)
     remarks = () if windows else ("Recorded flights are left out: --flights names their folder.",)
     return ExperimentResult(
         checks=tuple(checks),
         numbers={
             "simulated": {
-                str(width): [result._asdict() for result in found]
-                for width, found in simulated.items()
+                str(width): [result._asdict() for result in results_of_name]
+                for width, results_of_name in simulated_results.items()
             },
             "recorded": {
-                name: [result._asdict() for result in found] for name, found in recorded.items()
+                name: [result._asdict() for result in results_of_name]
+                for name, results_of_name in recorded_results.items()
             },
         },
         tables=tables,
@@ -235,25 +241,27 @@ def _comparison(results: Sequence[WindowResult], windows: Sequence[Window]) -> P
     )
 
 
-def coverage_check(simulated: Mapping[int, Sequence[SimulatedResult]]) -> Check:
+def coverage_check(results_by_width: Mapping[int, Sequence[SimulatedResult]]) -> Check:
     """Checks that the interval of the learned smoothness covers the true one as often as it should, at every width.
 
     Args:
-        simulated: results by true smoothness in sampling steps.
+        results_by_width: results by true smoothness in sampling steps.
 
     Returns:
         The check, with the coverage at each width.
     """
     coverages = {
         width: float(np.mean([result.sandwich_covers for result in results]))
-        for width, results in simulated.items()
+        for width, results in results_by_width.items()
     }
-    listed = ", ".join(f"{percent(share)} at {width} dt" for width, share in coverages.items())
+    coverage_text = ", ".join(
+        f"{percent(share)} at {width} dt" for width, share in coverages.items()
+    )
     return Check(
         f"the {percent(COVERAGE)} interval of s, by the sandwich, covers the true s within "
         f"{percent(MAX_COVERAGE_ERROR)} at every smoothness",
         all(abs(share - COVERAGE) <= MAX_COVERAGE_ERROR for share in coverages.values()),
-        f"the {percent(COVERAGE)} interval of s covers the true one in {listed}",
+        f"the {percent(COVERAGE)} interval of s covers the true one in {coverage_text}",
     )
 
 
@@ -281,18 +289,18 @@ def gain_check(comparisons: Mapping[str, Paired]) -> Check:
 
 
 def _simulated_table(
-    simulated: Mapping[int, Sequence[SimulatedResult]],
+    results_by_width: Mapping[int, Sequence[SimulatedResult]],
 ) -> tuple[Block, ...]:
     """Returns the table of the learned smoothness of simulated noise.
 
     Args:
-        simulated: results by true smoothness in sampling steps.
+        results_by_width: results by true smoothness in sampling steps.
 
     Returns:
         A sentence and the table.
     """
     rows = []
-    for width, results in simulated.items():
+    for width, results in results_by_width.items():
         log_ratios = np.array([result.log_ratio for result in results])
         rows.append(
             [
@@ -312,7 +320,7 @@ def _simulated_table(
 
 
 def _recorded_table(
-    recorded: Mapping[str, Sequence[WindowResult]], comparisons: Mapping[str, Paired]
+    results_by_settings: Mapping[str, Sequence[WindowResult]], comparisons: Mapping[str, Paired]
 ) -> tuple[Block, ...]:
     """Returns the table of the learned smoothness on recorded flights.
 
@@ -321,14 +329,14 @@ def _recorded_table(
     whether a paired test distinguishes the two.
 
     Args:
-        recorded: results of all windows of the flights, by name of the settings.
+        results_by_settings: results of all windows of the flights, by name of the settings.
         comparisons: errors with the learned smoothness compared with the default's, by name of the settings.
 
     Returns:
         A sentence and the table.
     """
     rows = []
-    for name, results in recorded.items():
+    for name, results in results_by_settings.items():
         learned_steps = np.array([result.width for result in results])
         # Where F̄ is largest at the end of the grid of candidates, the true maximum may be beyond it.
         inside_grid_count = sum(result.is_inside for result in results)

@@ -164,12 +164,14 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     kalman_filter = KalmanFilter.design(
         model.Phi, model.C, model.Q, model.R, S, initial_covariance=np.eye(n), samples=len(outputs)
     )
-    predicted, innovations = kalman_filter.filter(np.zeros(n), inputs @ model.Gamma.T, outputs)
+    predicted_states, innovations = kalman_filter.filter(
+        np.zeros(n), inputs @ model.Gamma.T, outputs
+    )
     rows = kalman_filter.gain_rows(len(outputs))
     # The filter predicts. The gain of the correction by the sample itself is P Cᵀ F⁻¹.
     covariances = kalman_filter.covariances[: len(kalman_filter.gains)]
     corrections = covariances @ model.C.T @ kalman_filter.innovation_precisions
-    return predicted[:-1] + np.einsum("tnm,tm->tn", corrections[rows], innovations)
+    return predicted_states[:-1] + np.einsum("tnm,tm->tn", corrections[rows], innovations)
 
 
 def fixed_lag_states(
@@ -229,19 +231,22 @@ def smikf_states(
     states = np.zeros((len(outputs), n))
     for t in range(1, len(outputs)):
         # Covariance of the noise with the error of the predicted state, so far as that comes from earlier noise.
-        propagated = model.Phi @ cross_covariance
+        propagated_cross_covariance = model.Phi @ cross_covariance
         predicted_covariance = (
-            model.Phi @ covariance @ model.Phi.T + propagated + propagated.T + noise_covariance
+            model.Phi @ covariance @ model.Phi.T
+            + propagated_cross_covariance
+            + propagated_cross_covariance.T
+            + noise_covariance
         )
         F = model.C @ predicted_covariance @ model.C.T + model.R
         gain = predicted_covariance @ model.C.T @ np.linalg.inv(F)
-        predicted = model.Phi @ state + model.Gamma @ inputs[t - 1]
-        state = predicted + gain @ (outputs[t] - model.C @ predicted)
+        predicted_state = model.Phi @ state + model.Gamma @ inputs[t - 1]
+        state = predicted_state + gain @ (outputs[t] - model.C @ predicted_state)
         I_minus_KC = identity - gain @ model.C
         covariance = I_minus_KC @ predicted_covariance
         predicted_cross_covariance = noise_covariance
         if accumulates:
-            predicted_cross_covariance = noise_covariance + propagated
+            predicted_cross_covariance = noise_covariance + propagated_cross_covariance
         # The next noise is D w + e.
         cross_covariance = I_minus_KC @ predicted_cross_covariance @ D.T
         noise_covariance = D @ noise_covariance @ D.T + innovation_covariance

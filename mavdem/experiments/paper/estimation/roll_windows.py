@@ -271,9 +271,9 @@ def smooth_noise(white_noise: Array, kernel_samples: float) -> Array:
     """
     if kernel_samples == 0:
         return white_noise
-    smoothed = gaussian_filter1d(white_noise, kernel_samples, axis=0, mode="wrap")
+    smoothed_noise = gaussian_filter1d(white_noise, kernel_samples, axis=0, mode="wrap")
     # The variance of filtered white noise is the sum of the squared weights of the kernel.
     impulse = np.zeros(len(white_noise))
     impulse[0] = 1.0
     kernel = gaussian_filter1d(impulse, kernel_samples, mode="wrap")
-    return smoothed / np.sqrt((kernel**2).sum())
+    return smoothed_noise / np.sqrt((kernel**2).sum())

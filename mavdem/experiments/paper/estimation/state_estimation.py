@@ -258,10 +258,10 @@ def window_errors(window: RollWindow) -> WindowErrors:
     Returns:
         Errors by observer, with estimates at their own time and with the authors' timing.
     """
-    by_delay = {}
+    errors_by_delay = {}
     for name, observer in OBSERVERS.items():
         rates = observer.estimate(window, window.outputs, window.inputs)[:, 1]
-        by_delay[name] = np.array(
+        errors_by_delay[name] = np.array(
             [squared_error(rates, window, delay) for delay in range(MAX_DELAY + 1)]
         )
     late_outputs = one_sample_later(window.outputs)
@@ -274,7 +274,7 @@ def window_errors(window: RollWindow) -> WindowErrors:
     for name in (AUGMENTATION, AUTHORS_SMIKF, KALMAN):
         rates = OBSERVERS[name].estimate(window, late_outputs, window.inputs)[:, 1]
         authors_timing[name] = squared_error(rates, window)
-    return WindowErrors(by_delay, authors_timing, authors_timing_by_order)
+    return WindowErrors(errors_by_delay, authors_timing, authors_timing_by_order)
 
 
 def one_sample_later(values: Array) -> Array:
@@ -312,39 +312,45 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, a figure, and all mean errors as ``numbers``.
     """
-    simulated = {}
+    simulated_errors = {}
     for name, smoothness in SIMULATED_SMOOTHNESS.items():
         windows = [simulated_window(seed, smoothness) for seed in range(SIMULATED_WINDOWS)]
-        simulated[name] = mean_errors(runner.map_jobs(window_errors, windows))
-    checks = simulated_checks(simulated)
-    tables: tuple[Block, ...] = simulated_table(simulated)
+        simulated_errors[name] = mean_errors(runner.map_jobs(window_errors, windows))
+    checks = simulated_checks(simulated_errors)
+    tables: tuple[Block, ...] = simulated_table(simulated_errors)
     numbers: JsonValues = {
-        "simulated": {name: lists_by_name(errors) for name, errors in simulated.items()},
+        "simulated": {name: lists_by_name(errors) for name, errors in simulated_errors.items()},
         "published": {name: sse._asdict() for name, sse in PUBLISHED_SSE.items()},
     }
     pictures: tuple[Picture, ...] = ()
     remarks = []
-    recorded = recorded_errors(runner)
-    if recorded:
-        by_delay = {wind: mean_errors(errors) for wind, errors in recorded.items()}
-        published_timing = {wind: trimmed_errors(errors) for wind, errors in recorded.items()}
+    window_errors_by_wind = recorded_errors(runner)
+    if window_errors_by_wind:
+        errors_by_delay = {
+            wind: mean_errors(errors) for wind, errors in window_errors_by_wind.items()
+        }
+        errors_with_published_timing = {
+            wind: trimmed_errors(errors) for wind, errors in window_errors_by_wind.items()
+        }
         numbers["recorded, by delay"] = {
-            wind: lists_by_name(errors) for wind, errors in by_delay.items()
+            wind: lists_by_name(errors) for wind, errors in errors_by_delay.items()
         }
         numbers["recorded, authors’ timing"] = {
             wind: {name: mean._asdict() for name, mean in means.items()}
-            for wind, means in published_timing.items()
+            for wind, means in errors_with_published_timing.items()
         }
-        checks = [*recorded_checks(by_delay, published_timing), *checks]
-        by_order = {wind: errors_by_order(errors) for wind, errors in recorded.items()}
-        numbers["recorded, authors’ timing, DEM by order"] = by_order
+        checks = [*recorded_checks(errors_by_delay, errors_with_published_timing), *checks]
+        errors_of_orders = {
+            wind: errors_by_order(errors) for wind, errors in window_errors_by_wind.items()
+        }
+        numbers["recorded, authors’ timing, DEM by order"] = errors_of_orders
         tables = (
-            *recorded_table(by_delay),
-            *published_table(published_timing),
-            *order_table(by_order),
+            *recorded_table(errors_by_delay),
+            *published_table(errors_with_published_timing),
+            *order_table(errors_of_orders),
             *tables,
         )
-        pictures = (_delay_picture(by_delay),)
+        pictures = (_delay_picture(errors_by_delay),)
     else:
         remarks.append(missing_flights_remark(runner.recorded_flights))
     return ExperimentResult(tuple(checks), numbers, tables, pictures, tuple(remarks))
@@ -411,36 +417,38 @@ def errors_by_order(errors: Sequence[WindowErrors]) -> dict[str, float]:
 
 
 def recorded_checks(
-    by_delay: Mapping[str, Mapping[str, Array]],
-    published_timing: Mapping[str, Mapping[str, TrimmedMean]],
+    errors_by_delay: Mapping[str, Mapping[str, Array]],
+    errors_with_published_timing: Mapping[str, Mapping[str, TrimmedMean]],
 ) -> list[Check]:
     """Checks that DEM has the least error of the observers on the flights in wind.
 
     Args:
-        by_delay: (delays,) mean SSE, by wind and observer.
-        published_timing: mean SSE by the authors' criterion, by wind and observer.
+        errors_by_delay: (delays,) mean SSE, by wind and observer.
+        errors_with_published_timing: mean SSE by the authors' criterion, by wind and observer.
 
     Returns:
         One check with the authors' timing, three at each observer's own time; none without flights in wind.
     """
-    if WITH_WIND not in by_delay:
+    if WITH_WIND not in errors_by_delay:
         return []
-    published = {name: mean.sse for name, mean in published_timing[WITH_WIND].items()}
+    errors_in_wind = {
+        name: mean.sse for name, mean in errors_with_published_timing[WITH_WIND].items()
+    }
     published_peers = (KALMAN, AUTHORS_SMIKF, AUGMENTATION)
-    own_time = {name: errors[0] for name, errors in by_delay[WITH_WIND].items()}
+    own_time = {name: errors[0] for name, errors in errors_by_delay[WITH_WIND].items()}
     return [
-        least_error_check(published, published_peers, "flights in wind, the authors’ timing"),
+        least_error_check(errors_in_wind, published_peers, "flights in wind, the authors’ timing"),
         least_error_check(own_time, PEERS, "flights in wind, own time"),
         least_error_check(own_time, LATER_PEERS, "flights in wind, equal look-ahead"),
         least_error_check(own_time, (DERIVATIVE,), "flights in wind, without a model"),
     ]
 
 
-def simulated_checks(simulated: Mapping[str, Mapping[str, Array]]) -> list[Check]:
+def simulated_checks(simulated_errors: Mapping[str, Mapping[str, Array]]) -> list[Check]:
     """Checks that DEM has the least error of the observers on simulated windows with coloured noise.
 
     Args:
-        simulated: (delays,) mean SSE, by name of the noise and observer.
+        simulated_errors: (delays,) mean SSE, by name of the noise and observer.
 
     Returns:
         Two checks for each coloured noise: with each observer's own timing, and with equal look-ahead.
@@ -448,7 +456,7 @@ def simulated_checks(simulated: Mapping[str, Mapping[str, Array]]) -> list[Check
     checks = []
     for name, smoothness in SIMULATED_SMOOTHNESS.items():
         if smoothness > 0:
-            own_time = {observer: errors[0] for observer, errors in simulated[name].items()}
+            own_time = {observer: errors[0] for observer, errors in simulated_errors[name].items()}
             checks.append(least_error_check(own_time, PEERS, f"simulated, {name}"))
             checks.append(
                 least_error_check(own_time, LATER_PEERS, f"simulated, {name}, equal look-ahead")
@@ -476,29 +484,31 @@ def least_error_check(errors: Mapping[str, float], peers: Sequence[str], data: s
 
 
 def published_table(
-    published_timing: Mapping[str, Mapping[str, TrimmedMean]],
+    errors_with_published_timing: Mapping[str, Mapping[str, TrimmedMean]],
 ) -> tuple[Block, ...]:
     """Returns the table of the errors with the authors' timing, with the published ones, the least error in wind first.
 
     Args:
-        published_timing: mean SSE by wind and observer.
+        errors_with_published_timing: mean SSE by wind and observer.
 
     Returns:
         A sentence and the table.
     """
-    winds = list(published_timing)
+    winds = list(errors_with_published_timing)
     header = ["observer"]
     for wind in winds:
         header += [f"{wind}, SSE", "published", "windows left out"]
     rows = []
-    for name in sorted(PUBLISHED_SSE, key=lambda name: published_timing[winds[0]][name].sse):
+    for name in sorted(
+        PUBLISHED_SSE, key=lambda name: errors_with_published_timing[winds[0]][name].sse
+    ):
         row = [name]
         for wind in winds:
-            mean = published_timing[wind][name]
-            published = PUBLISHED_SSE[name]
-            published_sse = published.without_wind
+            mean = errors_with_published_timing[wind][name]
+            published_errors = PUBLISHED_SSE[name]
+            published_sse = published_errors.without_wind
             if wind == WITH_WIND:
-                published_sse = published.with_wind
+                published_sse = published_errors.with_wind
             row += [rounded(mean.sse, 3), rounded(published_sse, 3), str(mean.windows_left_out)]
         rows.append(row)
     return (
@@ -511,49 +521,49 @@ def published_table(
     )
 
 
-def order_table(by_order: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
+def order_table(errors_of_orders: Mapping[str, Mapping[str, float]]) -> tuple[Block, ...]:
     """Returns the table of DEM's errors by wind and embedding order, with the published ones of flights in wind.
 
     Args:
-        by_order: mean SSE by wind and embedding order.
+        errors_of_orders: mean SSE by wind and embedding order.
 
     Returns:
         A sentence and the table.
     """
     orders = [f"p = {p}" for p in PUBLISHED_SSE_BY_ORDER]
     rows = []
-    for wind, errors in by_order.items():
+    for wind, errors in errors_of_orders.items():
         rows.append([wind, *(rounded(errors[order], 3) for order in orders)])
-    published = [rounded(sse, 3) for sse in PUBLISHED_SSE_BY_ORDER.values()]
-    rows.append(["with wind, published", *published])
+    published_cells = [rounded(sse, 3) for sse in PUBLISHED_SSE_BY_ORDER.values()]
+    rows.append(["with wind, published", *published_cells])
     return (
         Sentence("mean SSE, (rad/s)², with the authors’ timing.", "DEM by embedding order:"),
         Table(["flights", *orders], rows),
     )
 
 
-def recorded_table(by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
+def recorded_table(errors_by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
     """Returns the table of the errors at each observer's own time and at its best delay, the least error first.
 
     Args:
-        by_delay: (delays,) mean SSE, by wind and observer.
+        errors_by_delay: (delays,) mean SSE, by wind and observer.
 
     Returns:
         A sentence and the table.
     """
-    winds = list(by_delay)
+    winds = list(errors_by_delay)
     header = ["observer", "look-ahead, samples"]
     for wind in winds:
         header += [f"{wind}, SSE", "at the best delay", "delay, samples"]
     rows = []
     late_count = 0
-    for name in sorted(COMPARED_OBSERVERS, key=lambda name: by_delay[winds[0]][name][0]):
+    for name in sorted(COMPARED_OBSERVERS, key=lambda name: errors_by_delay[winds[0]][name][0]):
         row = [name, str(OBSERVERS[name].look_ahead)]
         for wind in winds:
-            errors = by_delay[wind][name]
+            errors = errors_by_delay[wind][name]
             best_delay = int(errors.argmin())
             row += [rounded(errors[0], 3), rounded(errors[best_delay], 3), str(best_delay)]
-        if by_delay[winds[0]][name].argmin() > 0:
+        if errors_by_delay[winds[0]][name].argmin() > 0:
             late_count += 1
         rows.append(row)
     return (
@@ -567,20 +577,22 @@ def recorded_table(by_delay: Mapping[str, Mapping[str, Array]]) -> tuple[Block, 
     )
 
 
-def simulated_table(simulated: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
+def simulated_table(simulated_errors: Mapping[str, Mapping[str, Array]]) -> tuple[Block, ...]:
     """Returns the table of the errors on simulated windows, the least error with the smoothest noise first.
 
     Args:
-        simulated: (delays,) mean SSE, by name of the noise and observer.
+        simulated_errors: (delays,) mean SSE, by name of the noise and observer.
 
     Returns:
         A sentence and the table.
     """
-    names = list(simulated)
+    names = list(simulated_errors)
     rows = []
-    for observer in sorted(COMPARED_OBSERVERS, key=lambda name: simulated[names[-1]][name][0]):
+    for observer in sorted(
+        COMPARED_OBSERVERS, key=lambda name: simulated_errors[names[-1]][name][0]
+    ):
         row = [observer, str(OBSERVERS[observer].look_ahead)]
-        row += [rounded(simulated[name][observer][0], 3) for name in names]
+        row += [rounded(simulated_errors[name][observer][0], 3) for name in names]
         rows.append(row)
     return (
         Sentence(
@@ -592,14 +604,14 @@ def simulated_table(simulated: Mapping[str, Mapping[str, Array]]) -> tuple[Block
     )
 
 
-def _delay_picture(by_delay: Mapping[str, Mapping[str, Array]]) -> Picture:
+def _delay_picture(errors_by_delay: Mapping[str, Mapping[str, Array]]) -> Picture:
     """Returns the figure of the errors on the flights by the delay of the estimates.
 
     Args:
-        by_delay: (delays,) mean SSE, by wind and observer.
+        errors_by_delay: (delays,) mean SSE, by wind and observer.
     """
     panels = {}
-    for wind, errors in by_delay.items():
+    for wind, errors in errors_by_delay.items():
         panels[wind] = {name: errors[name] for name in COMPARED_OBSERVERS}
     return Picture(
         "Error of the hidden roll rate by the delay of the estimates",
