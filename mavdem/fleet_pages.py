@@ -59,6 +59,9 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
         store: The open store of the fleet.
         changes: Changes of each vehicle since a baseline, as blocks of text, by the vehicle's name.
 
+    Returns:
+        Path of the index page, the summary of each vehicle, and the names that users gave.
+
     Raises:
         Unreadable: A page cannot be written.
     """
@@ -73,21 +76,21 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
         """Returns the charts of a vehicle as HTML."""
         return kept_charts(store, vehicle, lambda name: vehicle_charts(read_rows(folder, name)))
 
-    outdated = outdated_vehicles(store)
-    for vehicle in outdated:
+    outdated_names = outdated_vehicles(store)
+    for vehicle in outdated_names:
         _update_flight_pages(folder, read_brief_rows(folder, vehicle))
-    texts = kept_summaries(store, SUMMARY_VERSION, outdated, make_summary)
+    summary_texts = kept_summaries(store, SUMMARY_VERSION, outdated_names, make_summary)
     try:
-        summaries = _read_summaries(texts)
+        summaries = _read_summaries(summary_texts)
     except ValueError:
         # One that was kept is damaged. All can be made of the rows again.
         vehicles = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
-        texts = kept_summaries(store, SUMMARY_VERSION, vehicles, make_summary)
-        summaries = _read_summaries(texts)
+        summary_texts = kept_summaries(store, SUMMARY_VERSION, vehicles, make_summary)
+        summaries = _read_summaries(summary_texts)
     names = read_names(store.db)
     index = folder / INDEX_FILE
     write_text_atomically(index, fleet_page(summaries, changes, charts, names))
-    mark_pages_updated(store, outdated)
+    mark_pages_updated(store, outdated_names)
     return FleetPages(index, summaries, names)
 
 

@@ -46,6 +46,9 @@ def rows_of_boot(boots: Integers, boot: int) -> slice:
     Args:
         boots: Number of the boot of each sample (N,), ascending.
         boot: Number of the boot.
+
+    Returns:
+        The slice of its rows; an empty one if there are none.
     """
     # By bisection a log of hundreds of boots does not look at every sample for each of them.
     return slice(bisect_left(boots, boot), bisect_right(boots, boot))

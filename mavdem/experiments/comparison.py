@@ -466,6 +466,9 @@ class Comparison:
             method: name of the method.
             question: kind of forecast: which data it may use.
             reference: name of the method that it is compared with.
+
+        Returns:
+            Values by key.
         """
         outcomes = self._outcomes_by_method[method]
         scores = [outcome.scores[question] for outcome in outcomes]

@@ -117,12 +117,12 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     Returns:
         Steps: those of ``HORIZONS`` that are shorter than the test part, and its whole length.
     """
-    steps: tuple[int, ...]
-    if dt >= 1 / REFERENCE_RATE:
-        steps = HORIZONS
-    else:
-        steps = tuple(round(horizon / REFERENCE_RATE / dt) for horizon in HORIZONS)
-    return (*(step for step in steps if step < samples), samples)
+    steps = list(HORIZONS)
+    if dt < 1 / REFERENCE_RATE:
+        # Faster samples: as many as last as long as the horizons at the reference rate.
+        steps = [round(horizon / REFERENCE_RATE / dt) for horizon in HORIZONS]
+    shorter_steps = [step for step in steps if step < samples]
+    return (*shorter_steps, samples)
 
 
 class BaselineErrors(NamedTuple):

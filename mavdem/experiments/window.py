@@ -177,10 +177,10 @@ def windows(
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
-    fitting = []
+    windows_of_flight = []
     for start in range(0, len(flight) - train - test + 1, hop):
         test_start = start + train
-        fitting.append(
+        windows_of_flight.append(
             Window(
                 flight=name,
                 start=start,
@@ -188,7 +188,7 @@ def windows(
                 test=flight[test_start : test_start + test],
             )
         )
-    return tuple(fitting)
+    return tuple(windows_of_flight)
 
 
 def required_windows(

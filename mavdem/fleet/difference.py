@@ -100,7 +100,8 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     obstacle = comparison_obstacle(states)
     comparable_kinds = _comparable_kinds(obstacle)
     changes = []
-    for quantity in {quantity for flight in estimates_before for quantity in flight}:
+    quantities = {quantity for flight in estimates_before for quantity in flight}
+    for quantity in quantities:
         # A quantity may be missing in some flights of a state: those that have it are compared.
         values_before = [flight[quantity] for flight in estimates_before if quantity in flight]
         values_after = [flight[quantity] for flight in estimates_after if quantity in flight]

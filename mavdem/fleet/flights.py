@@ -38,6 +38,7 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """
 
     def date_and_order(flight: AxisRows) -> tuple[object, ...]:
+        """Returns what flights are sorted by: seconds since 1970, then vehicle and file."""
         row = flight[0]
         seconds = math.inf if row.date is None else row.date.timestamp()
         return seconds, row.order
@@ -58,8 +59,8 @@ def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
         rows: rows of the table, one for each axis of each flight.
     """
     flights = flights_of(row for row in rows if row.has_flight)
-    by_vehicle = group_by(flights, lambda flight: flight[0].vehicle)
-    return dict(sorted(by_vehicle.items()))
+    flights_by_vehicle = group_by(flights, lambda flight: flight[0].vehicle)
+    return dict(sorted(flights_by_vehicle.items()))
 
 
 def has_shared_name(flights: Iterable[AxisRows]) -> bool:

@@ -66,16 +66,18 @@ def _judge_vehicle(
         healthy_rows: those of its baseline.
         baseline: hash of the whole baseline, which marks the rows as judged with it.
     """
-    query = """select rowid, row, file from flights where vehicle = ? and file is not null
-        order by file, log, rowid"""
-    unjudged_query = query.replace("order by", f"and judged is not '{baseline}' order by")
-    stored_rows = store.db.execute(unjudged_query, [vehicle]).fetchall()
+    selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
+    order = "order by file, log, rowid"
+    unjudged_query = f"{selection} and judged is not ? {order}"
+    stored_rows = store.db.execute(unjudged_query, [vehicle, baseline]).fetchall()
+    _, first_text, first_file = stored_rows[0]
     # Without a name of its own or a baseline a flight is not compared with others, which stay as they are.
-    if healthy_rows or row_of_json(*stored_rows[0][1:]).has_own_name:
-        stored_rows = store.db.execute(query, [vehicle]).fetchall()
+    if healthy_rows or row_of_json(first_text, first_file).has_own_name:
+        stored_rows = store.db.execute(f"{selection} {order}", [vehicle]).fetchall()
+    row_ids = [row_id for row_id, _, _ in stored_rows]
     rows = [row_of_json(text, file) for _, text, file in stored_rows]
     judged_rows = assess_safely(rows, assess, healthy_rows)
-    for (row_id, *_), row in zip(stored_rows, judged_rows, strict=True):
+    for row_id, row in zip(row_ids, judged_rows, strict=True):
         store.db.execute(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
             [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],

@@ -57,6 +57,9 @@ def states_without_gains(before: Parameters, after: Parameters) -> Names:
     Args:
         before: values by the autopilot's name, in the first state, called "A".
         after: the same of the second state, called "B".
+
+    Returns:
+        "A", "B", both or none.
     """
     names_without_gains = []
     for state_name, parameters in zip(STATE_NAMES, (before, after), strict=True):

@@ -188,17 +188,17 @@ def quantity_change(
     mean_before, mean_after = means
     difference = mean_after - mean_before
     # Two-sided probability of such a difference if nothing changed.
-    p = float(2 * stdtr(freedom, -abs(difference) / sd))
+    p_value = float(2 * stdtr(freedom, -abs(difference) / sd))
     if quantity.kind not in LOGARITHMIC_KINDS:
         return QuantityChange(
-            quantity, mean_before, mean_after, difference, half_width, p, allowance
+            quantity, mean_before, mean_after, difference, half_width, p_value, allowance
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
     value_before = exp(mean_before) if quantity.kind in LOOP_KINDS else None
     value_after = exp(mean_after) if quantity.kind in LOOP_KINDS else None
     return QuantityChange(
-        quantity, value_before, value_after, ratio - 1, ratio * half_width, p, allowance
+        quantity, value_before, value_after, ratio - 1, ratio * half_width, p_value, allowance
     )
 
 

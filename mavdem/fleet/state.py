@@ -80,6 +80,9 @@ def state_of(
         vehicle: name of the vehicle, as a fleet has it; in a log also "system:component". All vehicles unless given.
         days: days whose flights count; those of all days unless given.
 
+    Returns:
+        The flights, with the document of the review where they are of a log.
+
     Raises:
         NotLearnable: there are no flights of the vehicle.
         Unreadable: the log or the fleet cannot be read.
@@ -91,31 +94,36 @@ def state_of(
             # Those of all vehicles tell which names there are.
             stored_rows = read_brief_rows(path)
         state = VehicleState(stored_rows, review={}, vehicles=())
-        system = ""
+        system_id = ""
     else:
         state = state_of_log(path)
         # A row has the system id of its vehicle, but not the component.
-        system = (vehicle or "").partition(":")[0]
+        system_id = (vehicle or "").partition(":")[0]
     rows = []
     for row in state.rows:
-        if vehicle is None or row.vehicle == vehicle or str(row.system) == system:
+        if vehicle is None or row.vehicle == vehicle or str(row.system) == system_id:
             rows.append(row)
     if days is not None:
         rows = [row for row in rows if days.include(row)]
-    chosen = state._replace(rows=rows)
-    if comes_from_fleet and chosen.names == {UNKNOWN}:
+    chosen_state = state._replace(rows=rows)
+    if comes_from_fleet and chosen_state.names == {UNKNOWN}:
         raise NotLearnable(Incomparable.VEHICLES_UNKNOWN, subject=name)
-    if not chosen.names:
-        if vehicle is not None and vehicle not in state.names and state.names and not chosen.rows:
+    if not chosen_state.names:
+        if (
+            vehicle is not None
+            and vehicle not in state.names
+            and state.names
+            and not chosen_state.rows
+        ):
             raise NotLearnable(
                 Incomparable.VEHICLE_MISSING,
                 subject=name,
                 name=vehicle,
                 names=sorted(state.names),
             )
-        because = min((row.status for row in chosen.rows), default=None)
+        because = min((row.status for row in chosen_state.rows), default=None)
         raise NotLearnable(Incomparable.NO_FLIGHT, subject=name, because=because)
-    return chosen
+    return chosen_state
 
 
 def state_of_log(path: Path) -> VehicleState:

@@ -272,6 +272,9 @@ def _table_of_json(texts: Iterable[str], schema: Any) -> Any:
         texts: texts of JSON objects.
         schema: pyarrow's schema, with names and types of the columns.
 
+    Returns:
+        The table, with null where an object lacks a column.
+
     Raises:
         pyarrow.ArrowInvalid: a text is no such object.
     """

@@ -97,23 +97,26 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
         key = _flight_key(row)
         # A flight that is in the baseline as well must be the same object, so that it counts once.
         baseline_figures[key] = figures.get(key) or health_figures(row)
-    judged = assess_motor_health([*figures.values()], [*baseline_figures.values()] or None)
-    assessments = dict(zip(figures, judged, strict=True))
+    health_assessments = assess_motor_health(
+        list(figures.values()), list(baseline_figures.values()) or None
+    )
+    assessments = dict(zip(figures, health_assessments, strict=True))
     if baseline_rows:
         healthy_rows = baseline_rows
     else:
         healthy_rows = [row for row in rows_of_flights if assessments[_flight_key(row)].is_healthy]
-    # One model for each healthy flight and axis.
-    models = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
+    # One model for each healthy flight and axis: copies of a log have the same key.
+    rows_with_model = {(*_flight_key(row), row.axis): row for row in healthy_rows}.values()
 
     assessed_rows = []
     for row in rows:
         if row.is_read:
             assessment = assessments[_flight_key(row)]
+            health_columns = {name: getattr(assessment, name) for name in ASSESSMENT_COLUMNS}
             row = replace(
                 row,
-                **{name: getattr(assessment, name) for name in ASSESSMENT_COLUMNS},
-                residual_mean=residual_mean(row, models),
+                **health_columns,
+                residual_mean=residual_mean(row, rows_with_model),
                 health_reason=str(assessment.fact),
                 health_code=assessment.fact.code,
             )
@@ -247,26 +250,31 @@ def track(
                 raise Unreadable(Folder.BASELINE_UNKNOWN, because=unknown_names[0])
             _read_new_logs(store, healthy_logs, reader, page, progress)
             store.healthy = _checked_baseline(store.rows_of(healthy_logs))
-        count_read, unread = _read_new_logs(store, logs, reader, page, progress)
+        read_count, unread_logs = _read_new_logs(store, logs, reader, page, progress)
         store.track(logs)
         publish(store, assess)
-        return TrackedLogs(len(logs), count_read, (*problems, *unread), store.healthy)
+        return TrackedLogs(len(logs), read_count, (*problems, *unread_logs), store.healthy)
 
 
 def _checked_baseline(rows: FlightRows) -> FlightRows:
-    """Returns the rows of a baseline.
+    """Checks that a baseline has a flight, and returns its rows unchanged.
 
     Args:
         rows: rows of the table, of the flights that the user named as healthy.
 
+    Returns:
+        The same rows.
+
     Raises:
         Unreadable: there is no flight with figures among them.
     """
-    if not any(row.is_read for row in rows):
-        path = rows[0].file if rows else None
-        reason = rows[0].status if rows else None
-        raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
-    return rows
+    if any(row.is_read for row in rows):
+        return rows
+    path = reason = None
+    if rows:
+        path = rows[0].file
+        reason = rows[0].status
+    raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
 
 
 def _read_new_logs(
@@ -295,16 +303,16 @@ def _read_new_logs(
     new_logs.sort(key=lambda log: -log.size)
     # Outcomes come in any order, and name their log by its path.
     sources = {log.path: log for log in new_logs}
-    unread = []
+    unread_logs = []
     jobs = (Job(log.path, store.keys_of_size(log, reader.limits), page) for log in new_logs)
     progress(0, len(new_logs), None)
     with closing(reader.outcomes(jobs)) as outcomes:
-        for done, outcome in enumerate(outcomes, 1):
+        for done_count, outcome in enumerate(outcomes, 1):
             source = sources[outcome.path]
             if store.earlier_reading_holds(source, outcome):
                 reason = outcome.rows[0].status
-                unread.append(Fact(Reading.LOG_KEPT, path=source.path, because=reason))
+                unread_logs.append(Fact(Reading.LOG_KEPT, path=source.path, because=reason))
             else:
                 store.add(source, outcome, reader.limits)
-            progress(done, len(new_logs), outcome)
-    return len(new_logs), unread
+            progress(done_count, len(new_logs), outcome)
+    return len(new_logs), unread_logs

@@ -360,9 +360,11 @@ class WorkerPool:
         """
         cancellation = Event()
         readers = [LogReader(cancellation.is_set) for _ in range(self._processes)]
-        reads = [partial(reader.read, limits=self.limits, read=self._read) for reader in readers]
+        read_functions = [
+            partial(reader.read, limits=self.limits, read=self._read) for reader in readers
+        ]
         try:
-            yield from side_by_side(reads, jobs, cancellation.set)
+            yield from side_by_side(read_functions, jobs, cancellation.set)
         finally:
             with blocked_signals(*TERMINATION_SIGNALS):
                 for reader in readers:
@@ -370,14 +372,14 @@ class WorkerPool:
 
 
 def side_by_side(
-    reads: Iterable[Callable[[Job], JobOutcome | None]],
+    read_functions: Iterable[Callable[[Job], JobOutcome | None]],
     jobs: Iterator[Job],
     cancel: Callable[[], None],
 ) -> Generator[JobOutcome]:
     """Reads logs by several readers side by side, each in a thread that waits for it.
 
     Args:
-        reads: the readers' functions; each reads one log at a time, and returns None if it was cancelled.
+        read_functions: the readers' functions; each reads one log at a time, and returns None if it was cancelled.
         jobs: the logs; the next one is taken when a reader is free.
         cancel: function that is called when no more outcomes are wanted; the readers' functions return soon after it.
 
@@ -388,20 +390,23 @@ def side_by_side(
     executor = ThreadPoolExecutor(MAX_READER_THREADS)
     try:
         # The readers that work, by the future of the log that each reads.
-        busy = {executor.submit(read, job): read for read, job in zip(reads, jobs, strict=False)}
-        while busy:
+        busy_readers = {
+            executor.submit(read_function, job): read_function
+            for read_function, job in zip(read_functions, jobs, strict=False)
+        }
+        while busy_readers:
             # It waits for a limited time only: another thread may have received a signal, which Python handles in this
             # thread when it wakes.
-            completed_futures = wait(busy, POLL_SECONDS, FIRST_COMPLETED).done
+            completed_futures = wait(busy_readers, POLL_SECONDS, FIRST_COMPLETED).done
             # One outcome at a time: the others are completed still at the next wait, which then returns at once.
             for future in islice(completed_futures, 1):
-                read = busy.pop(future)
+                read_function = busy_readers.pop(future)
                 outcome = future.result()
                 if outcome is not None:
                     yield outcome
                 # The reader takes the next log; where none is left, it is done.
                 for job in islice(jobs, 1):
-                    busy[executor.submit(read, job)] = read
+                    busy_readers[executor.submit(read_function, job)] = read_function
     finally:
         # This also runs where the caller takes no more outcomes. A signal to end waits until all threads have ended.
         cancel()

@@ -67,10 +67,13 @@ DATAFLASH_TEXT_DEFINITION = b"\nFMT,"
 
 
 def file_bytes(path: PathName) -> bytes:
-    """Returns the whole file, the contents of an xz archive, or the one log in a zip archive.
+    """Reads the whole file, the contents of an xz archive, or the one log in a zip archive.
 
     Args:
         path: The file or archive.
+
+    Returns:
+        The bytes of the log.
 
     Raises:
         Unreadable: It is missing, no plain file, not permitted, empty, larger than ``MAX_LOG_BYTES`` or than the

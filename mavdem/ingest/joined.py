@@ -403,16 +403,18 @@ def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
     """Finds the parameters that changed in one of two logs or between them.
 
     Args:
-        before, after: The vehicle by the two logs, in the order of time.
+        before, after: The vehicle in the first log and in the second.
 
     Returns:
-        Their first values, by name.
+        The value of each such parameter before its first change, by name.
     """
     initial_values = {**after.initial_parameters, **before.initial_parameters}
-    for name, value in before.parameters.items():
-        value_at_restart = after.initial_parameters.get(name, after.parameters.get(name, value))
-        if value != value_at_restart:
-            initial_values.setdefault(name, value)
+    # The values with which the second log begins. ``initial_parameters`` has those that changed in it.
+    values_at_start = {**after.parameters, **after.initial_parameters}
+    for name, last_value in before.parameters.items():
+        has_changed_between = values_at_start.get(name, last_value) != last_value
+        if has_changed_between:
+            initial_values.setdefault(name, last_value)
     return initial_values
 
 

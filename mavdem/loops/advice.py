@@ -183,23 +183,22 @@ def advise(
         if gains and may_change:
             step = _next_step(loop, target)
         gains |= step.gains
-    # Row 0 is the estimated plant. `with_draws` adds it by itself.
+    # Row 0 is the estimated plant, which ``with_draws`` always keeps. The first half of the others chose the gains.
     judging_draws = slice(len(loop.effectiveness) // 2, None)
-    after = loop.with_draws(judging_draws).with_parameters(gains)
+    loop_after = loop.with_draws(judging_draws).with_parameters(gains)
     all_draws = slice(1, None)
-    judging_loop = after.with_draws(all_draws, EFFECTIVENESS_FACTORS)
+    judging_loop = loop_after.with_draws(all_draws, EFFECTIVENESS_FACTORS)
     scores = margin_scores(target, judging_loop.rate, judging_loop.attitude)
+    present_gains = loop.controller.parameters
     return Advice(
         target=target,
         rating=rating,
         refusals=refusals,
         before=loop,
-        after=after,
-        gains={
-            name: Gain(loop.controller.parameters[name], value) for name, value in gains.items()
-        },
+        after=loop_after,
+        gains={name: Gain(present_gains[name], value) for name, value in gains.items()},
         sure=float(np.mean(scores_of_models(scores) >= 1)),
-        noise=demand_noise(loop, after.controller),
+        noise=demand_noise(loop, loop_after.controller),
         stage=step.stage if step.gains else None,
         design=step.design,
         flights=step.flights,

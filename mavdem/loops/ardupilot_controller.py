@@ -92,13 +92,15 @@ def ardupilot_controller(
         motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale; or a single one,
             where the outputs are the demand itself and no mixer is needed.
 
+    Returns:
+        Values of the controller's fields by name.
+
     Raises:
         NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.
     """
     rate = _rate_parameters(parameters, axis)
-    gains = dict(
-        zip(rate.names, required_parameters(parameters, *rate.names.values()), strict=True)
-    )
+    gain_values = required_parameters(parameters, *rate.names.values())
+    gains = dict(zip(rate.names, gain_values, strict=True))
     has_mixer = len(motor_weights) != 1
     if rate.before_34:
         scale = GAIN_SCALE_BEFORE_34
@@ -109,15 +111,16 @@ def ardupilot_controller(
     # A corrupt exponent must not make an absurd rate.
     gyro_rate_exponent = np.clip(parameters.get("INS_GYRO_RATE", 0.0), 0.0, MAX_GYRO_RATE_EXPONENT)
     loop_rate = parameters.get(LOOP_RATE_PARAMETERS["ardupilot"], DEFAULT_LOOP_RATES["ardupilot"])
+    gyro_notches: list[Notch] = []
+    for prefix in GYRO_NOTCH_PREFIXES:
+        gyro_notches += _gyro_notches(parameters, prefix)
     fields: ControllerFields = {
         "parameter_names": rate.names,
         **gains,
         "ff": parameters.get(f"{rate.prefix}FF", 0.0),
         "gyro_filter": parameters.get("INS_GYRO_FILTER", 0.0),
         "gyro_rate": GYRO_RATE_BASE * 2**gyro_rate_exponent,
-        "notches": tuple(
-            notch for prefix in GYRO_NOTCH_PREFIXES for notch in _gyro_notches(parameters, prefix)
-        ),
+        "notches": tuple(gyro_notches),
         "derivative_ff": parameters.get(f"{rate.prefix}D_FF", 0.0),
         "target_notches": tuple(_pid_notches(parameters, f"{rate.prefix}NTF")),
         "error_notches": tuple(_pid_notches(parameters, f"{rate.prefix}NEF")),

@@ -286,11 +286,13 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         or "attitude"; ``lacking`` its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share`` is the
         lower score of both loops by the estimated plant.
     """
-    loops = {"rate": loop.rate, "attitude": loop.attitude}
     # Row 0 of all scores and ratios is that of the estimated plant, by which the weaker loop is chosen.
-    weaker = min(loops, key=lambda name: margin_scores(target, loops[name])[0])
-    weaker_loop = loops[weaker]
-    scores = margin_scores(target, *loops.values())
+    rate_score = margin_scores(target, loop.rate)[0]
+    attitude_score = margin_scores(target, loop.attitude)[0]
+    weaker_name, weaker_loop = "rate", loop.rate
+    if attitude_score < rate_score:
+        weaker_name, weaker_loop = "attitude", loop.attitude
+    scores = margin_scores(target, loop.rate, loop.attitude)
     level = Level.BAD
     # If the 5 % quantile of the scores reaches 1, then so do 95 % of the plants. The method "lower" takes a score as it
     # is: interpolation with minus infinity, of an unstable loop, would give NaN.
@@ -307,7 +309,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     return Fact(
         Loops.MARGIN_RATING,
         level,
-        subject=weaker,
+        subject=weaker_name,
         lacking=min(ratios, key=lambda figure: ratios[figure][0]),
         share=max(scores[0], LOWEST_SCORE),
         phase_margin=weaker_loop.phase_margin,

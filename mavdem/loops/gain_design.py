@@ -232,12 +232,15 @@ class GainSearch:
         return GainStep(stage, gains, design, self._flights(design), self._notes(stage, gains))
 
     def rate_design(self) -> Parameters:
-        """Returns P, I and D of highest bandwidth with which the rate loop has its margins.
+        """Finds P, I and D of highest bandwidth with which the rate loop has its margins.
 
         A grid of ratios of D to P and of factors on the logged P is searched, without gains that pass on too much of
         the gyro's noise. For each ratio the largest P with enough margin is a design. Among designs that are
-        ``NEARLY_AS_FAST`` as the fastest, that of least lean in wind is taken. If no gains have the margins, those are
-        returned that come closest.
+        ``NEARLY_AS_FAST`` as the fastest, that of least lean in wind is taken.
+
+        Returns:
+            The gains by name. If none have the margins, they are those that come closest; empty if all pass on too much
+            noise.
         """
         designs = []
         closest_gains: Parameters = {}

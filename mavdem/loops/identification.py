@@ -71,6 +71,9 @@ A tuner aims at 45° and is warned below 35°: an interval that is wider than fr
 MARGIN_DRAWS = 100
 """Number of draws of the plant from which the interval of the phase margin is computed: a choice."""
 
+STAMP_STEP = 1e-6
+"""Resolution of the stamps, s: the last window of a flight may end that much late."""
+
 
 def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physical:
     """Identifies the plant of one axis in closed loop, with the known controller that flew it.
@@ -126,6 +129,9 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     Args:
         signals: signals of the vehicle, for the axis.
         flights: flights of one boot, whose clock all messages share.
+
+    Returns:
+        The fit, with the controller and the change of each input per unit of its demand.
 
     Raises:
         NotLearnable: as :func:`identify_plant_in_loop`.
@@ -202,6 +208,10 @@ def _loop_messages(
         boot: number of the boot whose messages are used.
         controller: controller of the axis.
         mixer_gains: change of each input per unit of demand (r,).
+
+    Returns:
+        Streams of rate and demand, and of setpoint and reference for each candidate of the setpoint; flags of outputs
+        at a limit; and the step to which the demand is rounded.
 
     Raises:
         NotLearnable: there is no setpoint of the rate that moves.
@@ -302,8 +312,7 @@ def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> It
     for flight in flights:
         first = max(flight.time[0], first_common)
         last = min(flight.time[-1], last_common) - SPECTRUM_SECONDS
-        # Stamps are rounded to 1 µs, so the last window may end that much late.
-        for start in np.arange(first, last + 1e-6, SPECTRUM_SECONDS / 2):
+        for start in np.arange(first, last + STAMP_STEP, SPECTRUM_SECONDS / 2):
             if all(_longest_gap(stream, start) < MAX_MESSAGE_GAP for stream in streams):
                 yield start
 

@@ -229,12 +229,15 @@ def _limit_cycles(
         window_seconds: length of the half-overlapping windows, s.
         flight_duration: duration of the whole flight, s.
         min_duration: shortest duration of a limit cycle, s.
+
+    Yields:
+        The limit cycles in the order of time.
     """
     range_fractions = motors.scale.fraction(motors.outputs)
+    motor_at_upper, motor_at_lower = samples_at_limits(range_fractions, motors.scale)
     # Whether any motor is at its upper or its lower limit, (N,) each.
-    at_upper, at_lower = (
-        is_at_limit.any(axis=1) for is_at_limit in samples_at_limits(range_fractions, motors.scale)
-    )
+    at_upper = motor_at_upper.any(axis=1)
+    at_lower = motor_at_lower.any(axis=1)
     # The mean of all motors is thrust, which turns nothing.
     differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
     # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
@@ -303,6 +306,10 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
             mean; whether motors are at both limits at once; and whether any is at a limit, both as 0 or 1.
         sampling_rate: rate of the samples, Hz.
         window_seconds: length of a window, s.
+
+    Returns:
+        Frequency, share, standard deviation of the rate, and time at a limit, of the line of each window (W,); and
+        whether the line is clear.
     """
     rate_and_motors, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
     body_rate = rate_and_motors[0]

@@ -53,6 +53,9 @@ BUTTERWORTH_AT_HALF_CUTOFF = np.polyval([1.0, np.sqrt(2.0), 1.0], 0.5j)
 The delay of the filter is √2 / ω_c, so that the imaginary part √2 / 2 is half of the cut-off times the delay.
 """
 
+DECIBELS_PER_DECADE = 20.0
+"""Decibels in a factor of ten of an amplitude."""
+
 
 def loop_from_learned(learned: Learned, controller: Controller | None = None) -> Loop:
     """Builds the rate and attitude loop with the plant of a learned model.
@@ -80,6 +83,9 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         plant: plant that was identified from the record.
         record: the flight.
         controller: controller of the axis; ``None`` for that of the record's parameters.
+
+    Returns:
+        The loop of the estimate and of draws from its posterior.
 
     Raises:
         NotLearnable: the plant is doubtful, the controller is not known or has no proportional gain, the mixer acts
@@ -152,7 +158,7 @@ def _cautions(loop: Loop) -> list[Fact]:
     elif np.isfinite(rate.gain_margin):
         # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the crossing
         # is the one at which L is nearest to that point.
-        crossing = -(10 ** (-rate.gain_margin / 20))
+        crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
         nearest = np.argmin(np.abs(rate.response[0] - crossing))
         if rate.frequency[nearest] >= nyquist_frequency:
             cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
@@ -297,7 +303,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
         [estimate, normal_draws(estimate, covariance, POSTERIOR_DRAWS, seed=DRAWS_SEED)]
     )
     lag_and_delay = draws[:, LAG_AND_DELAY].sum(axis=1)
-    remaining = np.maximum(lag_and_delay - filter_delay, 0.0)
+    remaining_lag_and_delay = np.maximum(lag_and_delay - filter_delay, 0.0)
     if filter_delay > lag_and_delay[0] / 2:
         # The angular frequency of half of the cut-off of a Butterworth filter with this delay, rad/s. There, the phase
         # of the remaining lag and delay is that of the identified lag less that of the filter. The effect is multiplied
@@ -305,7 +311,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
         half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
         lag_phase = np.arctan(half_cutoff * draws[:, LAG])
         remaining_phase = lag_phase - np.angle(BUTTERWORTH_AT_HALF_CUTOFF)
-        remaining = np.maximum(remaining_phase / half_cutoff + draws[:, DELAY], 0.0)
+        remaining_lag_and_delay = np.maximum(remaining_phase / half_cutoff + draws[:, DELAY], 0.0)
         lag_attenuation = np.hypot(1.0, half_cutoff * draws[:, LAG])
         draws[:, EFFECTS] *= (abs(BUTTERWORTH_AT_HALF_CUTOFF) / lag_attenuation)[:, None]
     # The posterior of the delay is the mean of prior and flight, weighted by their precisions. Row 0 is its mean.
@@ -314,6 +320,6 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     errors = delay_deviation * np.sqrt(prior_weight) * normals
     flight_delay = max(plant.delay - filter_delay, 0.0)
     delay = (1 - prior_weight) * flight_delay + prior_weight * typical_delay + errors
-    delay = np.clip(delay, 0.0, remaining / 2)
-    draws[:, LAG_AND_DELAY] = np.column_stack([remaining - delay, delay])
+    delay = np.clip(delay, 0.0, remaining_lag_and_delay / 2)
+    draws[:, LAG_AND_DELAY] = np.column_stack([remaining_lag_and_delay - delay, delay])
     return draws

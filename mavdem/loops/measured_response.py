@@ -93,14 +93,16 @@ def measured_rate_response(
             comparisons.append(
                 _comparison_with_prediction(spectra, record.dt, controller, frequency, closed)
             )
-    best = max(comparisons, key=lambda comparison: comparison.fit, default=None)
-    if best is None:
+    best_comparison = max(comparisons, key=lambda comparison: comparison.fit, default=None)
+    if best_comparison is None:
         return None
-    compared_gain = nan if is_controller_identified else best.controller_gain
-    reason = _reason_of_disagreement(compared_gain, best.band[1], best.agreement)
+    compared_gain = nan if is_controller_identified else best_comparison.controller_gain
+    reason = _reason_of_disagreement(
+        compared_gain, best_comparison.band[1], best_comparison.agreement
+    )
     if reason is not None and limited_share > MIN_AT_LIMIT_SHARE:
         reason = Fact(Responses.RESPONSE_LIMITED, share=limited_share)
-    return best._replace(reason=reason)
+    return best_comparison._replace(reason=reason)
 
 
 def _pieces_by_setpoint(

@@ -133,6 +133,9 @@ def build_twin(
         drag: drag of the vehicle, or of typical ones.
         mass: mass, kg; ``None`` for an assumed one.
 
+    Returns:
+        The twin, with notes on what was assumed.
+
     Raises:
         NotLearnable: the motors' output is not that of a hover.
     """
@@ -144,9 +147,10 @@ def build_twin(
     wind = None
     if air is not None and air.speed_identifiable and air.direction_identifiable:
         wind = air
-    known_mass = mass or TYPICAL_MASS
-    arm = _arm(controller.parameters, known_mass)
-    control = _control_parameters(controller.parameters, "px4" if px4 else "ardupilot")
+    mass_or_typical = mass or TYPICAL_MASS
+    arm = _arm(controller.parameters, mass_or_typical)
+    autopilot = "px4" if px4 else "ardupilot"
+    control = _control_parameters(controller.parameters, autopilot)
     # Row 0 of the dynamics is the estimate; its columns are damping, lag and delay. Yaw does not count.
     lags_and_delays = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
     # The simulator holds its output over a control cycle. That delays it by half a cycle, which the identified delay
@@ -159,7 +163,7 @@ def build_twin(
         damping[axis] = loop.plant.damping
     twin = Twin(
         autopilot=control.autopilot,
-        mass=known_mass,
+        mass=mass_or_typical,
         inertia=(),
         arm=arm.position,
         hover=hover,
@@ -345,11 +349,12 @@ def _notes(
 def _effectiveness_note(loop: Loop) -> Fact:
     """Returns the note on how certain a loop's control effectiveness is.
 
-    Its figure ``share`` is the half width of the 90 % interval over the estimate, and ``is_biased`` whether the
-    identification of the plant calls the effectiveness biased.
-
     Args:
         loop: identified loop of one axis, with draws of its effectiveness.
+
+    Returns:
+        A fact with ``share``, the half width of the 90 % interval over the estimate, and ``is_biased``, whether the
+        identification of the plant calls the effectiveness biased.
     """
     # Row 0 of the effectiveness is the estimate, the others are draws from its posterior.
     estimate = loop.effectiveness[0]

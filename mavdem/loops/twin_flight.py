@@ -35,6 +35,9 @@ RATE_BANDS = (0.3, 0.6, 1.2, 2.4, 4.8, 8.0)
 SPECTRUM_WINDOW_SECONDS = 20.0
 """Length of the windows of these spectra, s, at most half of the flight."""
 
+DECIBELS_PER_POWER_DECADE = 10
+"""Decibels in a factor of ten of a power."""
+
 
 class ReplaySegment(NamedTuple):
     """Setpoints and motion of one axis in the part of a recorded flight that the simulated twin flies again."""
@@ -313,7 +316,7 @@ def motion_figures(
         degrees = np.degrees(angles)
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
-    result = {"levels": (10 * np.log10(level_ratio)).tolist()}
+    result = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
     # Row 0 of the values is that of the recorded motion, the others are those of the simulated ones.
     for name, values in figures.items():
         result[name] = [values[0], values[1:].mean()]

@@ -76,6 +76,9 @@ def cause_evidence(
         signatures: (k, a) change of the balance where the own command of a motor rises by 1.
         tilt_axes: (a,) 1 for roll and pitch, 0 for yaw.
         weak_motor_sizes: Rise of the command of each motor that is weak already, by its index.
+
+    Returns:
+        Logarithms of the Bayes factors of the motors' causes, of a load, of a change in yaw, and of one about all axes.
     """
     motor_count = len(signatures)
     rises = hypothetical_rises(motor_count, weak_motor_sizes)
@@ -88,11 +91,15 @@ def cause_evidence(
     motors = log_sum(motor_windows.T) - log(motor_count)
     motors[motor_count:] += log(RECOVERIES_PER_LOSS)
 
-    # A cause that is no motor's changes its axes by any amount, which adds to their variance.
-    load, yaw, all_axes = (
-        log_t_density(changes, 0.0, OTHER_CHANGE_SD**2 * axes) - no_change
-        for axes in (tilt_axes, 1 - tilt_axes, np.ones_like(tilt_axes))
-    )
+    def change_of_axes(is_changed_axis: Array) -> Array:
+        """Returns the log Bayes factors (w,) of a cause that changes these axes (a,), 1 or 0, by any amount."""
+        # That the amount is not known adds to the variance of these axes.
+        added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
+        return log_t_density(changes, 0.0, added_variance) - no_change
+
+    load = change_of_axes(tilt_axes)
+    yaw = change_of_axes(1 - tilt_axes)
+    all_axes = change_of_axes(np.ones_like(tilt_axes))
     return CauseEvidence(
         rises=rises,
         motor_windows=motor_windows,

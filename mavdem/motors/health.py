@@ -80,14 +80,19 @@ def assess_motor_health(
     faulty_healthy_flights: dict[float, HealthFigures] = {}
     latest_evidence: dict[object, _FlightEvidence] = {}
 
-    for number in sorted(range(len(flights)), key=lambda number: flights[number].start_time):
+    numbers_by_date = sorted(range(len(flights)), key=lambda number: flights[number].start_time)
+    for number in numbers_by_date:
         flight = flights[number]
         # A healthy flight is not compared with itself, nor with a second record of itself.
         other_healthy_flights = [
-            other for other in healthy if other is not flight and not other.overlaps(flight)
+            healthy_flight
+            for healthy_flight in healthy
+            if healthy_flight is not flight and not healthy_flight.overlaps(flight)
         ]
         comparable_flights = [
-            other for other in other_healthy_flights if other.geometry_key == flight.geometry_key
+            healthy_flight
+            for healthy_flight in other_healthy_flights
+            if healthy_flight.geometry_key == flight.geometry_key
         ]
         reference: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
         unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, reference)
@@ -109,12 +114,10 @@ def assess_motor_health(
     if faulty_healthy_flights and not has_baseline:
         # The flight that is most probably faulty is no healthy flight; all are assessed again without it.
         worst_flight = faulty_healthy_flights[max(faulty_healthy_flights)]
-        return assess_motor_health(
-            [
-                replace(flight, sound=flight.sound and flight is not worst_flight)
-                for flight in flights
-            ]
-        )
+        flights_without_worst = [
+            replace(flight, sound=flight.sound and flight is not worst_flight) for flight in flights
+        ]
+        return assess_motor_health(flights_without_worst)
     return tuple(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
@@ -226,7 +229,7 @@ def _assessment(
     probabilities = change.fault, change_probability
     if change.fault >= MIN_REPORTED_PROBABILITY:
         return _fault(flight, change, change_probability, reference)
-    # Whatever the probabilities of the hypotheses are, what healthy flights do not show is a change.
+    # A deviation that healthy flights do not show is a change, whatever the probabilities of the hypotheses are.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
         drift = _drift(flight, evidence, change_probability, reference)
@@ -240,8 +243,8 @@ def _assessment(
             **reference,
         )
         return HealthAssessment(MotorHealth.UNKNOWN, unsure)
-    same = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **reference)
-    return HealthAssessment(MotorHealth.OK, same, *probabilities)
+    unchanged = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **reference)
+    return HealthAssessment(MotorHealth.OK, unchanged, *probabilities)
 
 
 def _fault(

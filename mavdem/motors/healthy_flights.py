@@ -135,8 +135,9 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
     ]
     flights_by_date = sorted(distinct_flights(usable_flights), key=lambda flight: flight.start_time)
     healthy: list[HealthFigures] = []
-    for same_geometry in group_by(flights_by_date, lambda flight: flight.geometry_key).values():
-        healthy += same_geometry[:DEFAULT_HEALTHY_FLIGHTS]
+    flights_by_geometry = group_by(flights_by_date, lambda flight: flight.geometry_key)
+    for flights_of_geometry in flights_by_geometry.values():
+        healthy += flights_of_geometry[:DEFAULT_HEALTHY_FLIGHTS]
     return tuple(healthy)
 
 
@@ -156,6 +157,6 @@ def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
     )
     distinct: list[HealthFigures] = []
     for flight in flights_by_error:
-        if not any(flight.overlaps(other) for other in distinct):
+        if not any(flight.overlaps(kept_flight) for kept_flight in distinct):
             distinct.append(flight)
     return [flight for flight in flights if flight in distinct]

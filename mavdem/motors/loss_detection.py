@@ -307,20 +307,20 @@ class MotorLossDetector:
             changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
         # The odds of the best cause are its Bayes factor over the sum of those of all the others.
-        best = int(np.argmax(evidence.motors))
-        other_motors = np.delete(evidence.motors, best)
+        best_cause = int(np.argmax(evidence.motors))
+        other_motors = np.delete(evidence.motors, best_cause)
         rivals = [*other_motors, log_sum(evidence.load)]
         # The last rival is that nothing changed, with a Bayes factor of 1.
         rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
-        log_odds = evidence.motors[best] - log_sum(rivals)
-        is_enough = evidence.motors[best] >= self._threshold
-        if is_enough and log_odds >= STRONG_EVIDENCE_NATS:
+        log_odds = evidence.motors[best_cause] - log_sum(rivals)
+        reaches_threshold = evidence.motors[best_cause] >= self._threshold
+        if reaches_threshold and log_odds >= STRONG_EVIDENCE_NATS:
             # The window in which the cause explains the change best tells when the change began.
-            window = int(np.argmax(evidence.motor_windows[best]))
+            window = int(np.argmax(evidence.motor_windows[best_cause]))
             change = _DatedChange(changes, window, int(windows[window]))
             if self._is_independent_of_heading(change):
                 # The last size is the largest. Only the ratios between the motors matter.
-                largest_rises = evidence.rises[best, -1]
+                largest_rises = evidence.rises[best_cause, -1]
                 self._record_motor_change(largest_rises, change, log_odds)
             return
         self._test_for_torque_change(windows, changes, evidence)

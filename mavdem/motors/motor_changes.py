@@ -138,10 +138,10 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
             if change.since - loss.since >= MIN_LOSS_SECONDS:
                 ended_losses.append((loss, change.since))
 
-    smallest_lasting = min((loss.size for loss in lasting_losses.values()), default=inf)
+    smallest_lasting_size = min((loss.size for loss in lasting_losses.values()), default=inf)
     losses = [loss.fact for loss in lasting_losses.values()]
     for loss, end_time in ended_losses:
-        level = Level.BAD if loss.size > smallest_lasting else Level.WATCH
+        level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
         losses.append(loss.fact.replace(level, until=end_time))
     # Losses that are bad come first, and of those the largest rise.
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))

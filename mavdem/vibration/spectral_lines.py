@@ -354,10 +354,10 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
 
 
 def _bins_above(track: _Track, level: float) -> int:
-    """Measures the width of a line at a level.
+    """Measures the width of a spectral line at a level.
 
-    These are the bins about the top of the line, from the last lower bin before it to the first lower bin after it,
-    both excluded.
+    The bins above the level that include the line's top are counted: they lie between the last bin below the level
+    before the top, and the first one after it.
 
     Args:
         track: track of the line, with the mean logarithmic spectrum, and the bin of the line's top in it.
@@ -368,10 +368,10 @@ def _bins_above(track: _Track, level: float) -> int:
     """
     is_below = track.mean[: track.top] <= level
     # Bin 0 is the constant part of the signal, and is never part of a line.
-    last_below = np.flatnonzero(is_below).max(initial=0)
+    last_bin_below = np.flatnonzero(is_below).max(initial=0)
     # A line may reach to the highest frequency. A bin of minus infinity, appended there, ends it.
-    from_line_on = np.append(track.mean[last_below + 1 :], -np.inf)
-    return int(np.argmax(from_line_on <= level))
+    spectrum_from_line_on = np.append(track.mean[last_bin_below + 1 :], -np.inf)
+    return int(np.argmax(spectrum_from_line_on <= level))
 
 
 def _kind(track: _Track) -> LineKind:

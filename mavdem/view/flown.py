@@ -37,6 +37,12 @@ PATH_RADIUS = 0.004
 AIRBORNE_SPEED_SHARE = 0.9
 """Share of the rotor speed in hover above which the rotors carry the vehicle."""
 
+EYE_POSITION = (-5.2, 2.2, -3.5)
+"""Position of the viewer's eye, north, east and down of the vehicle, in lengths of an arm; a choice."""
+
+EYE_TARGET = (0.0, 0.9, -0.2)
+"""Point that the eye looks at, in the same frame and unit; a choice."""
+
 
 @dataclass(frozen=True, eq=False)
 class Pose:
@@ -215,8 +221,8 @@ def scene_view(pose: Pose) -> rrb.View:
         "Green: the path"
     )
     # The eye is in the south-east and above, and looks past the vehicle, which leaves room for the wind in the east.
-    eye = pose.arm * np.array((-5.2, 2.2, -3.5))
-    target = pose.arm * np.array((0.0, 0.9, -0.2))
+    eye = pose.arm * np.array(EYE_POSITION)
+    target = pose.arm * np.array(EYE_TARGET)
     controls = rrb.EyeControls3D(
         kind=rrb.Eye3DKind.Orbital, position=eye, look_target=target, eye_up=(0, 0, -1)
     )

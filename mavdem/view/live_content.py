@@ -41,6 +41,12 @@ STATUS_LEGEND = (
     "motors' command explains the acceleration, and a disturbance where it does not."
 )
 
+FIGURES_AND_EVENTS_HEIGHTS = (58, 42)
+"""Shares, %, of the height of the first tab that the figures and the events below them get; a choice."""
+
+FREE_ENERGY_HEIGHTS = (50, 25, 25)
+"""Shares, %, of the height that the plots of the tab "Free energy" get: the terms need most; a choice."""
+
 
 class Channels(NamedTuple):
     """Names and units of the channels of a live flight."""
@@ -75,6 +81,9 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 
     Args:
         channels: names and units of what is shown.
+
+    Returns:
+        The layout, which opens with the first tab and follows the flight.
     """
     axis = channels.output_names[0]
     angle_unit = display_unit(channels.output_units[0]).name
@@ -82,9 +91,9 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
     titles = plot_titles(axis, angle_unit, f"its prediction {seconds:.2g} s ahead")
     paths = first_tab_paths(axis)
     plots = {name: live_plot(title, paths[name]) for name, title in titles.items()}
-    texts = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
+    figures = rrb.TextDocumentView(origin="figures", name="Figures", titlebar=False)
     events = rrb.TextDocumentView(origin="events", name="Events", titlebar=False)
-    flight = first_tab(plots, SideTexts([texts, events], [58, 42]))
+    flight = first_tab(plots, SideTexts([figures, events], list(FIGURES_AND_EVENTS_HEIGHTS)))
 
     input_unit = channels.input_units[0] if channels.input_units else ""
     other_axes = [other_axis for other_axis in AXES if other_axis != axis]
@@ -94,12 +103,12 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
         live_plot(name_with_unit("Motors", input_unit), "motors"),
         name="Motion",
     )
-    by_dem = f"model: {ModelName.DEM}"
+    model_note = f"model: {ModelName.DEM}"
     free_energy = rrb.Vertical(
-        live_plot(f"Terms of F(t), nats · {by_dem}", "free_energy_terms"),
-        live_plot(f"F̄ of each learning run, nats · {by_dem}", "free_energy_action"),
-        live_plot(f"Surprise: how unusual a sample is · {by_dem}", "surprise"),
-        row_shares=[50, 25, 25],
+        live_plot(f"Terms of F(t), nats · {model_note}", "free_energy_terms"),
+        live_plot(f"F̄ of each learning run, nats · {model_note}", "free_energy_action"),
+        live_plot(f"Surprise: how unusual a sample is · {model_note}", "surprise"),
+        row_shares=list(FREE_ENERGY_HEIGHTS),
         name="Free energy",
     )
     status = rrb.TextDocumentView(origin="status", name="Status", titlebar=False)

@@ -160,7 +160,7 @@ def draw_chart(
     for line in chart.lines:
         drawn_lines += _band_and_line(line, value_range)
     # Bands lie below all lines, so that none hides the line of another.
-    drawn_lines.sort(key=lambda drawn: drawn.values.ndim == 1)
+    drawn_lines.sort(key=lambda drawn_line: drawn_line.values.ndim == 1)
     low, high = value_range
     for mark in marks:
         if len(mark.times):
@@ -168,18 +168,22 @@ def draw_chart(
             upright = np.tile([low, high, np.nan], len(mark.times))
             time = np.repeat(mark.times, 3)
             drawn_lines.append(_DrawnLine(mark.name, mark.colour, MARK_WIDTH, time, upright))
-    for number, drawn in enumerate(drawn_lines):
+    for number, drawn_line in enumerate(drawn_lines):
         # A unit such as 1/s is no folder.
-        name = f"{number} {drawn.name.replace('/', ' per ')}"
+        name = f"{number} {drawn_line.name.replace('/', ' per ')}"
         path = f"{origin}/{rr.escape_entity_path_part(name)}"
-        is_band = drawn.values.ndim > 1
-        lines = Lines(path, (drawn.name,), (drawn.colour,), drawn.width, filled=is_band)
+        is_band = drawn_line.values.ndim > 1
+        lines = Lines(
+            path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, filled=is_band
+        )
         lines.send_style(recording)
-        lines.send(recording, drawn.time, drawn.values)
+        lines.send(recording, drawn_line.time, drawn_line.values)
     margin = AXIS_MARGIN * (high - low)
-    first, last = span
-    start = rr.TimeRangeBoundary.absolute(seconds=first)
-    end = rr.TimeRangeBoundary.absolute(seconds=first + WIDTH_PER_SPAN * (last - first))
+    start_time, end_time = span
+    start = rr.TimeRangeBoundary.absolute(seconds=start_time)
+    end = rr.TimeRangeBoundary.absolute(
+        seconds=start_time + WIDTH_PER_SPAN * (end_time - start_time)
+    )
     return rrb.TimeSeriesView(
         name=chart.y.label,
         origin=origin,

@@ -338,10 +338,12 @@ class RecordingTabs:
             term_lines.append(Line(name, colour, terms.time, terms.values[:, number]))
         action = series[FREE_ENERGY_ACTION]
         sum_line = Line("sum of F(t)", palette.PREDICTED, action.time, action.values[:, 0])
-        by_dem = f"nats · model: {ModelName.DEM}"
+        unit_and_model = f"nats · model: {ModelName.DEM}"
         charts = [
-            over_time("Terms of F(t)", by_dem, term_lines),
-            over_time("Sum of F(t) from the first sample, which ends at F̄", by_dem, (sum_line,)),
+            over_time("Terms of F(t)", unit_and_model, term_lines),
+            over_time(
+                "Sum of F(t) from the first sample, which ends at F̄", unit_and_model, (sum_line,)
+            ),
         ]
         views = self._draw_charts("free_energy", charts)
         return [rrb.Vertical(*views, row_shares=[65, 35], name="Free energy")]

@@ -36,6 +36,29 @@ NOSE_COLOUR = palette.channels(palette.BAD)
 NORTH_COLOUR = palette.channels(palette.MEASURED)
 PATH_COLOUR = palette.channels(palette.COMMAND)
 
+# Proportions of the drawn vehicle, as fractions of the arm. They are chosen to look like a multirotor.
+
+BODY_HALF_SIZE = (0.34, 0.2, 0.1)
+"""Half of the length, width and height of the body."""
+
+ARM_RADIUS = 0.03
+"""Radius of an arm."""
+
+NOSE_START = 0.3
+"""Distance from the centre at which the arrow of the nose begins, inside of the body."""
+
+NOSE_LENGTH = 0.75
+"""Length of the arrow of the nose."""
+
+NOSE_RADIUS = 0.04
+"""Radius of the arrow of the nose."""
+
+ROTOR_THICKNESS = 0.02
+"""Thickness of a rotor's disc."""
+
+ROTOR_RADIUS = 0.48
+"""Radius of a rotor's disc. Those of a hexarotor, an arm apart, do not touch."""
+
 
 def log_axes(recording: rr.RecordingStream) -> None:
     """Names the axes of the world: north, east and down are to it what forward, right and down are to a body."""
@@ -78,19 +101,19 @@ def log_body(recording: rr.RecordingStream, rotors: Array) -> None:
     hubs = rotor_hubs(rotors)
     arm = float(np.hypot(*rotors.T).max())
     arms = [[[0, 0, 0], hub] for hub in hubs.tolist()]
-    # Proportions are chosen to look like a multirotor, as fractions of the arm: neighbouring rotors do not touch.
+    body_half_size = arm * np.array(BODY_HALF_SIZE)
     parts = {
-        "body": rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY_COLOUR),
-        "arms": rr.LineStrips3D(arms, radii=0.03 * arm, colors=BODY_COLOUR),
+        "body": rr.Boxes3D(half_sizes=[body_half_size], colors=BODY_COLOUR),
+        "arms": rr.LineStrips3D(arms, radii=ARM_RADIUS * arm, colors=BODY_COLOUR),
         "nose": rr.Arrows3D(
-            vectors=[[0.75 * arm, 0, 0]],
-            origins=[[0.3 * arm, 0, 0]],
-            radii=0.04 * arm,
+            vectors=[[NOSE_LENGTH * arm, 0, 0]],
+            origins=[[NOSE_START * arm, 0, 0]],
+            radii=NOSE_RADIUS * arm,
             colors=NOSE_COLOUR,
         ),
         "rotors": rr.Cylinders3D(
-            lengths=[0.02 * arm] * len(rotors),
-            radii=[0.48 * arm] * len(rotors),
+            lengths=[ROTOR_THICKNESS * arm] * len(rotors),
+            radii=[ROTOR_RADIUS * arm] * len(rotors),
             centers=hubs,
             colors=BODY_COLOUR,
             fill_mode="solid",

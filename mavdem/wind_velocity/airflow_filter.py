@@ -134,8 +134,9 @@ class AirflowFilter:
         Returns:
             The innovations and their covariances S.
         """
-        x = self.states
-        P = self.covariances
+        x = self.states  # (G, 4)
+        P = self.covariances  # (G, 4, 4)
+        # (2, 3) body x and y in north, east and down.
         axes = motion.body_axes[step]
         u = axes @ motion.velocity[step] - x @ (axes[:, :2] @ TOTAL_WIND_MATRIX).T
         speed = np.sqrt((u * u).sum(axis=1) + MIN_SPEED_SQUARE)[:, None]

@@ -36,6 +36,9 @@ FLOW_ARROWS = "↓↙←↖↑↗→↘"
 ANY_DIRECTION = 180.0
 """Half width of the direction, degrees, where the wind may come from anywhere."""
 
+MIN_DIVISOR = 1e-9
+"""Speed, m/s, by which a velocity is divided at least: it only avoids a division by zero in still air."""
+
 
 class PolarWind(NamedTuple):
     """A course of wind as speed and direction, with half widths of their bands."""
@@ -100,8 +103,8 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
         the wind, seen from the origin at the distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
-    # Unit vectors along the flow. The lower limit only avoids a division by zero in still air.
-    unit = velocity / np.maximum(speed, 1e-9)[:, None]
+    # Unit vectors along the flow.
+    unit = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
     # Half widths along and across the flow, m/s. The unit vector across the flow has the components swapped; the sign
     # of one of them does not matter, since they are squared.
     band_along = np.hypot(*(unit * band).T)
@@ -110,7 +113,8 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     # If the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
     direction_half_width = np.where(band_across < speed, angle, ANY_DIRECTION)
     # The wind comes from where the velocity points away from: atan2(−east, −north), clockwise from north.
-    origin = np.degrees(np.arctan2(*-velocity.T[::-1]))
+    north, east = velocity.T
+    origin = np.degrees(np.arctan2(-east, -north))
     # The remainder brings the difference to −180 … 180°.
     direction = near_direction + (origin - near_direction + 180) % 360 - 180
     return PolarWind(speed, direction, band_along, direction_half_width)

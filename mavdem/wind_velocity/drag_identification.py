@@ -191,32 +191,34 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     information_shares = np.repeat([steered_fraction**2, _turned_share(grid), 1.0], [4, 2, 4])
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
-    highest = np.nan
+    highest_value = np.nan
     former_value = np.nan
     for iteration in range(MAX_ITERATIONS):
-        about = _expand(mean, grid)
-        information = about.information * np.sqrt(np.outer(information_shares, information_shares))
+        expansion = _expand(mean, grid)
+        information = expansion.information * np.sqrt(
+            np.outer(information_shares, information_shares)
+        )
         # A drag that changes within the flight makes the innovations less informative (matrix inversion lemma).
         model_precision = np.eye(2) + MODEL_ERROR.T @ information @ MODEL_ERROR
         discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
             model_precision, MODEL_ERROR.T
         )
         # A drag that makes a strong wind of the mean force is less probable, however little is steered.
-        speed_slope = about.speed_gradient * (1 - steered_fraction)
-        speed_pull = -about.speed * speed_slope
+        speed_slope = expansion.speed_gradient * (1 - steered_fraction)
+        speed_pull = -expansion.speed * speed_slope
         covariance = np.linalg.inv(
             precision + discount @ information + np.outer(speed_slope, speed_slope)
         )
         deviation = mean - prior_mean
-        value = about.log_likelihood - deviation @ precision @ deviation / 2
-        if value > highest or np.isnan(highest):
-            highest = value
+        value = expansion.log_likelihood - deviation @ precision @ deviation / 2
+        if value > highest_value or np.isnan(highest_value):
+            highest_value = value
             best = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
         has_settled = abs(value - former_value) < SETTLED_CHANGE
         if iteration >= USUAL_ITERATIONS and has_settled:
             break
         former_value = value
-        gradient = discount @ (information_shares * about.gradient)
+        gradient = discount @ (information_shares * expansion.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
         mean = np.clip(
             mean + np.clip(step, -MAX_STEP, MAX_STEP), prior_mean - bound, prior_mean + bound
@@ -239,6 +241,10 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     Args:
         scaled_parameters: point of the expansion (10,).
         grid: motion of the flight.
+
+    Returns:
+        Value, gradient (10,) and information (10, 10) of the log likelihood, and the mean air speed by the population's
+        wind with its gradient.
     """
     steps = DIFFERENCE_STEP * np.vstack(
         [np.zeros(PARAMETER_COUNT), np.eye(PARAMETER_COUNT), -np.eye(PARAMETER_COUNT)]
@@ -246,10 +252,11 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     points = scaled_parameters + steps
 
     def central_differences(values: Array) -> Array:
+        """Returns the derivatives of values (21, …) by each parameter (10, …)."""
         # Values at the point itself come first, then those after positive steps, then those after negative steps.
-        return (values[1 : PARAMETER_COUNT + 1] - values[PARAMETER_COUNT + 1 :]) / (
-            2 * DIFFERENCE_STEP
-        )
+        after_positive_step = values[1 : PARAMETER_COUNT + 1]
+        after_negative_step = values[PARAMETER_COUNT + 1 :]
+        return (after_positive_step - after_negative_step) / (2 * DIFFERENCE_STEP)
 
     filtered_motion: FilteredMotion = filter_motion(filter_parameters(points, grid), grid)
     innovations = filtered_motion.innovations[grid.complete].swapaxes(0, 1)

@@ -242,6 +242,9 @@ def estimate_wind(
         drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's without one.
         height: (T,) m, where the wind is wanted by height.
 
+    Returns:
+        The wind with its intervals, gusts, course over time, and the drag.
+
     Raises:
         ValueError: arrays of other shapes, a time that does not ascend, or a drag that is no ``Drag``.
         NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.

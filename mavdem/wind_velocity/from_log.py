@@ -194,6 +194,9 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         signals: signals of the vehicle.
         drag: drag of the vehicle, as for :func:`wind`.
 
+    Returns:
+        The wind, with the number of its boot.
+
     Raises:
         NotLearnable: velocity, attitude or flight are missing, the vehicle is stuck, or its clock jumps.
     """
@@ -328,11 +331,10 @@ def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
         columns = telemetry.messages.get(name, {})
         if len(columns.get("vx", ())) <= 1:
             continue
-        height = (
-            -float_column(columns, "z")
-            if name == "LOCAL_POSITION_NED"
-            else float_column(columns, "relative_alt") / MILLIMETRES
-        )
+        if name == "LOCAL_POSITION_NED":
+            height = -float_column(columns, "z")
+        else:
+            height = float_column(columns, "relative_alt") / MILLIMETRES
         table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
         table.append(np.nan_to_num(height))
         for field in ("x", "y"):
@@ -364,7 +366,7 @@ def _free_flight(
     """
     rows = ground_motion.boot == boot
     velocity_time = ground_motion.time[rows]
-    values = ground_motion.values[rows]
+    ground_values = ground_motion.values[rows]
     rows_of_angles = [angle.boot == boot for angle in angles]
     if len(velocity_time) < 2 or not all(np.any(rows) for rows in rows_of_angles):
         return None
@@ -375,33 +377,33 @@ def _free_flight(
     yaw = attitude[2]
 
     # Times in free flight, between two velocities that are not too far apart.
-    flights = _flights(signals, boot, velocity_time, values[:, 3])
-    usable = intervals.in_intervals(time, flights)
-    usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
+    flights = _flights(signals, boot, velocity_time, ground_values[:, 3])
+    is_usable = intervals.in_intervals(time, flights)
+    is_usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
     # The time between the two velocities around each stamp of the attitude.
     next_velocity = np.clip(np.searchsorted(velocity_time, time), 1, len(velocity_time) - 1)
     gaps = velocity_time[next_velocity] - velocity_time[next_velocity - 1]
-    usable &= gaps <= MAX_VELOCITY_GAP
+    is_usable &= gaps <= MAX_VELOCITY_GAP
 
-    reset_times = velocity_time[1:][_motion_resets(velocity_time, values)]
+    reset_times = velocity_time[1:][_motion_resets(velocity_time, ground_values)]
     around_resets = [(reset - MAX_VELOCITY_GAP, reset + MAX_VELOCITY_GAP) for reset in reset_times]
-    usable &= ~intervals.in_intervals(time, around_resets)
+    is_usable &= ~intervals.in_intervals(time, around_resets)
 
     yaw_resets = _resets(time, yaw, YAW_RESET, period=2 * np.pi)
     # After the flight, a jump of the yaw is a fall or a spin.
     yaw_resets &= time[1:] < np.max(flights, initial=0)
     last_yaw_reset = np.max(time[1:][yaw_resets], initial=-np.inf)
-    usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
+    is_usable &= time > last_yaw_reset + MAX_VELOCITY_GAP
 
-    usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
-    usable &= measures_velocity(signals.telemetry, boot, time)
-    motion = interpolated(time, velocity_time, values[:, :4])
-    usable &= np.linalg.norm(motion[:, :2], axis=1) <= MAX_GROUND_SPEED
+    is_usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
+    is_usable &= measures_velocity(signals.telemetry, boot, time)
+    motion = interpolated(time, velocity_time, ground_values[:, :4])
+    is_usable &= np.linalg.norm(motion[:, :2], axis=1) <= MAX_GROUND_SPEED
     return _FlightMotion(
-        time[usable],
-        np.column_stack(attitude)[usable],
-        motion[usable, :3],
-        motion[usable, 3],
+        time[is_usable],
+        np.column_stack(attitude)[is_usable],
+        motion[is_usable, :3],
+        motion[is_usable, 3],
     )
 
 

@@ -98,6 +98,9 @@ MAX_DEVIATION = np.array([4.0, 6.0, 3.0, 3.0, 5.0, 5.0])
 It is a factor of 20 to 400 for the logarithms, and in m/s² for the lean.
 """
 
+PARAMETER_DECIMALS = 6
+"""Decimals of a parameter that are compared with its factory value: it was a float of 32 bits."""
+
 
 class AxisDrag(NamedTuple):
     """Drag coefficients along body x and y."""
@@ -178,7 +181,7 @@ class Drag(ImmutableResult):
         configured = {
             name: value
             for name, value in parameters.items()
-            if round(value, 6) not in FACTORY_VALUES.get(name, ())
+            if round(value, PARAMETER_DECIMALS) not in FACTORY_VALUES.get(name, ())
         }
         momentum = configured.get(momentum_name, 0.0)
         ballistic_x = configured.get(f"{ballistic_prefix}X", 0.0)

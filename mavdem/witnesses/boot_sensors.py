@@ -478,8 +478,8 @@ class BootSensors:
             if run_length == needed_windows:
                 first = row - needed_windows + 1
                 angles = record.angle[first : row + 1]
-                known = angles[np.isfinite(angles)]
-                angle = float(np.median(known)) if len(known) else None
+                known_angles = angles[np.isfinite(angles)]
+                angle = float(np.median(known_angles)) if len(known_angles) else None
                 source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
                 return Rest(float(record.start[first]), angle, source)
         return None

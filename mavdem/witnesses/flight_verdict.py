@@ -82,8 +82,11 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
         return FlightVerdict(None, (), had_power=False)
     # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
     barometer = height_witnesses(signals, boot).barometer
-    height = barometer if barometer is not None else series_of_boot(signals.height, boot)
-    source = "barometer" if barometer is not None else "estimate"
+    height = barometer
+    source = "barometer"
+    if height is None:
+        height = series_of_boot(signals.height, boot)
+        source = "estimate"
     rise = None if height is None else _rise(height, powered_spans)
     statements = (*_rise_statements(rise, source), *_rotation_statements(signals, boot))
     support = supporting_statements(statements)

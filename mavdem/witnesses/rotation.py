@@ -154,6 +154,10 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
         angles: (N, 2) roll and pitch, rad.
         setpoints: (N, 2) their setpoints, rad; NaN where there is none.
         is_powered: (N,) whether the motors could carry the vehicle.
+
+    Returns:
+        Whether the vehicle answers, None if that is not known; the correlation by which it does; and the larger of the
+        median errors of roll and pitch, rad.
     """
     # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
     grid = np.arange(time[0], time[-1], 1 / ANSWER_RATE)

@@ -165,17 +165,17 @@ class SensorTrust:
         Others are named unless the parameters exclude them: whether they are spare is not known from every log.
         """
         accelerometer = self.accelerometer
-        wrong = tuple(
-            other.name
-            for other in self.accelerometers
-            if other is not accelerometer and other.is_used is not False and other.is_sound is False
-        )
+        unsound_names = []
+        for candidate in self.accelerometers:
+            may_be_used = candidate.is_used is not False
+            if candidate is not accelerometer and may_be_used and candidate.is_sound is False:
+                unsound_names.append(candidate.name)
         return Fact(
             Trust.ACCELEROMETER,
             _level(self.is_accelerometer_sound),
             name="" if accelerometer is None else accelerometer.name,
             acceleration=None if accelerometer is None else accelerometer.gravity_at_rest,
-            names=wrong,
+            names=tuple(unsound_names),
             boot=self.boot,
         )
 

@@ -59,9 +59,11 @@ def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
     near_time = series.time[is_near]
     speeds = np.linalg.norm(series.values[is_near], axis=1)
     for speed, sample_time in zip(speeds, near_time, strict=True):
-        since = near_time - sample_time
+        seconds_after_sample = near_time - sample_time
         # The smallest speed after each sample, so that a rebound does not hide the stop.
-        lowest_later = speeds[(since >= 0) & (since <= STOP_SECONDS)].min()
+        lowest_later = speeds[
+            (seconds_after_sample >= 0) & (seconds_after_sample <= STOP_SECONDS)
+        ].min()
         if _is_stop(speed, lowest_later):
             return True
     for speed, speed_after, step in zip(speeds[:-1], speeds[1:], np.diff(near_time), strict=True):

@@ -81,6 +81,18 @@ CELLS_OF_MESSAGE = 10
 UNKNOWN_VOLTAGE = np.iinfo(np.uint16).max
 """Value of a cell of BATTERY_STATUS that does not exist."""
 
+BATTERY_FOR_ALL = mavlink_constant("MAV_BATTERY_FUNCTION_ALL")
+"""The battery supplies all of the vehicle."""
+
+LITHIUM_POLYMER = mavlink_constant("MAV_BATTERY_TYPE_LIPO")
+"""Chemistry of the battery."""
+
+UNKNOWN_TEMPERATURE = np.iinfo(np.int16).max
+"""Temperature of BATTERY_STATUS that is not measured."""
+
+UNKNOWN_ENERGY = -1
+"""Consumed energy of BATTERY_STATUS that is not measured."""
+
 
 def instrument_fields(
     name: str,
@@ -244,13 +256,13 @@ def _battery_fields(motion: InstrumentedMotion, boot_microseconds: NDArray[np.in
     current_shares = np.where(is_second, SECOND_BATTERY_SHARE, 1.0)
     return {
         "id": battery,
-        "battery_function": 1,
-        "type": 1,
-        "temperature": np.iinfo(np.int16).max,
+        "battery_function": BATTERY_FOR_ALL,
+        "type": LITHIUM_POLYMER,
+        "temperature": UNKNOWN_TEMPERATURE,
         "voltages": voltages,
         "current_battery": np.round(100 * motion.battery_current * current_shares),
         "current_consumed": np.round(BATTERY_CAPACITY * (1 - charge)),
-        "energy_consumed": -1,
+        "energy_consumed": UNKNOWN_ENERGY,
         "battery_remaining": np.round(100 * charge),
     }
 

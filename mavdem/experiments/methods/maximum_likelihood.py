@@ -116,6 +116,9 @@ class PredictionErrorLikelihood(NamedTuple):
 
         Args:
             parameters: (f,) parameter vector.
+
+        Returns:
+            A copy of the likelihood with these values.
         """
         arrays = self._parameter_arrays
         ends = np.cumsum([array.size for array in arrays])
@@ -332,9 +335,13 @@ def maximize_expected_likelihood(
         model: model of the last iteration, for its shapes: n states, k inputs, m outputs.
         smoothed_states: the states of each segment under that model.
         segments: inputs (T, k) and outputs (T, m) of each segment.
+
+    Returns:
+        The model of the next iteration.
     """
     n, k = model.B.shape
     m = len(model.C)
+    # Products of all columns with all columns, for each segment.
     dynamics_products = []
     observation_products = []
     for (inputs, outputs), states in zip(segments, smoothed_states, strict=True):

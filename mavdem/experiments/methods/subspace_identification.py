@@ -72,6 +72,9 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
         segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
 
+    Returns:
+        The model in innovation form, with the first state of each segment.
+
     Raises:
         NotLearnable: too few samples for the order, or states that the outputs do not show.
     """
@@ -150,7 +153,9 @@ def choose_horizon(segments: Segments, order: int) -> int:
     Raises:
         NotLearnable: too few samples even for the shortest horizon.
     """
-    k, m = (int(table.shape[1]) for table in segments[0])
+    inputs, outputs = segments[0]
+    k = inputs.shape[1]
+    m = outputs.shape[1]
     # The h · m outputs of the future must be more than the n states that they show.
     min_horizon = order // m + 1
     lengths = np.array([len(outputs) for _, outputs in segments])
@@ -160,6 +165,7 @@ def choose_horizon(segments: Segments, order: int) -> int:
         return 1 + 2 * horizon * (k + m)
 
     def windows_per_regressor(horizon: int) -> float:
+        """Returns the number of windows of 2 h samples in all segments, for each regressor."""
         # A segment of T samples has T − 2 h + 1 windows.
         windows = np.maximum(lengths - 2 * horizon + 1, 0).sum()
         return float(windows / regressors_of(horizon))

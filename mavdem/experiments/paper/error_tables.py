@@ -22,6 +22,9 @@ def errors_by_experiment(heading: str, errors: Mapping[str, Array], numbers: lis
         heading: heading of the column with the names of the methods.
         errors: MSPE (experiments, priors) by name of the method.
         numbers: numbers of the experiments.
+
+    Returns:
+        The table.
     """
     rows = []
     for name, method_errors in errors.items():
@@ -34,4 +37,5 @@ def errors_by_experiment(heading: str, errors: Mapping[str, Array], numbers: lis
                 cell += f" ({rounded(low, 3)}–{rounded(high, 3)})"
             cells.append(cell)
         rows.append([name, *cells, rounded(medians.sum(), 3)])
-    return Table([heading, *(f"expt {number}" for number in numbers), "total"], rows)
+    experiment_headings = [f"expt {number}" for number in numbers]
+    return Table([heading, *experiment_headings, "total"], rows)

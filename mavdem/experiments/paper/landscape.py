@@ -67,6 +67,9 @@ It is not the truth, because the solution would then be the mean of the priors.
 CIRCLE_ITERATIONS = 40
 """Iterations of the ascent from each prior of the circle; a choice."""
 
+COLOUR_RANGE = (1e2, 1e7)
+"""Distances below the peak, nats, that the ends of the colour scale stand for; a choice."""
+
 
 def run(runner: Runner) -> ExperimentResult:
     """Checks the paper's claims on the free energy F̄ᵒ of a scalar system as a function of its parameters A and B.
@@ -288,7 +291,7 @@ def _draw_manifold(axes: Axes, model: GenerativeModel, posterior: Posterior) -> 
         nats_below_peak,
         [lowest_level, *CONTOUR_LEVELS, highest_level],
         cmap="viridis_r",
-        norm=LogNorm(1e2, 1e7),
+        norm=LogNorm(*COLOUR_RANGE),
     )
     # As vectors, the filled contours would make the page large.
     contours.set_rasterized(True)

@@ -167,18 +167,20 @@ def _order_choices(runner: Runner, flights: Sequence[Flight]) -> dict[tuple[str,
     Args:
         runner: runs the searches in several processes.
         flights: hovers with the outputs of all systems.
+
+    Returns:
+        The choice for each kind of inputs and each system, by all flights together.
     """
     searches = []
     for inputs in SETTINGS_BY_INPUTS:
         for system in SYSTEMS:
             for flight in flights:
                 searches.append(SystemFlight(system, inputs, _system_flight(flight, system)))
-    results = iter(runner.map_jobs(search_orders, searches))
-    choices = {}
-    for inputs in SETTINGS_BY_INPUTS:
-        for system in SYSTEMS:
-            choices[inputs, system] = OrderChoice(tuple(next(results) for _ in flights))
-    return choices
+    results = runner.map_jobs(search_orders, searches)
+    results_by_case: dict[tuple[str, int], list[FlightFreeEnergy]] = {}
+    for search, result in zip(searches, results, strict=True):
+        results_by_case.setdefault((search.inputs, search.system), []).append(result)
+    return {case: OrderChoice(tuple(results)) for case, results in results_by_case.items()}
 
 
 def _calm_choices(runner: Runner) -> dict[int, OrderChoice]:
@@ -377,6 +379,9 @@ def _order_tables(
         choices: choices of the model search, by inputs and system.
         free_energies: F̄ of the paper's fits (systems, flights, orders), nats, by inputs.
         saturation_orders: orders by the paper's rule, for each of ``SYSTEMS``, by inputs.
+
+    Returns:
+        The sentence and the table.
     """
     rows = []
     for inputs in SETTINGS_BY_INPUTS:

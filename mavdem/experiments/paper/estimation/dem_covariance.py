@@ -49,16 +49,21 @@ def generative_model(record: NoisyRecord) -> GenerativeModel:
 
     Args:
         record: T samples with the system matrices, and the variances and smoothness of its process noise.
+
+    Returns:
+        The model of n states, all of which are measured, and r inputs. λ has the log precisions of the measurement
+        noises (n), whose prior is weak, and then those of the process noises (n), which are known.
     """
     n, r = record.B.shape
+    # All states are measured: C is the identity.
     theta = pack(record.A, record.B, np.eye(n))
     # DEM's noise cannot be white. In its place a smoothness of one sampling step is assumed, as by ``mavdem learn``.
     smoothness = record.smoothness or record.dt
     process_smoothness = record.process_smoothness or record.dt
     # The noise of the continuous model has the unit of the states per second.
     process_precisions = record.dt**2 / record.process_variances
-    lambda_mean = np.append(np.full(n, FIRST_LOG_PRECISION), np.log(process_precisions))
-    lambda_precision = np.append(np.full(n, UNKNOWN_PRECISION), np.full(n, KNOWN_PRECISION))
+    lambda_mean = np.concatenate([np.full(n, FIRST_LOG_PRECISION), np.log(process_precisions)])
+    lambda_precision = np.repeat([UNKNOWN_PRECISION, KNOWN_PRECISION], n)
     return GenerativeModel(
         n=n,
         r=r,
@@ -72,17 +77,29 @@ def generative_model(record: NoisyRecord) -> GenerativeModel:
         state_groups=n + np.arange(n),
         input_precision=KNOWN_PRECISION * np.eye(r * (INPUT_ORDER + 1)),
         prior=Prior(
-            theta, KNOWN_PRECISION * np.eye(len(theta)), lambda_mean, np.diag(lambda_precision)
+            theta_mean=theta,
+            theta_precision=KNOWN_PRECISION * np.eye(len(theta)),
+            lambda_mean=lambda_mean,
+            lambda_precision=np.diag(lambda_precision),
         ),
     )
 
 
 def generalized_data(record: NoisyRecord) -> Array:
-    """Returns the generalized outputs and inputs [ỹ; η̃] of a record, one row for each sample with a whole window."""
+    """Embeds the outputs and inputs of a record in generalized coordinates.
+
+    Args:
+        record: T samples.
+
+    Returns:
+        A row [ỹ; η̃] for each sample with a whole window of ``ORDER`` + 1 samples around it. The derivatives of the
+        outputs reach up to ``ORDER``, those of the inputs up to ``INPUT_ORDER``.
+    """
     center = ORDER // 2
     outputs = embed(record.outputs, ORDER, record.dt, ORDER + 1, center)
     inputs = embed(record.inputs, ORDER, record.dt, ORDER + 1, center)
-    return np.hstack([outputs, inputs[:, : record.B.shape[1] * (INPUT_ORDER + 1)]])
+    used_columns = record.B.shape[1] * (INPUT_ORDER + 1)
+    return np.hstack([outputs, inputs[:, :used_columns]])
 
 
 def first_posterior(model: GenerativeModel, statistics: SufficientStatistics) -> Posterior:

@@ -263,10 +263,15 @@ def _online_factors(records: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
     Args:
         records: log errors of the variances by estimator, for each record.
+
+    Returns:
+        Geometric means over the records, 1 for right variances.
     """
-    return {
-        name: float(np.exp(np.mean([errors[name] for errors in records]))) for name in records[0]
-    }
+    factors = {}
+    for name in records[0]:
+        mean_log_error = np.mean([errors[name] for errors in records])
+        factors[name] = float(np.exp(mean_log_error))
+    return factors
 
 
 def _nested_values(
@@ -358,7 +363,10 @@ def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> l
 
     Args:
         errors: errors by noise and estimator.
-        data: names the records in the sentences.
+        data: name of the records in the sentences.
+
+    Returns:
+        A sentence and the table of variances, then a sentence and the table of states.
     """
     noises = list(errors)
     errors_in_first_noise = errors[noises[0]]

@@ -609,6 +609,9 @@ def _delay_picture(errors_by_delay: Mapping[str, Mapping[str, Array]]) -> Pictur
 
     Args:
         errors_by_delay: (delays,) mean SSE, by wind and observer.
+
+    Returns:
+        The picture, with a panel for each wind and a line for each of ``COMPARED_OBSERVERS``.
     """
     panels = {}
     for wind, errors in errors_by_delay.items():
