@@ -174,7 +174,7 @@ def hanging(tmp_path):
 
 
 @mark.slow
-@mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
 def test_an_ended_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path, hanging, number):
     run, names = hanging
     for _ in range(2):  # impatience changes nothing
