@@ -176,32 +176,34 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     selection = np.linspace(0, count - 1, min(count, MAX_SELECTION_WINDOWS)).round().astype(int)
     selected_windows = windows.select(selection)
     model, prior_start = initial_model(selected_windows, directions)
-    start = best_start(model, prior_start, selected_windows)
+    start_theta = best_start(model, prior_start, selected_windows)
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)
         # Each fit begins where the last one ended. Noise is the last entry of θ, behind those of the wind torque, so a
         # component that this spectrum adds comes just before it, and begins at the prior.
-        initial, _ = candidate.prior
-        initial[: len(start) - 1] = start[:-1]
-        initial[-1] = start[-1]
+        initial_theta, _ = candidate.prior
+        initial_theta[: len(start_theta) - 1] = start_theta[:-1]
+        initial_theta[-1] = start_theta[-1]
         try:
-            fits.append(fit_gray_box(candidate, selected_windows, initial))
+            fits.append(fit_gray_box(candidate, selected_windows, initial_theta))
         except LinAlgError:
             continue
-        start = fits[-1].theta
+        start_theta = fits[-1].theta
 
-    best = max(fits, key=lambda fit: fit.evidence)
+    best_fit = max(fits, key=lambda fit: fit.evidence)
     for name in REFINEMENTS:
-        candidate = best.model._replace(refinements=(*best.model.refinements, name))
-        initial = np.append(best.theta, 0.0)
+        candidate = best_fit.model._replace(refinements=(*best_fit.model.refinements, name))
+        initial_theta = np.append(best_fit.theta, 0.0)
         with suppress(LinAlgError):
-            refined_fit = fit_gray_box(candidate, selected_windows, initial, STRONG_EVIDENCE_NATS)
+            refined_fit = fit_gray_box(
+                candidate, selected_windows, initial_theta, STRONG_EVIDENCE_NATS
+            )
             if _is_possible(refined_fit):
-                best = max(best, refined_fit, key=lambda fit: fit.evidence)
+                best_fit = max(best_fit, refined_fit, key=lambda fit: fit.evidence)
 
     logarithms = [_log_estimates(_plant_values(fit.model, fit.theta, windows.dt)) for fit in fits]
-    return _SelectedModel(best, np.ptp(logarithms, axis=0))
+    return _SelectedModel(best_fit, np.ptp(logarithms, axis=0))
 
 
 def _is_possible(fit: GrayBoxFit) -> bool:
@@ -241,12 +243,16 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
         fit: the fit of the gray-box model to all windows.
         spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
         windows: windows of the flight.
+
+    Returns:
+        The parameters, read-only.
     """
     model = fit.model
     theta = fit.theta
     r = model.motors
 
     def values_at(theta: Array) -> Array:
+        """Returns effects, damping, lag and delay (r + 3,) at θ."""
         return _plant_values(model, theta, windows.dt)
 
     values = values_at(theta)
@@ -283,7 +289,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
         covariance, values, relative[0, :r], spectrum_range, bias, effect_unknown, figures
     )
 
-    # So far effects are per common standard deviation of the inputs.
+    # So far effects are per common standard deviation of the inputs. Damping, lag and delay keep their units.
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = np.sqrt(np.mean(fit.levels**2))
     sizes = level * model.wind_sizes(theta)

@@ -271,13 +271,15 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
 
     # Commands that change faster than the samples are partly unseen, and so is the motion that they cause.
     if figures.alias_share > MAX_ALIAS_SHARE:
-        aliased = Fact(ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate)
-        yield _Obstacle(Status.NOT_IDENTIFIABLE, aliased)
+        too_fast_commands = Fact(
+            ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate
+        )
+        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_fast_commands)
 
     # Random error of the estimate.
     relative_sd = figures.sd[name]
-    uncertain = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
-    yield _Obstacle(RELATIVE_SD[name].status(relative_sd), uncertain)
+    uncertain_estimate = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
+    yield _Obstacle(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
 
     spectrum_range = figures.spectrum_range[name]
     # The spectrum of the wind is assumed. An estimate that depends on the assumption is in doubt. The fact states the
@@ -293,8 +295,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
 
     # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
-        too_short = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
-        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short)
+        too_short_lag = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
+        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short_lag)
 
     # Slow samples do not separate a short motor lag from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE

@@ -349,7 +349,8 @@ class GrayBoxModel(NamedTuple):
         # Row i + 1 of the points has entry i of θ changed. First come the common effect and those of the motors, which
         # need no new responses: these rows are taken with the point itself. Then come damping, lag and delay, sizes and
         # times of the wind torque, the noise, and last the refinements.
-        effect_rows = slice(0, self.motors + 2)
+        effect_count = 1 + self.motors
+        effect_rows = slice(0, 1 + effect_count)
         plant_rows = [
             self.damping_index + 1,
             self.lag_index + 1,
@@ -369,7 +370,7 @@ class GrayBoxModel(NamedTuple):
         rate_per_effect = np.einsum("crwf,cf->rwf", inputs, responses[:, 0])
         effects = self.effect(points[effect_rows]).astype(complex)
         rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
-        rate_by_motors[self.motors + 2 :] = rate_by_motors[0]
+        rate_by_motors[effect_rows.stop :] = rate_by_motors[0]
         torques = np.einsum("crwf,r->cwf", inputs, effects[0])
         rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses[:, 1:])
 

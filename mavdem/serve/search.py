@@ -82,6 +82,7 @@ def search_condition(text: str) -> SqlCondition:
     Returns:
         The condition on the table ``entries``; all entries meet that of an empty search.
     """
+    # The condition that is always true stands first, so that an empty search has one.
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:
         term = TERM_PATTERN.fullmatch(word)
@@ -89,8 +90,11 @@ def search_condition(text: str) -> SqlCondition:
         if condition is None:
             condition = _contains(SEARCHED_TEXT_SQL, word)
         conditions.append(condition)
-    values = tuple(value for condition in conditions for value in condition.values)
-    return SqlCondition(" and ".join(condition.where for condition in conditions), values)
+    where = " and ".join(condition.where for condition in conditions)
+    values: list[Any] = []
+    for condition in conditions:
+        values += condition.values
+    return SqlCondition(where, tuple(values))
 
 
 def search_problems(text: str) -> list[str]:

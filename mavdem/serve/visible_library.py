@@ -149,8 +149,10 @@ class VisibleLibrary:
             # An entry is listed under one vehicle; a log may have rows of others.
             if row.health in TROUBLED_HEALTHS and row.vehicle == entry_by_path[row.file].vehicle:
                 rows.append(row)
-        rows_by_file = group_by(rows, lambda row: row.file)
-        return {entry_by_path[file].id: worst_row(rows) for file, rows in rows_by_file.items()}
+        worst_rows = {}
+        for file, rows_of_file in group_by(rows, lambda row: row.file).items():
+            worst_rows[entry_by_path[file].id] = worst_row(rows_of_file)
+        return worst_rows
 
     def documents(self, entries: Sequence[Entry]) -> list[Flight]:
         """Returns the documents of flights, with the names that were given to them and to their vehicles.

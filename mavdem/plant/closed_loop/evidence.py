@@ -159,6 +159,9 @@ def steady_likelihood(
         samples: (T, 3) centred samples.
         trim_covariance: (3, 3) prior covariance of the trims.
 
+    Returns:
+        For each model (B,) the log likelihood, the innovations (T, 3), and their covariance F.
+
     Raises:
         numpy.linalg.LinAlgError: a model has no steady filter.
     """

@@ -212,6 +212,9 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     Args:
         posterior: the log posterior.
         maximum: its expansion about the maximum.
+
+    Returns:
+        The terms, nats, whose sum is F̄, and the log density of each sample.
     """
     data = posterior.data
     theta = maximum.point

@@ -219,26 +219,28 @@ def _mixture_of_modes(
     Raises:
         numpy.linalg.LinAlgError: no ascent has a finite value.
     """
-    finite = [ascent for ascent in ascents if np.isfinite(ascent.value)]
-    if not finite:
+    finite_ascents = [ascent for ascent in ascents if np.isfinite(ascent.value)]
+    if not finite_ascents:
         raise np.linalg.LinAlgError("nothing has a likelihood")
     # Ascents that end at the same rounded step time found the same mode: the highest, which comes last, stays.
     mode_by_step_time = dict[int, QuadraticExpansion]()
-    for ascent in sorted(finite, key=lambda ascent: ascent.value):
+    for ascent in sorted(finite_ascents, key=lambda ascent: ascent.value):
         mode_by_step_time[round(ascent.point[STEP_TIME])] = ascent
     modes = list(mode_by_step_time.values())
 
     log_evidences = [mode.value - np.linalg.slogdet(mode.curvature)[1] / 2 for mode in modes]
     weights = softmax(log_evidences)
-    thetas = np.array([mode.point for mode in modes])
-    mean = weights @ thetas
+    mode_points = np.array([mode.point for mode in modes])
+    mean = weights @ mode_points
     # By the law of total variance: the mean covariance within the modes, and the covariance of their means.
-    within = sum(
+    covariance_within = sum(
         weight * _covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
     )
-    between = (thetas - mean).T * weights @ (thetas - mean)
-    return IdentifiedAxis(posterior, mean, within + between, thetas[np.argmax(weights)])
+    covariance_between = (mode_points - mean).T * weights @ (mode_points - mean)
+    return IdentifiedAxis(
+        posterior, mean, covariance_within + covariance_between, mode_points[np.argmax(weights)]
+    )
 
 
 def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
@@ -281,10 +283,10 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
     # ln(τ d) is positive where the poles must be exchanged. The new values are d' = 1/τ = d / (τ d), τ' = 1/d = τ /
     # (τ d) and b' = b / (τ d): ln(τ d) is subtracted from each logarithm.
     log_pole_ratio = max(theta[damping] + theta[lag], 0.0)
-    exchanged = theta.copy()
-    exchanged[[damping, lag]] -= log_pole_ratio
-    exchanged[effect] -= log_pole_ratio
-    return exchanged
+    exchanged_theta = theta.copy()
+    exchanged_theta[[damping, lag]] -= log_pole_ratio
+    exchanged_theta[effect] -= log_pole_ratio
+    return exchanged_theta
 
 
 def _nats_below(mode: QuadraticExpansion, theta: Array) -> float:

@@ -75,6 +75,7 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         return size * (1 + (frequency / corner) ** 2) ** -exponent + white
 
     def negative_log_likelihood(logarithms: Array) -> float:
+        """Returns the negative log likelihood of the power law with these logarithms (4,)."""
         # Whittle: a periodogram value I of the density S has the negative log likelihood ln S + I / S.
         folded = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
         return (np.log(folded) + density / folded).sum()

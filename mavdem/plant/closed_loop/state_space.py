@@ -309,14 +309,25 @@ class ContinuousLoop(NamedTuple):
     """(…, n, n) system matrix, 1/s."""
 
     noise_gains: Array
-    """(…, n, sources) gains g of the white noises, of which the setpoint's is the first."""
+    """(…, n, sources) gains g of the white noises, in the order of ``WhiteNoise``."""
 
     output: Array
     """(…, 3, n) output matrix."""
 
 
-SOURCES = 6
-"""Number of white noises: of setpoint, gyro, actuation, drift, eddies and gusts."""
+class WhiteNoise(IntEnum):
+    """Index of each white noise that drives the loop."""
+
+    SETPOINT = 0
+    GYRO = 1
+    ACTUATION = 2
+    DRIFT = 3
+    EDDY = 4
+    GUST = 5
+
+
+SOURCES = len(WhiteNoise)
+"""Number of white noises."""
 
 
 def continuous_loop(parameters: GenerativeParameters, controller: LoopController) -> ContinuousLoop:
@@ -477,25 +488,28 @@ def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) 
     A[..., State.SETPOINT, State.SETPOINT_SLOPE] = 1.0
     A[..., State.SETPOINT_SLOPE, State.SETPOINT] = -(kappa**2)
     A[..., State.SETPOINT_SLOPE, State.SETPOINT_SLOPE] = -2 * kappa
-    noise_gains[..., State.SETPOINT_SLOPE, 0] = 2 * kappa**1.5 * parameters.setpoint_size
+    noise_gains[..., State.SETPOINT_SLOPE, WhiteNoise.SETPOINT] = (
+        2 * kappa**1.5 * parameters.setpoint_size
+    )
     gyro_bandwidth = 2 * np.pi * parameters.gyro_cutoff
-    noise_gains[..., State.GYRO_SLOPE, 1] = (
+    noise_gains[..., State.GYRO_SLOPE, WhiteNoise.GYRO] = (
         gyro_bandwidth**2 * parameters.gyro_noise * np.sqrt(GYRO_CYCLE)
     )
 
     # First-order noises of variance 1.
-    first_order_times = {
-        State.ACTUATION: np.full(shape, ACTUATION_TIME),
-        State.DRIFT: parameters.drift_time,
-        State.EDDY: parameters.eddy_time,
-    }
-    for source, (state, time) in enumerate(first_order_times.items(), start=2):
+    first_order_noises = (
+        (State.ACTUATION, WhiteNoise.ACTUATION, np.full(shape, ACTUATION_TIME)),
+        (State.DRIFT, WhiteNoise.DRIFT, parameters.drift_time),
+        (State.EDDY, WhiteNoise.EDDY, parameters.eddy_time),
+    )
+    for state, source, time in first_order_noises:
         A[..., state, state] = FIRST_ORDER.A[0, 0] / time
         noise_gains[..., state, source] = np.sqrt(FIRST_ORDER.Q[0, 0] / time)
     # The smooth wind torque. The intensity of its white noise is diagonal, with one entry.
     gust_time = parameters.gust_time[..., None, None]
     A[..., GUST_STATES, GUST_STATES] = GAUSSIAN_KERNEL.A / gust_time
-    noise_gains[..., GUST_STATES, -1] = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])
+    gust_gains = np.sqrt(GAUSSIAN_KERNEL.Q.diagonal() / gust_time[..., 0])
+    noise_gains[..., GUST_STATES, WhiteNoise.GUST] = gust_gains
 
 
 def wind_torque_output(theta: Array, state_sd: Array) -> Array:
@@ -567,8 +581,9 @@ def setpoint_process_covariance(
         measured.
     """
     loop = continuous_loop(GenerativeParameters(*np.exp(theta)), controller)
-    # The setpoint's noise is the first of the white noises.
-    setpoint_loop = loop._replace(noise_gains=loop.noise_gains[:, :1])
+    # A slice, so that the dimension of the white noises stays.
+    only_setpoint = slice(WhiteNoise.SETPOINT, WhiteNoise.SETPOINT + 1)
+    setpoint_loop = loop._replace(noise_gains=loop.noise_gains[:, only_setpoint])
     step = _step_of_loop(setpoint_loop, dt)
     scale = np.outer(state_sd, state_sd)
     return step.process_covariance / scale, step.stationary_covariance / scale
