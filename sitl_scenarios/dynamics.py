@@ -175,6 +175,8 @@ def disturbance_of_states(
 ) -> Disturbance:
     """Computes what disturbs a vehicle in N states in the air, all at once.
 
+    ``tests/scenarios/test_body.py`` checks that it is that of each state.
+
     Args:
         vehicle: Vehicle of a scenario.
         condition: Damage that acts on it.

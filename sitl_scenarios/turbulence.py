@@ -119,6 +119,8 @@ def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> Turbul
 
     whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both horizontal axes get this.
 
+    ``tests/scenarios/test_wind.py`` compares the scales with the standard's figures.
+
     Args:
         wind: Mean speed and intensity.
         height: Height above the ground, m.
@@ -174,6 +176,8 @@ def dryden_transverse(time_constant: float, dt: float, samples: int, noise: Gene
     [[1/2, 1/4], [1/4, 1/4]]; after a = dt/T the old ones count e^(−a) [[1, 0], [a, 1]], and what the noise adds has the
     covariance Q = ∫₀ᵃ [1, u; u, u²] e^(−2u) du (C. Van Loan, "Computing integrals involving the matrix exponential",
     1978): incomplete gamma functions, which lose no digits at small a.
+
+    ``tests/scenarios/test_wind.py`` tests the autocorrelation of the draws.
 
     Args:
         time_constant: T = L/V, s.
@@ -259,6 +263,8 @@ def von_karman_noise(
 
     Circulant embedding (C. Dietrich and G. Newsam, SIAM J. Sci. Comput. 1997) draws a series of just their
     autocorrelations. A synthesis from samples of the spectrum lacks what lies beyond half the sampling rate.
+
+    ``tests/scenarios/test_wind.py`` tests the autocorrelation of the draws.
 
     Args:
         autocorrelation: Autocorrelation along or across the wind, as a function of lags in units of L/V.

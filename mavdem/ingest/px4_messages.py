@@ -118,6 +118,8 @@ def interpolated_rotations(
     quaternions q and p at the angle θ: (sin((1 − s) θ) q + sin(s θ) p) / sin θ. SciPy's Slerp gives the same, through
     rotation vectors, in some ten times the time.
 
+    ``tests/ingest/test_ulog.py`` compares it with SciPy's.
+
     Args:
         query_time: Times (M,), s, at which rotations are wanted.
         time: Times (N,) of the rotations, s, ascending.

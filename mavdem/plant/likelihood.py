@@ -337,6 +337,8 @@ class GrayBoxModel(NamedTuple):
         They are those of :meth:`innovations`. But what an entry does not change is computed only once: entries of the
         effect change neither the axis' response nor the noise, and those of the noise not the motors' part of the rate.
 
+        ``tests/plant/test_physical.py`` compares them with those of :meth:`innovations` at the changed parameters.
+
         Args:
             theta: parameters θ (k,).
             steps: change of each parameter (k,).

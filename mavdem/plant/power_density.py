@@ -48,6 +48,8 @@ def window_densities(
 
     Windows overlap by half: window i, from 0, begins at sample i times half of the window, rounded up.
 
+    ``tests/plant/test_power_density.py`` compares them with SciPy's.
+
     Args:
         values: (…, N) samples of any number of signals.
         rate: sampling rate, Hz.

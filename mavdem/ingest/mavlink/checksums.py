@@ -139,6 +139,8 @@ class BlockChecksums:
     def checksums(self, first: Offsets, end: Offsets) -> Registers:
         """Returns the checksums of pieces of the block.
 
+        ``tests/ingest/test_checksums.py`` compares them with pymavlink's.
+
         Args:
             first: Offset of the first byte of each piece (N,).
             end: Offset behind its last byte (N,), at most ``ROW_BYTES`` later.

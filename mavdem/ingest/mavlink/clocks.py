@@ -151,6 +151,8 @@ def outlier_stamps(stamps: Times) -> Flags:
 def boot_clock(message_types: Sequence[MessageStamps]) -> tuple[dict[str, BootTimes], Facts]:
     """Puts every message of a component on its boot clock.
 
+    ``tests/ingest/test_clocks.py`` has streams with wraps, restarts, late messages, outliers and UNIX times.
+
     Args:
         message_types: The messages that the component sent, by type.
 
@@ -393,6 +395,8 @@ def _reboot_rows(time: Times) -> Rows:
     time may be mixed with those of the first. There the former clock must not come back for as long as
     ``MAX_LATE_SECONDS`` last. An autopilot that restarts seconds after its start may reach the former clock in this
     time, but step by step.
+
+    ``tests/ingest/test_clocks.py`` has a stream for each of these cases.
 
     Args:
         time: Stamps (n,) in stream order, s, wraps undone.

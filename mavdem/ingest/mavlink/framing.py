@@ -191,6 +191,8 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
 
     Isolated candidates after the last linked frame wait for a later block, whose linked frames may rule them out.
 
+    ``tests/ingest/test_framing.py`` compares the frames with those that pymavlink finds, also in damaged streams.
+
     Args:
         data: Bytes (B,) of the stream.
         crc_extras: CRC_EXTRA by message id, -1 where the dialect has no such message.

@@ -157,6 +157,8 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
     Around a copy, while a second link is known, each frame is compared with those before it. The frames between are
     taken in runs.
 
+    ``tests/ingest/test_sender_runs.py`` checks that runs of frames give the same as frames one by one.
+
     Args:
         data: Bytes (B,) of the stream.
         frames: The frames (n,) of one sender, in stream order.

@@ -94,6 +94,8 @@ def write_series(
 ) -> None:
     """Writes columns over time as JSON, one message per row; a value that is not finite becomes null.
 
+    ``tests/ingest/test_mcap_series.py`` compares the file with that of the library's writer.
+
     Args:
         file: Open file to write to.
         series: Times (T,), s, from 0 on, and columns (T,), by topic. Messages of all topics are written in the order of

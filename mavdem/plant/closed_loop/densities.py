@@ -258,6 +258,8 @@ class DensityModel:
         synchronous steps changes their phases. All others change only the density of a source: the derivative of that
         density is the density times a logarithmic slope, d ln density / dθ, and passes the same responses.
 
+        ``tests/plant/test_closed_loop.py`` compares the derivatives with finite differences.
+
         Args:
             theta: logarithms of the parameters (k,).
 
@@ -493,6 +495,8 @@ class DensityModel:
         changes them by Q S X for every source. A relative change of the controller acts like dA/A, with S − 1 for
         actuation, and also changes the output directly. With the response q of the quantities to a source, the
         derivative of q qᴴ is dq qᴴ plus its adjoint.
+
+        ``tests/plant/test_closed_loop.py`` compares the derivatives with finite differences.
 
         Args:
             parameters: the parameters of the loop.

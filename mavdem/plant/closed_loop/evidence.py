@@ -154,6 +154,8 @@ def steady_likelihood(
 ) -> SteadyLikelihood:
     """Computes the exact log likelihood of one segment with the steady filter, as the module's equations have it.
 
+    ``tests/plant/test_loop_evidence.py`` compares it with the density of the joint Gaussian of all samples.
+
     Args:
         loop: B models side by side.
         samples: (T, 3) centred samples.

@@ -273,6 +273,8 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
     if the poles change places and b becomes b / (τ d), so that an identification may end with either. Motors respond
     faster than damping slows the rotation of a vehicle in air: 1/τ must be the larger pole.
 
+    ``tests/plant/test_closed_loop.py`` checks that it is the same function of s.
+
     Args:
         theta: θ (k,), logarithms of the parameters.
 

@@ -192,6 +192,8 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
     that lies further from its even time than rounding explains is kept, since the message was early or late. Among
     several of these all are kept: a sender with a cycle of 4 ms really sends after 12, 12 and 16 ms.
 
+    ``tests/plant/test_closed_loop.py`` has rounded, exact and late stamps.
+
     Args:
         stream: messages, some of which may be lost.
 

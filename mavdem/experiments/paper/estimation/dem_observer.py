@@ -178,6 +178,8 @@ def embedding_derivative(outputs: Array, order: int, dt: float) -> Array:
 
     It is a baseline: so far as DEM's estimate of a rate is better, that is owed to the model and the noise precisions.
 
+    ``tests/experiments/paper/test_observers.py`` checks it on polynomials.
+
     Args:
         outputs: (T, m) measured outputs.
         order: embedding order.

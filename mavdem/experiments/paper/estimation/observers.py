@@ -151,6 +151,8 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
 
     It starts from state 0 with the identity as its covariance, as in the scripts of Bos et al.
 
+    ``tests/experiments/paper/test_observers.py`` compares the last state with the regression on the joint Gaussian.
+
     Args:
         model: the model.
         outputs: (T, m) measured outputs.
