@@ -365,25 +365,21 @@ class _AttitudeLoss(NamedTuple):
             One statement for or against the loss; none if there are too few samples.
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
-        # The larger of roll and pitch: change of the angle (rad), integral of the absolute body rate (rad), and this
-        # rate itself (rad/s) with its time (s).
+        # The larger one of roll and pitch, rad: change of the angle, and integral of the absolute body rate.
         largest_change = 0.0
         largest_turn = 0.0
-        largest_rate = 0.0
-        rate_time = onset
-        for tilt in self.sensors.signals.tilts:
+        tilts = self.sensors.signals.tilts
+        for tilt in tilts:
             rows = (tilt.boot == self.sensors.boot) & in_intervals(tilt.time, [(onset, end)])
             if np.count_nonzero(rows) < 2:
                 return ()
-            rate = abs(tilt.rate[rows])
+            turn = np.trapezoid(abs(tilt.rate[rows]), tilt.time[rows])
             largest_change = max(largest_change, float(np.ptp(np.unwrap(tilt.angle[rows]))))
-            largest_turn = max(largest_turn, float(np.trapezoid(rate, tilt.time[rows])))
-            if rate.max() > largest_rate:
-                largest_rate = float(rate.max())
-                rate_time = float(tilt.time[rows][rate.argmax()])
+            largest_turn = max(largest_turn, float(turn))
+        fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             did_not_rotate = contradicting_statement(
-                Witness.DID_NOT_ROTATE, time=onset, until=end, body_rate=largest_rate
+                Witness.DID_NOT_ROTATE, time=onset, until=end, body_rate=fastest.body_rate
             )
             return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
@@ -391,7 +387,7 @@ class _AttitudeLoss(NamedTuple):
                 Witness.GYRO_DISAGREED, time=onset, until=end, angle=largest_change
             )
             return (disagreed,)
-        return (supporting_statement(Witness.ROTATED, time=rate_time, body_rate=largest_rate),)
+        return (supporting_statement(Witness.ROTATED, **fastest._asdict()),)
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
+from mavdem.containers import Names
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import armed_intervals, series_of_boot
 from mavdem.dataset.segments import Segment
@@ -83,34 +84,32 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     is_watchdog = _reports_watchdog(telemetry, span)
     was_flying = span.boot > 0 and _ends_in_air(signals, span.boot - 1)
     fall = _fall_at_start(signals, span)
-    descent = None if fall is None else fall.descent
-    has_fallen = descent is not None and descent >= MIN_FALL_HEIGHT
+    descent = 0.0 if fall is None else fall.descent
+    has_fallen = descent >= MIN_FALL_HEIGHT
     if is_watchdog or was_flying:
         in_flight = has_fallen or _begins_in_flight(signals, span)
     else:
         # Nothing else tells of a flight: the motion must show it, soon after the clock began.
-        in_flight = (
-            span.start <= MAX_BOOT_CLOCK
-            and descent is not None
-            and descent >= MIN_UNREPORTED_FALL_HEIGHT
-            and _tumbles(signals, span)
-        )
+        has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
+        is_early = span.start <= MAX_BOOT_CLOCK
+        in_flight = is_early and has_fallen_far and _tumbles(signals, span)
     attitude_name = telemetry.name_in_source("ATTITUDE")
-    if in_flight:
-        basis = [attitude_name]
-        if is_watchdog:
-            basis.insert(0, telemetry.name_in_source("STATUSTEXT"))
-        yield Fact(
-            Reported.RESTARTED_IN_FLIGHT,
-            time=span.start,
-            boot=span.boot,
-            basis=tuple(basis),
-            watchdog=is_watchdog,
-            descent=descent if has_fallen else None,
-            impact=fall.impact if has_fallen and fall is not None else None,
-        )
-    elif span.boot > 0:
-        yield Fact(Reported.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,))
+    if not in_flight:
+        if span.boot > 0:
+            yield Fact(Reported.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,))
+        return
+    basis: Names = (attitude_name,)
+    if is_watchdog:
+        basis = (telemetry.name_in_source("STATUSTEXT"), attitude_name)
+    yield Fact(
+        Reported.RESTARTED_IN_FLIGHT,
+        time=span.start,
+        boot=span.boot,
+        basis=basis,
+        watchdog=is_watchdog,
+        descent=descent if has_fallen else None,
+        impact=fall.impact if has_fallen and fall is not None else None,
+    )
 
 
 def _reports_watchdog(telemetry: Telemetry, span: Segment) -> bool:

@@ -91,12 +91,30 @@ class Backlog:
             batches.append(self._batches.popleft())
         return batches
 
+    def _postpone_tasks(self, delay: float) -> None:
+        """Sets which tasks are postponed, and whether learning is suspended, by the delay of the analysis, s.
+
+        A postponed task waits until the delay is half of its limit: with one limit for both, tasks would be stopped and
+        resumed all the time.
+        """
+        postponed = set()
+        for task, limit in POSTPONING_DELAYS.items():
+            is_postponed = task in self.postponed
+            threshold = limit / 2 if is_postponed else limit
+            if delay >= threshold:
+                postponed.add(task)
+        self.postponed = postponed
+        # Between both limits it stays as it is.
+        if delay >= SUSPENSION_DELAY:
+            self.suspends_learning = True
+        elif delay < STEP_SECONDS:
+            self.suspends_learning = False
+
     def update(self, dropped_datagrams: int) -> Fact | None:
         """Decides by the present delay of the analysis which tasks are postponed (``POSTPONING_DELAYS``).
 
-        A postponed task waits until the delay is half of its limit: with one limit for both, tasks would be stopped and
-        resumed all the time. For the same reason, recovery is reported only after ``REPEAT_SECONDS`` without a long
-        delay.
+        Recovery is reported only after ``REPEAT_SECONDS`` without a long delay, so that a delay around the limit is not
+        reported all the time.
 
         Args:
             dropped_datagrams: number of datagrams lost so far, because they were not read in time.
@@ -108,19 +126,7 @@ class Backlog:
         now = clock.monotonic()
         # ``self.now`` is the time of arrival up to which all frames are analysed.
         delay = now - self.now
-        postponed = set()
-        for task, limit in POSTPONING_DELAYS.items():
-            # Hysteresis: a postponed task is resumed only at half of the delay.
-            is_postponed = task in self.postponed
-            threshold = limit / 2 if is_postponed else limit
-            if delay >= threshold:
-                postponed.add(task)
-        self.postponed = postponed
-        # Between both limits it stays as it is.
-        if delay >= SUSPENSION_DELAY:
-            self.suspends_learning = True
-        elif delay < STEP_SECONDS:
-            self.suspends_learning = False
+        self._postpone_tasks(delay)
         self.longest_delay = max(self.longest_delay, delay)
         if delay >= BEHIND_DELAY:
             is_new = self._behind_time is None

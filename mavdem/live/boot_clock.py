@@ -112,14 +112,7 @@ class BootClock:
             The time, s of the boot clock; None if the stamp neither continues the clock nor shows yet that the clock
             has changed.
         """
-        # The stamp's counter begins again after its wrap period; one period is added for each wrap so far.
-        time = message.stamp
-        if self._wraps:
-            time += self._wraps * message.wrap_period
-        # A stamp that went back wrapped once more if it is close to the clock with one period added.
-        has_gone_back = time < self.now - MIN_RESET_STEP
-        if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
-            time += message.wrap_period
+        time = self._unwrapped_time(message)
         if self._has_come_back(message.stamp) or not _continues(time, self.now):
             # The stamp may be of the clock of another boot, which has not wrapped. It is collected until such stamps
             # prove that; the message is dropped until then.
@@ -142,6 +135,22 @@ class BootClock:
             self.now = time
         self._reception_at_boot = self._reception - time
         self._stamps_of_new_clock.clear()
+        return time
+
+    def _unwrapped_time(self, message: Message) -> float:
+        """Returns the time of a stamp if it is of the present clock, s: one wrap period is added for each wrap.
+
+        Args:
+            message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
+        """
+        time = message.stamp
+        # Without a wrap the period may be infinite.
+        if self._wraps:
+            time += self._wraps * message.wrap_period
+        # A stamp that went back wrapped once more if it is close to the clock with one period added.
+        has_gone_back = time < self.now - MIN_RESET_STEP
+        if has_gone_back and time + message.wrap_period - self.now <= MAX_WRAP_GAP:
+            time += message.wrap_period
         return time
 
     def _has_come_back(self, stamp: float) -> bool:

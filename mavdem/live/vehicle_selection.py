@@ -151,13 +151,14 @@ class Component:
         is_readable = frame.checksum == CHECKSUM_MATCHES
         if not self._links.take(frame.content, frame.message_id, sequence, is_readable):
             return False
+        # The first frame comes after an infinite gap, in which nothing is missing.
         gap = max(now - self._last_frame_time, 0.0)
         self._last_frame_time = now
-        if gap > SEQUENCE_NUMBERS / 2 * self._mean_interval:
-            is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
-            if gap < inf and not is_next:
-                self.uncounted_gap_seconds += gap
-                self._uncounted_messages += self._links.missing - missing_before
+        is_long_gap = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
+        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
+        if is_long_gap and not is_next:
+            self.uncounted_gap_seconds += gap
+            self._uncounted_messages += self._links.missing - missing_before
         self._last_sequence = sequence
         # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
         # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.

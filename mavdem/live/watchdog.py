@@ -11,11 +11,13 @@ from math import inf
 
 import numpy as np
 
+from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.reported import reported_events
+from mavdem.containers import Names
 from mavdem.dataset.batteries import BATTERY_MESSAGES
 from mavdem.dataset.intervals import Intervals
 from mavdem.dataset.quality import samples_at_limits
@@ -312,9 +314,6 @@ class Watchdog:
     def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:
         """Judges the motion in flight: a limit cycle that begins, and a motor that stays at its upper limit.
 
-        A motor at its limit leaves the controller no authority. It counts if it is there for ``ALARMING_SHARE`` of the
-        last ``DECISION_SECONDS``, not right after take-off, and not if all motors are.
-
         Args:
             review: the review, whose ``facts`` are added to.
             motion: attitude and motor outputs of the last seconds.
@@ -332,22 +331,12 @@ class Watchdog:
                 review.facts[Watched.OSCILLATION] = Fact(
                     MarginsLight.OSCILLATES, because=lowered_gains, **cycle.figures
                 )
-        is_latest = motors.time >= review.now - DECISION_SECONDS
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
-        if has_just_taken_off or not is_latest.any():
-            return
-        limited_shares = at_upper[is_latest].mean(axis=0)
-        largest_share = limited_shares.max()
-        # All motors at their limit are a climb at full throttle.
-        all_are_limited = limited_shares.min() >= ALARMING_SHARE
-        if largest_share >= ALARMING_SHARE and not all_are_limited:
-            names = most_limited_motors(motors.geometry.names, limited_shares)
-            review.facts[Watched.MOTOR_LIMITS] = Fact(
-                MotorsLight.MOTOR_LIMITED,
-                subject=names[0] if len(names) == 1 else "",
-                names=names,
-                share=largest_share,
-            )
+        is_latest = motors.time >= review.now - DECISION_SECONDS
+        if is_latest.any() and not has_just_taken_off:
+            limited_motor = _limited_motor(motors.geometry.names, at_upper[is_latest])
+            if limited_motor is not None:
+                review.facts[Watched.MOTOR_LIMITS] = limited_motor
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:
         """Compares the facts of a review with the active alarms, updates these, and returns what changed.
@@ -473,6 +462,30 @@ class Watchdog:
         )
         if not is_noted:
             self.watch_facts[kind] = Fact(code, time=now, subject=kind, because=obstacle)
+
+
+def _limited_motor(names: Names, at_upper_limit: Flags) -> Fact | None:
+    """Returns the fact that a motor stays at its upper limit, where it leaves the controller no authority.
+
+    Args:
+        names: names of the k motors.
+        at_upper_limit: (N, k) whether each motor was at its limit, over the last ``DECISION_SECONDS``.
+
+    Returns:
+        The fact; None if no motor was there for ``ALARMING_SHARE`` of the time, or all were, as in a climb at full
+        throttle.
+    """
+    shares = at_upper_limit.mean(axis=0)
+    largest_share = shares.max()
+    if largest_share < ALARMING_SHARE or shares.min() >= ALARMING_SHARE:
+        return None
+    limited_names = most_limited_motors(names, shares)
+    return Fact(
+        MotorsLight.MOTOR_LIMITED,
+        subject=limited_names[0] if len(limited_names) == 1 else "",
+        names=limited_names,
+        share=largest_share,
+    )
 
 
 def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:

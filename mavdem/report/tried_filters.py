@@ -91,16 +91,24 @@ def tried_filters(
     if controller.is_ardupilot:
         for index, prefix in enumerate(ARDUPILOT_PREFIXES):
             if index == 0 or f"{prefix}ENABLE" in logged:
-                peak = peaks[min(index, len(peaks) - 1)]
+                peak = _peak_for(index, peaks)
                 filters.append(_ardupilot_filter(logged, prefix, advised, peak, motor_frequencies))
         return tuple(filters)
-    pairs: Sequence[tuple[str, str]] = PX4_NOTCHES
-    if PX4_NOTCHES[0][0] not in logged and OLDER_PX4_NOTCH[0] in logged:
-        pairs = (OLDER_PX4_NOTCH,)
-    for index, pair in enumerate(pairs):
-        if index == 0 or pair[0] in logged:
-            filters.append(_px4_filter(logged, pair, advised, peaks[min(index, len(peaks) - 1)]))
+    notches: Sequence[tuple[str, str]] = PX4_NOTCHES
+    first_frequency, _ = PX4_NOTCHES[0]
+    older_frequency, _ = OLDER_PX4_NOTCH
+    if first_frequency not in logged and older_frequency in logged:
+        notches = (OLDER_PX4_NOTCH,)
+    for index, notch in enumerate(notches):
+        frequency, _ = notch
+        if index == 0 or frequency in logged:
+            filters.append(_px4_filter(logged, notch, advised, _peak_for(index, peaks)))
     return tuple(filters)
+
+
+def _peak_for(index: int, peaks: Numbers) -> float:
+    """Returns the line that a filter is put on, Hz: that of its number, or the last one if there are fewer lines."""
+    return peaks[min(index, len(peaks) - 1)]
 
 
 def strongest_peaks(noise: MeasuredNoise, spectrum: Spectrum) -> tuple[float, ...]:

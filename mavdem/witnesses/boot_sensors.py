@@ -4,6 +4,7 @@ A knock is a short peak of the measured acceleration, as an impact causes it. Ea
 against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, isinf
@@ -14,7 +15,8 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
-from mavdem.dataset.intervals import intersection
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.intervals import in_intervals, intersection
 from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
@@ -85,6 +87,15 @@ class _Descent(NamedTuple):
     """Speed downward, m/s."""
     time: float
     """When it was so fast, s since boot."""
+
+
+class Rotation(NamedTuple):
+    """The fastest rotation in an interval; its fields are the figures of the witness ``ROTATED``."""
+
+    time: float
+    """When the vehicle rotated so fast, s since boot."""
+    body_rate: float
+    """Size of the body rate about one axis, rad/s."""
 
 
 @dataclass(frozen=True)
@@ -257,20 +268,33 @@ class BootSensors:
         Returns:
             The statement; None if its body rates were below ``FAST_RATE``.
         """
-        fastest = 0.0
-        time = interval[0]
-        for attitude in self.signals.attitudes:
+        fastest = self.fastest_rotation(self.signals.attitudes, interval)
+        if fastest.body_rate <= FAST_RATE:
+            return None
+        return supporting_statement(Witness.ROTATED, **fastest._asdict())
+
+    def fastest_rotation(self, attitudes: Iterable[Attitude], interval: Interval) -> Rotation:
+        """Returns the largest body rate in an interval.
+
+        Args:
+            attitudes: motion about each axis that counts.
+            interval: start and end, s since boot.
+
+        Returns:
+            The largest rate of any axis; 0 at the start of the interval if no rate was recorded in it.
+        """
+        start, _ = interval
+        fastest = Rotation(time=start, body_rate=0.0)
+        for attitude in attitudes:
             rate = series_of_boot(attitude.rate_series, self.boot)
             if rate is None:
                 continue
-            is_inside = (rate.time >= interval[0]) & (rate.time <= interval[1])
+            is_inside = in_intervals(rate.time, [interval])
             rates = abs(rate.values[is_inside])
-            if len(rates) and rates.max() > fastest:
-                fastest = float(rates.max())
+            if len(rates) and rates.max() > fastest.body_rate:
                 time = float(rate.time[is_inside][rates.argmax()])
-        if fastest <= FAST_RATE:
-            return None
-        return supporting_statement(Witness.ROTATED, time=time, body_rate=fastest)
+                fastest = Rotation(time, float(rates.max()))
+        return fastest
 
     @cached_property
     def climb_estimate(self) -> TimeSeries | None:

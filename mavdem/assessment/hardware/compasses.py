@@ -13,6 +13,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights.estimator import MAX_FIELD_CHANGE
 from mavdem.assessment.limits import Limits
 from mavdem.assessment.magnetic_field import field_change, field_strengths
+from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import moving_average
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Level
@@ -77,16 +78,18 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
     strengths: list[Array] = []
     commands: list[Array] = []
     seconds = 0.0
+    # The outputs are of one boot.
+    outputs_interval = (float(outputs.time[0]), float(outputs.time[-1]))
     for flight in evidence.in_flight(field):
-        is_covered = (flight.time >= outputs.time[0]) & (flight.time <= outputs.time[-1])
-        flight = flight.select(is_covered & (flight.boot == history.segment.boot))
-        if len(flight.time) < 2:
+        has_outputs = in_intervals(flight.time, [outputs_interval])
+        covered = flight.select(has_outputs & (flight.boot == history.segment.boot))
+        if len(covered.time) < 2:
             continue
-        strength = TimeSeries(flight.time, flight.boot, np.linalg.norm(flight.values, axis=1))
-        command = replace(strength, values=np.interp(flight.time, outputs.time, mean_output))
+        strength = replace(covered, values=np.linalg.norm(covered.values, axis=1))
+        command = replace(covered, values=np.interp(covered.time, outputs.time, mean_output))
         strengths.append(moving_average(strength))
         commands.append(moving_average(command))
-        seconds += float(np.ptp(flight.time))
+        seconds += float(np.ptp(covered.time))
     if seconds < MIN_SECONDS:
         return None
     all_strengths, all_commands = np.concatenate(strengths), np.concatenate(commands)

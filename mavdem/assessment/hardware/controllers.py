@@ -32,12 +32,14 @@ def controllers_fact(evidence: Evidence) -> Fact | None:
     level = Level.UNKNOWN
     errors = None
     if all(controller.error_count is not None for controller in controllers):
-        level, errors = Level.GOOD, 0
+        level = Level.GOOD
+        errors = 0
         for controller in controllers:
-            for flight in evidence.in_flight(controller.error_count):
-                count = max(int(flight.values[-1] - flight.values[0]), 0)
-                errors += count
-                if count > MAX_ERROR_RATE * np.ptp(flight.time):
+            for count in evidence.in_flight(controller.error_count):
+                # A counter that was reset in flight shows no error.
+                new_errors = max(int(count.values[-1] - count.values[0]), 0)
+                errors += new_errors
+                if new_errors > MAX_ERROR_RATE * np.ptp(count.time):
                     level = Level.WATCH
     return Fact(
         HardwareFact.CONTROLLERS_MEASURED,

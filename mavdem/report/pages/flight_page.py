@@ -78,6 +78,7 @@ from mavdem.report.templates import (
 from mavdem.report.trust import trust_table
 from mavdem.report.truth import truth_blocks
 from mavdem.report.why import why, why_text
+from mavdem.witnesses import SensorTrust
 
 if TYPE_CHECKING:
     from mavdem.live.history import LiveHistory
@@ -358,14 +359,23 @@ def _flight_chapters(
     yield _condition_chapter(analysis)
     yield _wind_chapter(assessment, analysis)
     if evidence.trust:
-        checks = [check for trust in evidence.trust for check in trust.checks]
-        level = Level.WATCH if any(check.warns for check in checks) else None
-        yield Chapter("What can be trusted", [trust_table(evidence.trust)], level=level)
+        yield _trust_chapter(evidence.trust)
     if assessment.instances:
         yield Chapter(INSTANCES_TITLE, [instance_table(assessment.instances, evidence.has_flown)])
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
     yield parameters_chapter(evidence.signals.telemetry, is_full)
+
+
+def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
+    """Returns the chapter on which sensors agree with each other; it is to be watched if one does not.
+
+    Args:
+        trust_of_boots: the checks of each boot.
+    """
+    checks = [check for trust in trust_of_boots for check in trust.checks]
+    level = Level.WATCH if any(check.warns for check in checks) else None
+    return Chapter("What can be trusted", [trust_table(trust_of_boots)], level=level)
 
 
 def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:

@@ -54,9 +54,9 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     """
     blocks: Blocks = []
     changes = []
-    for name, before in sorted(telemetry.initial_parameters.items()):
+    for name, value_before in sorted(telemetry.initial_parameters.items()):
         if not AUTOPILOT_SET_PARAMETERS.search(name):
-            changes.append([name, f"{before:.4g}", f"{telemetry.parameters[name]:.4g}"])
+            changes.append([name, f"{value_before:.4g}", f"{telemetry.parameters[name]:.4g}"])
     if changes:
         blocks.append(Table(["changed in flight", "from", "to"], changes))
     control_rows = _control_parameter_rows(telemetry.parameters)
@@ -65,19 +65,37 @@ def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
     for rows in (control_rows[:half], control_rows[half:]):
         if rows:
             blocks.append(Table(["parameter", *AXIS_COLUMNS.values()], rows))
-    changed_count = 0
-    for name in telemetry.changed_defaults:
-        if not AUTOPILOT_SET_PARAMETERS.search(name):
-            changed_count += 1
-    if is_full and changed_count:
-        total = len(telemetry.parameters)
-        blocks += render_section("parameter_defaults", count=changed_count, total=total)
-        rows = _changed_default_rows(telemetry)
-        if rows:
-            header = ["not the default", "value", "default", "meaning"]
-            blocks.append(Table(header, rows, words=True))
-    searchable = _all_parameters(telemetry) if is_full and telemetry.parameters else None
+    if not is_full:
+        return Chapter("Parameters", blocks)
+    blocks += _changed_defaults(telemetry)
+    searchable = _all_parameters(telemetry) if telemetry.parameters else None
     return Chapter("Parameters", blocks, searchable=searchable)
+
+
+def _changed_defaults(telemetry: Telemetry) -> Blocks:
+    """Returns how many parameters are not the autopilot's default, and a table of those whose meaning is known.
+
+    Args:
+        telemetry: telemetry of the vehicle, with the parameters and their defaults.
+
+    Returns:
+        Nothing if all are the default, but for those that the autopilot sets by itself.
+    """
+    changed_names = [
+        name for name in telemetry.changed_defaults if not AUTOPILOT_SET_PARAMETERS.search(name)
+    ]
+    if not changed_names:
+        return []
+    blocks: Blocks = [
+        *render_section(
+            "parameter_defaults", count=len(changed_names), total=len(telemetry.parameters)
+        )
+    ]
+    rows = _changed_default_rows(telemetry)
+    if rows:
+        header = ["not the default", "value", "default", "meaning"]
+        blocks.append(Table(header, rows, words=True))
+    return blocks
 
 
 def _changed_default_rows(telemetry: Telemetry) -> list[list[str]]:
