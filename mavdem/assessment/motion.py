@@ -70,7 +70,53 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
             events.append(not_flown)
         else:
             events += _events_of_boot(signals, boot, reports)
-    return tuple(in_time_order(events))
+    return tuple(in_time_order(_with_errors_in_swings(events)))
+
+
+def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
+    """Yields the events; swings of the attitude say whether it followed its setpoint, and which motors had no reserve.
+
+    Where the attitude was far from its setpoint, the position controller did not get what it asked for, so that its
+    gains are not the first to look at.
+
+    Args:
+        events: events of all boots.
+
+    Yields:
+        All events. A swing has the largest ``angle_error``, rad, of a loss of attitude meanwhile with a known setpoint,
+        and the ``names`` of the motors that were at their upper limit without full throttle.
+    """
+    for event in events:
+        if event.code is not MotionEvent.ATTITUDE_SWUNG:
+            yield event
+            continue
+        errors = []
+        limited_motors: list[str] = []
+        for other in events:
+            if not _overlap(event, other):
+                continue
+            if other.code is MotionEvent.ATTITUDE_CAUGHT and "is_lean" not in other.figures:
+                errors.append(other.figures["angle"])
+            elif other.code is MotionEvent.MOTOR_AT_ITS_STOP:
+                is_explained = "is_full_throttle" in other.figures
+                if not is_explained and other.subject not in limited_motors:
+                    limited_motors.append(other.subject)
+        if errors:
+            event = event.replace(angle_error=max(errors))
+        if limited_motors:
+            event = event.replace(names=tuple(limited_motors))
+        yield event
+
+
+def _overlap(event: Fact, other: Fact) -> bool:
+    """Returns whether two events of one boot share a time; one without an end lasts to the end of the record."""
+    if event.figures["boot"] != other.figures["boot"]:
+        return False
+    start = max(event.time or 0.0, other.time or 0.0)
+    return start <= min(
+        inf if event.until is None else event.until,
+        inf if other.until is None else other.until,
+    )
 
 
 def _events_of_other_vehicle(

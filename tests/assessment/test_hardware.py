@@ -83,6 +83,7 @@ def test_without_a_receiver_nothing_is_said_of_one():
     assert receiver_fact(evidence_with("GPS_RAW_INT", **nothing)) is None
     jammed = receiver_fact(evidence_with("GPS_RAW_INT", noise_per_ms=90, **nothing))
     assert (jammed.level, jammed.figures["dilution"]) == ("watch", None)
+    assert jammed.sentence.startswith("Usually no satellites; for 95 % of the flight noise")
 
 
 @mark.slow

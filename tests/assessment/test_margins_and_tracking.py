@@ -210,6 +210,9 @@ def test_tracking_has_the_error_without_the_delay():
     figures = axes["roll"].figures
     assert figures["offset_angle"] == approx(0.02, rel=0.05)
     assert figures["angle_error"] == approx(0.02, rel=0.05)
+    # The least delay that is tried fits best, so that the delay itself is not known.
+    assert figures["delay"] is None
+    assert "late" not in axes["roll"].sentence
     assert "angle_error" not in axes["yaw"].figures
 
 

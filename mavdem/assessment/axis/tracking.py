@@ -149,7 +149,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         segments: parts of the flight to judge.
 
     Returns:
-        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s), ``rate_error`` (rad/s);
+        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s; None where the least
+        error is at an end of the ``DELAYS``, so that the flight does not show it), ``rate_error`` (rad/s);
         of the largest response of the angle to its setpoint the ``ratio`` and ``frequency`` (Hz), and the ``overshoot``
         of a step as a share of it where that was measured; of turns ``rate_setpoint``, ``reached_rate`` (rad/s) and
         ``at_limit_share``. Without a setpoint of the angle only ``rate_error`` is known.
@@ -174,6 +175,8 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         return unknown
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
     best_delay = np.argmin(rms_errors)
+    # At an end of the range the setpoint does not show by how much the angle is late.
+    is_delay_measured = 0 < best_delay < len(DELAYS) - 1
     angle_error = rms_errors[best_delay]
     if signals.axis in TILT_AXES:
         movement = float(setpoints.std())
@@ -203,7 +206,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         axis=signals.axis,
         angle_error=angle_error,
         offset_angle=np.mean(errors_by_delay[best_delay]),
-        delay=DELAYS[best_delay],
+        delay=DELAYS[best_delay] if is_delay_measured else None,
         overshoot=rating.overshoot,
         rate_error=rate_error,
         ratio=None if peak is None else peak.ratio,

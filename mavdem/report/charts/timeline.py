@@ -20,7 +20,7 @@ from mavdem.assessment.time_history import (
 )
 from mavdem.confidence import Interval
 from mavdem.containers import Names
-from mavdem.dataset.axes import AXES
+from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.event import Event
 from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, Span, over_time
@@ -84,7 +84,22 @@ class Timeline(NamedTuple):
     @property
     def overview(self) -> Charts:
         """The strip of flight modes, then the charts of flight and wind, all with events and training intervals."""
-        charts = tuple(self.marked(chart) for chart in self.flight_charts + self.wind_charts)
+        return self._overview_of(self.flight_charts + self.wind_charts)
+
+    @property
+    def overview_with_attitude(self) -> Charts:
+        """The ``overview`` with roll and pitch first, where their setpoints were recorded."""
+        tilt_charts: list[Chart] = []
+        for axis in TILT_AXES:
+            # The first chart of an axis is that of its angle.
+            for chart in self.axis_charts.get(axis, ())[:1]:
+                if len(chart.lines) > 1:
+                    tilt_charts.append(chart)
+        return self._overview_of((*tilt_charts, *self.flight_charts, *self.wind_charts))
+
+    def _overview_of(self, unmarked_charts: Charts) -> Charts:
+        """Returns charts of this flight with what is marked in all of them, below the strip of flight modes."""
+        charts = tuple(self.marked(chart) for chart in unmarked_charts)
         if not self.modes:
             return charts
         mode_strip = Chart("Modes", self._time_axis, Axis(""), spans=self.modes, group="flight")
@@ -192,7 +207,15 @@ def axis_history_charts(axis: str, history: AxisHistory) -> Charts:
     title = axis.capitalize()
     charts = []
     if history.angle is not None:
-        charts.append(over_time(title, "°", _lines_with_setpoint(axis, history.angle)))
+        angle_lines = _lines_with_setpoint(axis, history.angle)
+        if axis not in TILT_AXES:
+            # A heading beyond half a turn is drawn between -180° and 180°: after turns its details would not show.
+            wrapped_lines = [
+                line._replace(y=(line.y + FULL_TURN / 2) % FULL_TURN - FULL_TURN / 2)
+                for line in angle_lines
+            ]
+            angle_lines = [_broken_where_it_wraps(line) for line in wrapped_lines]
+        charts.append(over_time(title, "°", angle_lines))
     if history.rate is None:
         return tuple(charts)
     rate_lines = _lines_with_setpoint("rate", history.rate)
@@ -279,23 +302,33 @@ def _direction_line(
         The line, with a NaN between the samples of each break.
     """
     wrapped = np.mod(direction, FULL_TURN)
-    breaks = 1 + np.flatnonzero(abs(np.diff(wrapped)) > FULL_TURN / 2)
+    line = Line(name, colour, time, wrapped)
+    if half_width is not None:
+        lower_edge = np.maximum(wrapped - half_width, 0.0)
+        upper_edge = np.minimum(wrapped + half_width, FULL_TURN)
+        line = Line(name, colour, time, wrapped, lower_edge, upper_edge)
+    return _broken_where_it_wraps(line)
 
-    def with_breaks(values: Array) -> Array:
-        return np.insert(values, breaks, np.nan)
 
-    times = np.insert(time, breaks, (time[breaks] + time[breaks - 1]) / 2)
-    if half_width is None:
-        return Line(name, colour, times, with_breaks(wrapped))
-    lower_edge = np.maximum(wrapped - half_width, 0.0)
-    upper_edge = np.minimum(wrapped + half_width, FULL_TURN)
-    return Line(
-        name,
-        colour,
-        times,
-        with_breaks(wrapped),
-        with_breaks(lower_edge),
-        with_breaks(upper_edge),
+def _broken_where_it_wraps(line: Line) -> Line:
+    """Returns a line of angles with a gap wherever they jump by more than half a turn.
+
+    Args:
+        line: angles, degrees, in a range of one turn.
+
+    Returns:
+        The line, with a NaN between the samples of each jump.
+    """
+    breaks = 1 + np.flatnonzero(abs(np.diff(line.y)) > FULL_TURN / 2)
+
+    def with_breaks(values: Array | None) -> Array | None:
+        return None if values is None else np.insert(values, breaks, np.nan)
+
+    return line._replace(
+        x=np.insert(line.x, breaks, (line.x[breaks] + line.x[breaks - 1]) / 2),
+        y=np.insert(line.y, breaks, np.nan),
+        lower_edge=with_breaks(line.lower_edge),
+        upper_edge=with_breaks(line.upper_edge),
     )
 
 

@@ -414,13 +414,13 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
         cells = []
         for key in TRACKING_FIGURES:
             value = fact.figures.get(key)
-            if value is None:
-                cells.append("")
-            elif key == "delay" and value == 0:
-                # No loop is without a delay: the setpoint moved too little to show it.
+            if value is not None:
+                cells.append(with_unit(value, display_unit(fact.units[key])))
+            elif key in fact.figures and any(cells):
+                # The setpoint moved too little to show the delay.
                 cells.append("not known")
             else:
-                cells.append(with_unit(value, display_unit(fact.units[key])))
+                cells.append("")
         if any(cells):
             rows.append([axis, *cells])
     if rows:

@@ -4,13 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.testing import assert_allclose
-from pytest import mark
+from pytest import approx, mark
 
-from mavdem.assessment.time_history import wind_history
+from mavdem.assessment.time_history import AxisHistory, FollowedSetpoint, wind_history
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
-from mavdem.report.charts.timeline import wind_speed_and_direction_charts
+from mavdem.report.charts.timeline import (
+    Timeline,
+    axis_history_charts,
+    wind_speed_and_direction_charts,
+)
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 
@@ -83,3 +87,31 @@ def test_without_a_direction_only_the_speed_is_drawn(lowest_speed):
     (speed,) = charts(estimate)
     assert_allclose([line.y[0] for line in speed.lines], [SPEED, AUTOPILOT_SPEED])
     assert_allclose(speed.lines[0].lower_edge, SPEED - 1.0)
+
+
+def angle_charts(axis):
+    """The charts of an angle that turns by more than two turns in 10 s, with its setpoint 2° ahead."""
+    angle = np.radians(np.linspace(0.0, 800.0, len(TIME)))
+    measured = TimeSeries(TIME, np.zeros(len(TIME), int), angle)
+    followed = FollowedSetpoint(measured, angle + np.radians(2.0), "rad")
+    return axis_history_charts(axis, AxisHistory(angle=followed, rate=None))
+
+
+def test_yaw_is_drawn_within_half_a_turn_to_both_sides():
+    (chart,) = angle_charts("yaw")
+    for line in chart.lines:
+        finite = line.y[np.isfinite(line.y)]
+        assert len(finite) == len(TIME)
+        assert (abs(finite) <= 180).all()
+        assert abs(np.diff(line.y))[np.isfinite(np.diff(line.y))].max() <= 180
+        assert np.isnan(line.y).sum() == 2
+    (roll,) = angle_charts("roll")
+    assert roll.lines[1].y.max() == approx(800)
+
+
+def test_the_first_plots_of_a_page_are_roll_and_pitch_with_their_setpoints():
+    axis_charts = {axis: angle_charts(axis) for axis in ("roll", "pitch", "yaw")}
+    timeline = Timeline((), (TIME[0], TIME[-1]), axis_charts)
+    titles = [chart.title for chart in timeline.overview_with_attitude]
+    assert titles == ["Roll", "Pitch"]
+    assert not timeline.overview
