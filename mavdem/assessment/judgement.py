@@ -22,6 +22,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.loops import LoopActions
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
@@ -385,6 +386,12 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         lights[name]
         for name in related_lights
         # A light may be the ending itself, which is in the headline.
-        if lights[name].is_bad and lights[name].code not in Ending
+        if lights[name].is_bad and lights[name].code not in Ending and not _defers(lights[name])
     )
     return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
+
+
+def _defers(light: Fact) -> bool:
+    """Returns whether a light only advises to do first what the headline or another light advises."""
+    action = light.figures.get("action")
+    return isinstance(action, Fact) and action.code is LoopActions.DO_FIRST

@@ -140,8 +140,10 @@ def _cautions(loop: Loop) -> list[Fact]:
     Raises:
         NotLearnable: the loop crosses over above half of the Nyquist frequency, by a plant whose lag contains that of
             the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had
-            44° by messages at 50 Hz.) Or it crosses over below the lowest frequency of the spectra, where position
-            control and drag move the vehicle too, which the model of one axis leaves out.
+            44° by messages at 50 Hz.) Or the interval of its crossover reaches the Nyquist frequency, so that the phase
+            margin is one of a frequency that the record does not show. (A simulated loop with 30° at 18 Hz had 51°, 39
+            to 57°, at 12 Hz by messages at 25 Hz.) Or it crosses over below the lowest frequency of the spectra, where
+            position control and drag move the vehicle too, which the model of one axis leaves out.
     """
     plant, record, rate = loop.plant, loop.record, loop.rate
     if rate.crossover < LOWEST_FREQUENCY:
@@ -154,14 +156,18 @@ def _cautions(loop: Loop) -> list[Fact]:
     nyquist_frequency = 0.5 / record.dt
     if plant.filtered:
         if rate.crossover > nyquist_frequency / 2:
-            raise NotLearnable(Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=1 / record.dt)
-    elif np.isfinite(rate.gain_margin):
-        # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the crossing
-        # is the one at which L is nearest to that point.
-        crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
-        nearest = np.argmin(np.abs(rate.response[0] - crossing))
-        if rate.frequency[nearest] >= nyquist_frequency:
-            cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+            raise _crossover_too_fast(loop, nyquist_frequency / 2)
+    else:
+        _, highest_crossover = rate.crossover_interval
+        if highest_crossover >= nyquist_frequency:
+            raise _crossover_too_fast(loop, nyquist_frequency)
+        if np.isfinite(rate.gain_margin):
+            # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the
+            # crossing is the one at which L is nearest to that point.
+            crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
+            nearest = np.argmin(np.abs(rate.response[0] - crossing))
+            if rate.frequency[nearest] >= nyquist_frequency:
+                cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
         least_rate = rate.crossover / MAX_CROSSOVER_FRACTION
         cautions.append(
@@ -173,6 +179,16 @@ def _cautions(loop: Loop) -> list[Fact]:
             )
         )
     return cautions
+
+
+def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
+    """Returns the refusal of a loop that crosses over above the highest frequency, Hz, that its record shows."""
+    return NotLearnable(
+        Loops.CROSSOVER_UNSEEN,
+        crossover=loop.rate.crossover,
+        rate=1 / loop.record.dt,
+        frequency=highest_frequency,
+    )
 
 
 def record_axis(record: Record) -> str:

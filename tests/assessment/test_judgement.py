@@ -15,6 +15,7 @@ from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import Reported
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
+from mavdem.facts.loops import LoopActions
 from mavdem.facts.motors import MotorsLight
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
@@ -101,6 +102,15 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
     following = next_step_of(lost, known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
     assert "motor 2 first" in str(following) and str(following).count("motor 2") == 1
+
+
+def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
+    known = lights(vibration="bad")
+    lost = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=None, word=None)
+    first = Fact(LoopActions.DO_FIRST, because=lost)
+    known[Light.MARGINS] = prose("Too little margin.").replace(Level.BAD).replace(action=first)
+    following = next_step_of(lost, known, None)
+    assert following.figures["also"] == (known[Light.VIBRATION],)
 
 
 def test_without_a_flight_it_says_why():

@@ -149,7 +149,10 @@ def test_what_hides_the_margins_is_said_at_any_rate():
             Fact(Loops.NOT_STEERED, share=0.3),
             "No margins: only 30 % of the rate's motion was commanded.",
         ),
-        (Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0), " a quarter of that."),
+        (
+            Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0, frequency=7.5),
+            "messages at 30 Hz show no motion faster than 7.5 Hz.",
+        ),
         (
             slow_streams({"ATTITUDE": 10.0}, "roll"),
             "Margins do not show at 10 Hz: attitude, body rates and motors need 40 Hz.",

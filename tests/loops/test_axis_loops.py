@@ -406,6 +406,7 @@ def test_an_oscillating_axis_without_p_lowers_its_integral():
         ({"effect": -0.18 * np.array(X_ROLL)}, {}, Loops.MIXER_REVERSED),
         ({}, {"input_range": ()}, Controllers.MIXER_UNKNOWN),
         ({}, {"dt": 0.05}, Loops.CROSSOVER_UNSEEN),
+        ({"filtered": False}, {"dt": 0.1}, Loops.CROSSOVER_UNSEEN),
     ],
 )
 def test_a_flight_without_loops_says_why(plant, record, code):
