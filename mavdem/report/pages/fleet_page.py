@@ -249,7 +249,7 @@ class VehiclePart:
     label: str
     """What it is called: a name that somebody or its logs gave; its frame where that is a serial number."""
     serial: str
-    """Its serial number as far as it is shown beside the label; empty where the label is the name of its logs."""
+    """What is shown beside the label: the end of its serial number, or that its logs have only a system id."""
     searched: str
     """The words that find its flights in the table."""
     last: LastFlight
@@ -300,6 +300,7 @@ def _vehicle_parts(
     ranked = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
     drawn = [name for name in ranked if vehicles[name].flight_count > 1][:MAX_DRAWN]
     bar_count = _bar_count(vehicles)
+    shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
     parts = []
     for name in ranked:
@@ -310,7 +311,7 @@ def _vehicle_parts(
             VehiclePart(
                 name=name,
                 label=vehicle_type(name, vehicle.last.frame, names),
-                serial=short_name(name) if names.vehicle(name) != name or is_serial(name) else "",
+                serial=_serial(name, names, name in shared_names),
                 searched=names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
@@ -326,6 +327,19 @@ def _vehicle_parts(
             )
         )
     return parts
+
+
+def _serial(name: str, names: GivenNames, is_shared: bool) -> str:
+    """Returns what stands beside the label of a vehicle; empty where the label is the name of its logs.
+
+    Args:
+        name: what its logs call the vehicle.
+        names: names that were given to vehicles.
+        is_shared: whether the name is a system id, which several vehicles may have.
+    """
+    if is_shared:
+        return "by its system id only"
+    return short_name(name) if names.vehicle(name) != name or is_serial(name) else ""
 
 
 def _latest_line(summary: VehicleSummary) -> FlightLine | None:

@@ -98,7 +98,10 @@
       request.open("POST", "/api/logs");
       if (key) request.setRequestHeader("Authorization", `Bearer ${key}`);
       request.responseType = "json";
-      request.upload.onprogress = event => { item.bar.value = 0.3 * event.loaded / event.total; };
+      request.upload.onprogress = event => {
+        item.bar.value = 0.3 * event.loaded / event.total;
+        item.status.textContent = `Sending ${Math.floor(100 * event.loaded / event.total)} % of ${(event.total / 1e6).toPrecision(3)} MB`;
+      };
       request.onloadend = () => {
         sending -= 1;
         send();
@@ -122,6 +125,7 @@
     for (const file of files) {
       const item = addUploadItem(file.name);
       item.isOnlyUpload = files.length === 1;
+      item.status.textContent = "Waits to be sent";
       queue.push([file, item]);
     }
     send();
@@ -136,10 +140,12 @@
   // How far a log is: who comes before it, or the step of the work, its share and the time so far.
   const progressText = flight => {
     const left = flight.estimated_end ? remainingText(flight.estimated_end - Date.now() / 1000) : "";
-    if (flight.stage === "waiting") return (flight.ahead ? `${flight.words}: ${flight.ahead} before it` : flight.words) + left;
+    // The answer to an upload has no words yet.
+    const words = flight.words ?? "Received";
+    if (flight.stage === "waiting") return (flight.ahead ? `${words}: ${flight.ahead} before it` : words) + left;
     const share = flight.share === null || flight.share === undefined ? "" : ` ${Math.round(100 * flight.share)} %`;
     const seconds = flight.seconds === null || flight.seconds === undefined ? "" : `, ${flight.seconds} s so far`;
-    return `${flight.step || flight.words}${share}${seconds}${left}`;
+    return `${flight.step || words}${share}${seconds}${left}`;
   };
   const progressByStage = { waiting: 0.3, reading: 0.4, judging: 0.5, learning: 0.6, drawing: 0.8, done: 1, failed: 1 };
   const showProgress = flight => {
