@@ -77,6 +77,9 @@ NO_ACCELERATION = Accelerations((0.0,) * 3, (0.0,) * 3, (0.0,) * 3, (0.0,) * 3)
 Dynamics = Callable[[Quaternion, Vector3, Vector3, Vector4, AirState], Accelerations]
 """Function of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
+StepObserver = Callable[[Vector3, Sequence[float]], None]
+"""Function of body rates (rad/s) and rotor speeds (rad/s), called after each step of the physics."""
+
 FlatDynamics = Callable[[Any, Any, Any, Any, Any], tuple[Any, ...]]
 """The same function with its twelve values in a flat tuple, in the order of ``Accelerations``: the simulation calls it
 a thousand times per second, and packing them would take a tenth of the time."""
@@ -410,7 +413,12 @@ class Body:
         return tuple(map(mul, speeds, self.condition.speed))
 
     def advanced(
-        self, state: State, settled_speeds: Vector4, air: AirState, steps: int = 1
+        self,
+        state: State,
+        settled_speeds: Vector4,
+        air: AirState,
+        steps: int = 1,
+        observe: StepObserver | None = None,
     ) -> State:
         """Returns the state some steps later, by the midpoint rule.
 
@@ -423,6 +431,7 @@ class Body:
             settled_speeds: Speeds that the rotors tend to, rad/s.
             air: The air during the steps.
             steps: Number of steps, one at least.
+            observe: Function that is called after each step; None for none.
 
         Returns:
             State at the end of the last step, with the accelerations at its middle.
@@ -484,6 +493,8 @@ class Body:
             p = p + step * p_change
             q = q + step * q_change
             r = r + step * r_change
+            if observe is not None:
+                observe((p, q, r), rotors)
         return State(
             (north, east, down),
             (north_speed, east_speed, down_speed),

@@ -4,6 +4,8 @@ The filters are ``LowPassFilter2p`` and ``NotchFilter`` of ArduPilot and PX4: an
 warped frequencies of the bilinear transform, tan(π f / sampling rate).
 """
 
+from collections.abc import Sequence
+from functools import partial
 from math import pi, sqrt, tan
 from operator import add
 
@@ -52,8 +54,8 @@ class Gyro:
         # The frequency response needs one section at least: the first one passes everything, and is not run.
         self._sections = np.array(sections)
         self._filters = self._sections[1:].tolist()
-        # Two states of each filter for each of the three axes (direct form II transposed).
-        self._filter_states = [[[0.0, 0.0] for _ in self._filters] for _ in NO_ROTATION]
+        # Two states of each filter (direct form II transposed), for the three axes one after another.
+        self._filter_states = [[0.0] * 6 for _ in self._filters]
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
@@ -90,44 +92,59 @@ class Gyro:
         Returns:
             The state at the end.
         """
-        shakes = vibration is not None and vibration.is_felt
-        if not shakes and not self._filters:
-            # Nothing depends on the rates between: the body makes all steps at once, which is faster.
+        felt_vibration = vibration if vibration is not None and vibration.is_felt else None
+        if felt_vibration is None and not self._filters:
+            # Nothing depends on the rates between: they need not be measured after each step.
             state = body.advanced(state, settled_speeds, air, steps)
             self.raw_rates = self.filtered_rates = state.rates
             return state
-        for _ in range(steps):
-            state = body.advanced(state, settled_speeds, air)
-            self.raw_rates = state.rates
-            if vibration is not None and shakes:
-                self.raw_rates = tuple(map(add, state.rates, vibration.sample(state.rotors)))
-            self.filtered_rates = self.raw_rates
-            if self._filters:
-                self.filtered_rates = tuple(
-                    map(self._filtered, self._filter_states, self.raw_rates)
-                )
-        return state
+        measure = partial(self.measure, vibration=felt_vibration)
+        return body.advanced(state, settled_speeds, air, steps, measure)
 
-    def _filtered(self, states: list[list[float]], rate: float) -> float:
-        """Runs the filters of one axis for one sample.
-
-        It is the direct form II transposed of the second-order sections, written out, because a call of SciPy's filter
-        takes longer than a step of the physics.
+    def measure(
+        self, rates: Vector3, rotors: Sequence[float], vibration: GyroVibration | None = None
+    ) -> None:
+        """Takes one sample of the gyro, and runs the filters on it.
 
         Args:
-            states: Two states of each filter, which are updated.
-            rate: Body rate before the filters, rad/s.
+            rates: Body rates (3,), rad/s.
+            rotors: Rotor speeds (n,), rad/s.
+            vibration: Vibration that is added to the rates; None for none.
+        """
+        self.raw_rates = rates
+        if vibration is not None:
+            self.raw_rates = tuple(map(add, rates, vibration.sample(rotors)))
+        self.filtered_rates = self._filtered(self.raw_rates)
+
+    def _filtered(self, rates: Vector3) -> Vector3:
+        """Runs the filters of all axes for one sample.
+
+        It is the direct form II transposed of the second-order sections. It is written out, because a call of SciPy's
+        filter takes longer than a step of the physics, and one of a function for each axis twice as long.
+
+        Args:
+            rates: Body rates (3,) before the filters, rad/s.
 
         Returns:
-            Body rate behind the filters, rad/s.
+            Body rates (3,) behind the filters, rad/s.
         """
+        p, q, r = rates
         # The section's a0 is 1.
-        for (b0, b1, b2, _, a1, a2), state in zip(self._filters, states, strict=True):
-            output = b0 * rate + state[0]
-            state[0] = b1 * rate - a1 * output + state[1]
-            state[1] = b2 * rate - a2 * output
-            rate = output
-        return rate
+        for (b0, b1, b2, _, a1, a2), states in zip(self._filters, self._filter_states, strict=True):
+            p1, p2, q1, q2, r1, r2 = states
+            filtered_p = b0 * p + p1
+            filtered_q = b0 * q + q1
+            filtered_r = b0 * r + r1
+            states[:] = (
+                b1 * p - a1 * filtered_p + p2,
+                b2 * p - a2 * filtered_p,
+                b1 * q - a1 * filtered_q + q2,
+                b2 * q - a2 * filtered_q,
+                b1 * r - a1 * filtered_r + r2,
+                b2 * r - a2 * filtered_r,
+            )
+            p, q, r = filtered_p, filtered_q, filtered_r
+        return p, q, r
 
 
 def _low_pass_section(cutoff: float, step: float) -> list[float]:

@@ -1,7 +1,7 @@
 """Simulated sensors: the autopilot's state estimate with noise and delay, and the vibration that its gyro measures."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import cos, exp, pi, radians, sin, sqrt
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.random import Generator
 from sitl_scenarios.dynamics import State
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import SENSORS, SHAKING, Scenario
-from sitl_scenarios.vectors import Vector3, Vector4, normalised, rotated
+from sitl_scenarios.vectors import Vector3, normalised, rotated
 from sitl_scenarios.vehicles import airframe
 
 FRAME_DAMPING = 0.02
@@ -69,7 +69,7 @@ class GyroVibration:
             block = random.standard_normal(VIBRATION_BLOCK) * self._noise_sd
             yield from block.tolist()
 
-    def sample(self, rotor_speeds: Vector4) -> Vector3:
+    def sample(self, rotor_speeds: Sequence[float]) -> Vector3:
         """Returns the next sample of the vibration; called once per sampling period.
 
         The rotors shake all axes alike, and the frame each axis by a noise of its own.

@@ -4,6 +4,7 @@ Figures and sources of the published vehicles are in ``airframes.toml``.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import sqrt
 
 from pydantic import TypeAdapter
@@ -140,7 +141,7 @@ class Airframe:
         thrust_per_speed = 2 * a * self.rotor_speed(command) + b
         return thrust_per_command / thrust_per_speed
 
-    @property
+    @cached_property
     def _full_thrust(self) -> float:
         """Thrust of one rotor at the full command, N."""
         slope, offset = self.speed_line

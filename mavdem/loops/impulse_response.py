@@ -300,7 +300,8 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
             )
         delayed[index] = value
     # The product with ``second_differences``, whose columns have three weights only, by differences of neighbours.
-    slopes = np.diff(delayed, axis=0) / np.diff(knots)[:, None, None]
+    slopes = np.diff(delayed, axis=0)
+    slopes /= np.diff(knots)[:, None, None]
     return np.diff(slopes, axis=0)
 
 

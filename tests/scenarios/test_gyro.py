@@ -2,12 +2,10 @@
 
 import numpy as np
 from numpy.random import default_rng
-from partial_records import partial_record
 from pytest import approx, mark
 
 from mavdem.loops.filters import gyro_response
 from sitl_scenarios import mixers
-from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.gyro import Gyro
 from sitl_scenarios.parameter_controller import ParameterController
@@ -31,9 +29,8 @@ HALVES = WHOLE / 2
 
 
 def sensed(gyro, *rates):
-    """The rates of a gyro, after a step of a body that has these."""
-    body = partial_record(Body, advanced=lambda *arguments: State(rates=rates))
-    gyro.advance(body, State(), (), AirState(), 1)
+    """The rates of a gyro, after a sample of these."""
+    gyro.measure(rates, ())
     return gyro.filtered_rates
 
 
