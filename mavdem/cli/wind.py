@@ -11,18 +11,23 @@ from mavdem.cli.options import (
     vehicle_option,
     verbose_option,
 )
-from mavdem.cli.output import print_json, print_screen
+from mavdem.cli.output import json_text, print_json, print_screen
+from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.sources import assess_without_model
 from mavdem.documents.wind import Wind
 from mavdem.errors import NotLearnable
-from mavdem.facts.lights import Light
 from mavdem.fleet.priors import earlier_drag
-from mavdem.report.condition import drag_table, wind_blocks, wind_tables
+from mavdem.report.blocks import Sentence
+from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
+from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
 from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
 
-WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
-"""Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
+PAGE_FILE = "wind.html"
+"""Name of the page with the wind over time, on the map, by height, and the drag."""
+
+DOCUMENT_FILE = "wind.json"
+"""Name of the file with the document, as ``--json`` prints it."""
 
 MAX_COURSE_ROWS = 6
 """Rows of the tables of the wind over time and height, without --verbose."""
@@ -35,16 +40,25 @@ MAX_COURSE_ROWS = 6
     "--prior",
     "Drag from an earlier flight: learn's folder or files, or wind's own JSON.",
 )
+@file_option("--out", "Folder for wind.html and wind.json.")
 @json_option
 @verbose_option
 def wind_command(
-    source: str, vehicle: str | None, prior: Path | None, as_json: bool, verbose: bool
+    source: str,
+    vehicle: str | None,
+    prior: Path | None,
+    out: Path | None,
+    as_json: bool,
+    verbose: bool,
 ) -> None:
     """Reports wind speed and direction, and the vehicle's drag.
 
     SOURCE is a log with attitude and velocity over ground. Legs in several directions show the drag; a hover needs
-    --prior, or the autopilot's drag parameters. Exit code: 1 if no wind can be estimated from the log.
+    --prior, or the autopilot's drag parameters. --out writes a page of the wind over time, on the map and by height.
+    Exit code: 1 if no wind can be estimated from the log.
     """
+    if out:
+        check_output_folder(out, (PAGE_FILE, DOCUMENT_FILE), prior)
     assessment, evidence = assess_without_model(source, vehicle)
     wind = evidence.wind.estimate
     if evidence.wind.obstacle is not None:
@@ -56,16 +70,22 @@ def wind_command(
         # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
-    if as_json:
-        document = Wind.from_results(
-            assessment.judgement, wind.identified_figures, parameters=parameters_to_set
-        )
-        print_json(document)
-        return
+    document = Wind.from_results(
+        assessment.judgement, wind.identified_figures, parameters=parameters_to_set
+    )
     # The shown wind is the estimate, perhaps with the earlier drag, beside that of the autopilot.
     shown_wind = WindEvidence(
         estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None
     )
+    if out:
+        page = wind_page(Path(source).name, shown_wind, assessment, parameters_to_set)
+        with replaced_files(out, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
+            document_path.write_text(json_text(document), "utf-8")
+            # The page may contain the name of a file, which need not be valid Unicode.
+            page_path.write_text(page, "utf-8", "replace")
+    if as_json:
+        print_json(document)
+        return
     tables = wind_tables(wind, None if verbose else MAX_COURSE_ROWS)
     if verbose or parameters_to_set:
         tables.append(drag_table(wind.drag, parameters_to_set))
@@ -76,6 +96,7 @@ def wind_command(
         conclusion=[
             *wind_blocks(shown_wind, tables),
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
+            *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
         ],
         verbose=verbose,
     )

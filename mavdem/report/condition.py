@@ -8,6 +8,7 @@ import numpy as np
 from mavdem.assessment import Assessment
 from mavdem.containers import JsonValues
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.facts.lights import Light
 from mavdem.facts.online import DragSource
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Blocks, Sentence, Table, caution
@@ -16,6 +17,9 @@ from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import Drag
+
+WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
+"""Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
 
 DRAG_SOURCES = {
     DragSource.POPULATION: "typical vehicles",

@@ -101,6 +101,12 @@ A hurricane begins at 33 m/s; the largest wind that makers allow multirotors is 
 MAX_VELOCITY_GAP = 1.5
 """Longest time between two velocities that are interpolated, and time around a reset that is left out, s."""
 
+MAX_SETTING_RATIO = 4.0
+"""Largest ratio of the ends of the 90 % interval of a drag parameter that is to be set.
+
+A choice: the flight then shows it within a factor of about two either way.
+"""
+
 STUCK_LEAN = np.radians(25.0)
 """Lean, rad, from which on a vehicle that does not move is stuck: a free one leans so far against a storm only."""
 
@@ -519,7 +525,8 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
     """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
-    There are none for the population's drag, which is not that of this vehicle. A DataFlash log has all parameters of
+    There are none for the population's drag, which is not that of this vehicle, and none whose interval is so wide that
+    the autopilot's own value may be as good. A DataFlash log has all parameters of
     the firmware, so those that it does not have are left out: the firmware does not know them.
 
     Args:
@@ -531,7 +538,11 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
     """
     if drag.source is DragSource.POPULATION:
         return {}
-    settings = drag.autopilot_parameters(telemetry.autopilot)
+    settings = {
+        name: value
+        for name, value in drag.autopilot_parameters(telemetry.autopilot).items()
+        if value.high <= MAX_SETTING_RATIO * value.low
+    }
     if telemetry.translated_from != "DataFlash":
         return settings
     return {name: value for name, value in settings.items() if name in telemetry.parameters}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 from hover import Hover, changed, columns, evidence_of
+from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import recorded
 
@@ -36,10 +37,13 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import Reported
+from mavdem.facts.identifiability import Status
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
 from mavdem.facts.sources import Flaw, Repair
-from mavdem.wind_velocity.from_log import wind_evidence
+from mavdem.facts.wind import WindDoubt
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.from_log import WindEvidence, wind_evidence
 
 HOVER = Hover()
 TIME = HOVER.stamps(5.0)
@@ -368,6 +372,23 @@ def test_wind_that_takes_half_of_the_most_lean_leaves_too_little():
             evidence_of_lean = replace(leaning, signals=Signals(strong))
             fact = wind_light(evidence_of_lean, estimator_light(evidence_of_lean))
             assert fact.level == level
+
+
+@mark.parametrize("by_drag, level", [(True, "good"), (False, "unknown")])
+def test_a_wind_that_may_be_a_load_is_not_good(by_drag, level):
+    doubt = Fact(WindDoubt.SPEED_UNSURE, status=Status.BIASED, low=4.6, high=6.9, by_drag=by_drag)
+    wind = partial_record(
+        WindVelocity,
+        speed=5.6,
+        speed_interval=(4.6, 6.9),
+        direction=82.0,
+        direction_interval=8.0,
+        status={"speed": Status.BIASED, "direction": Status.REPORTED},
+        reasons={"speed": doubt},
+    )
+    known = evidence(HOVER.telemetry())
+    known = replace(known, wind=WindEvidence(wind, None, None))
+    assert wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)).level == level
 
 
 @mark.slow

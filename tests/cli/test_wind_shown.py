@@ -43,5 +43,16 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
     assert compass_text(found.direction) in fleet_page(summaries_of([row]))
+    assert run("wind", log, "--out", tmp_path / "wind") == 0
+    page = (tmp_path / "wind" / "wind.html").read_text()
+    for title in (
+        "Wind over time",
+        "Speed through the air",
+        "Flown path",
+        "Wind rose",
+        "Drag, from",
+    ):
+        assert title in page
+    assert json.loads((tmp_path / "wind" / "wind.json").read_text())["speed"] == found.speed
     assert run("wind", log, "--prior", learnt) == 2
     assert "of this very flight" in capsys.readouterr().err

@@ -9,6 +9,7 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.wind_velocity.estimation import WindVelocity
 
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
@@ -22,7 +23,8 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
     The wind is estimated from how far the vehicle leans to hold against it. It is to be watched if it takes more than
     ``MAX_LEAN_SHARE`` of the lean that the vehicle may use, or if the light on the estimator is bad: the wind is
-    estimated from the estimator's velocity.
+    estimated from the estimator's velocity. It is unknown, with its figures, if an unknown part of the lean may be no
+    wind at all.
 
     The fact has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and
     the ``share`` of the lean.
@@ -44,9 +46,15 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     lowest_speed, highest_speed = wind.speed_interval
     lean_share = _lean_share(evidence.condition, evidence.signals.telemetry)
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
+    if estimator.is_bad or takes_much_lean:
+        level: Level | None = Level.WATCH
+    elif _may_be_lean(wind):
+        level = Level.UNKNOWN
+    else:
+        level = None
     return Fact(
         WindLight.WIND_BLEW,
-        Level.WATCH if estimator.is_bad or takes_much_lean else None,
+        level,
         calm=wind.calm,
         speed=wind.speed,
         low=lowest_speed,
@@ -56,6 +64,15 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         because=estimator if estimator.is_bad else None,
         **_other_core(evidence.signals.telemetry),
     )
+
+
+def _may_be_lean(wind: WindVelocity) -> bool:
+    """Returns whether the speed is biased because a load or a misaligned autopilot may lean the vehicle as wind does.
+
+    A speed that is wide because of the drag alone is no reason for doubt: whatever the drag, the wind takes this lean.
+    """
+    reason = wind.reasons.get("speed")
+    return reason is not None and not reason.figures["by_drag"] and not wind.calm
 
 
 def _other_core(telemetry: Telemetry) -> dict[str, Any]:

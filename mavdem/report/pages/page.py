@@ -188,6 +188,9 @@ class Head(NamedTuple):
     light_anchors: Mapping[str, str] = MappingProxyType({})
     """Name of the part of the page on each light, by the light; a light without a part is left out."""
 
+    timeline_title: str = "What happened"
+    """Heading of the charts over time and of the events."""
+
     path: Plan | None = None
     """Map of the flown path, which follows the cursor of the charts; None without a position."""
 

@@ -1,0 +1,129 @@
+"""The page of ``mavdem wind``: the wind over time, on the map and by height, the airspeed, and the drag."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from mavdem.assessment import Assessment
+from mavdem.assessment.time_history import wind_history
+from mavdem.dataset.time_series import recorded_series
+from mavdem.facts.lights import Light
+from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.charts.chart import Chart, Group, Line, over_time
+from mavdem.report.charts.flown_path import flown_path
+from mavdem.report.charts.plans import rose_of_wind
+from mavdem.report.charts.timeline import Timeline, timeline_of_history
+from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
+from mavdem.report.pages.page import Chapter, Head, render_document
+from mavdem.report.palette import BASELINE, MEASURED, PREDICTED
+from mavdem.report.screen import warnings_of_lights
+from mavdem.wind_velocity.estimation import WindVelocity
+from mavdem.wind_velocity.from_log import WindEvidence
+from mavdem.wind_velocity.vehicle_drag import ParameterValue
+
+SUBTITLE = "The wind of the longest flight, from lean and velocity over ground, with 90 % bands."
+"""What stands below the title."""
+
+MIN_AIRSPEED_SAMPLES = 2
+"""Fewest samples of an airspeed that make a line."""
+
+
+def wind_page(
+    name: str,
+    shown_wind: WindEvidence,
+    assessment: Assessment,
+    parameters: dict[str, ParameterValue],
+) -> str:
+    """Renders the page of ``mavdem wind``.
+
+    Args:
+        name: name of the log, the title of the page.
+        shown_wind: the estimated wind, perhaps with an earlier drag as its prior, beside that of the autopilot.
+        assessment: assessment of the log.
+        parameters: parameters of the autopilot's drag model to set, with their intervals.
+
+    Returns:
+        The page as HTML.
+    """
+    wind = shown_wind.estimate
+    assert wind is not None
+    sentences = wind_blocks(shown_wind)
+    # The estimate is the headline, and what limits it follows.
+    heading, *limits = sentences
+    assert isinstance(heading, Sentence)
+    result: Blocks = [
+        Sentence("", f"{heading.lead} {heading.text}"),
+        *limits,
+        *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
+    ]
+    timeline = _wind_timeline(shown_wind, assessment)
+    has_rose = wind.speed_identifiable and wind.direction_identifiable
+    rose = Group.side_by_side([rose_of_wind(wind) if has_rose else None])
+    chapter = Chapter(
+        "By direction, minute and height, and the drag",
+        [*wind_tables(wind), drag_table(wind.drag, parameters)],
+        [rose] if has_rose else [],
+        is_side_by_side=True,
+    )
+    head = Head(
+        assessment.lights[Light.WIND].level,
+        {},
+        timeline=timeline,
+        timeline_title="Wind over time",
+        path=flown_path(timeline, wind),
+    )
+    return render_document(name, SUBTITLE, result, [chapter], head=head)
+
+
+def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline | None:
+    """Returns the charts of height, wind and speed through the air over time.
+
+    Args:
+        shown_wind: the estimated wind, beside that of the autopilot.
+        assessment: assessment of the log.
+
+    Returns:
+        The timeline; None if the log has no attitude over time.
+    """
+    evidence = assessment.evidence
+    if evidence is None or evidence.time_history is None:
+        return None
+    history = evidence.time_history
+    history = replace(history, wind=wind_history(shown_wind, history.segment))
+    timeline = timeline_of_history(history)
+    if history.wind is None:
+        return timeline
+    height = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
+    airspeed = _airspeed_chart(history.wind.estimate, assessment)
+    return timeline._replace(
+        flight_charts=height, wind_charts=(*timeline.wind_charts, airspeed), events=()
+    )
+
+
+def _airspeed_chart(wind: WindVelocity, assessment: Assessment) -> Chart:
+    """Returns the chart of the speed through the air along the body, with the autopilot's own airspeed.
+
+    Args:
+        wind: the estimated wind, with the velocity relative to its mean.
+        assessment: assessment of the log, whose VFR_HUD may have an airspeed.
+    """
+    forward, right = wind.along.T
+    lines = [
+        Line("forward", PREDICTED, wind.time, forward),
+        Line("to the right", MEASURED, wind.time, right),
+        *_autopilot_airspeed(wind, assessment),
+    ]
+    return over_time("Speed through the air", "m/s", lines)
+
+
+def _autopilot_airspeed(wind: WindVelocity, assessment: Assessment) -> Iterator[Line]:
+    """Yields the autopilot's airspeed (VFR_HUD) over the time of the wind; nothing if it was not logged, or is 0."""
+    assert assessment.evidence is not None
+    series = recorded_series(assessment.evidence.signals.telemetry, "VFR_HUD", "airspeed")
+    if series is None:
+        return
+    rows = series.boot == wind.boot
+    rows &= (series.time >= wind.time[0]) & (series.time <= wind.time[-1])
+    if rows.sum() >= MIN_AIRSPEED_SAMPLES and np.any(series.values[rows]):
+        yield Line("autopilot's airspeed", BASELINE, series.time[rows], series.values[rows])
