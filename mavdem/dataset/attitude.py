@@ -96,18 +96,18 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     counts = {sent_attitude.message: len(sent_attitude.time), TUNING_MESSAGE: len(tuning.time)}
     if preferred_message(counts) == sent_attitude.message:
         return sent_attitude
-    integrated = _integrated_rates(sent_attitude, tuning)
+    integrated_rates = _integrated_rates(sent_attitude, tuning)
     # What was flown without these rates must not be lost.
-    if integrated.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
+    if integrated_rates.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
         return sent_attitude
-    rows = np.isfinite(integrated.angle)
+    rows = np.isfinite(integrated_rates.angle)
     return Attitude(
         message=TUNING_MESSAGE,
         time=tuning.time[rows],
         boot=tuning.boot[rows],
-        angle=integrated.angle[rows],
+        angle=integrated_rates.angle[rows],
         rate=tuning.values[rows, 0],
-        euler_rate=integrated.euler_rate[rows],
+        euler_rate=integrated_rates.euler_rate[rows],
         sent_count=tuning.sent_count,
         unused_count=tuning.unused_count,
         impossible_count=sent_attitude.impossible_count,

@@ -172,12 +172,12 @@ def flights_of_longest_boot(flights: Flights) -> Flights:
     return [flight for flight in flights if boot_number(flight) == boot]
 
 
-def _flight_with_cautions(learnability: Learnability, *further: Fact) -> Flight:
+def _flight_with_cautions(learnability: Learnability, *log_cautions: Fact) -> Flight:
     """Adds cautions to the flight of a learnable segment.
 
     Args:
         learnability: Learnability of the segment.
-        further: Cautions on the whole log, which are added to those of the segment.
+        log_cautions: Cautions on the whole log, which are added to those of the segment.
 
     Returns:
         A copy of the flight, with the cautions also in its provenance.
@@ -188,7 +188,7 @@ def _flight_with_cautions(learnability: Learnability, *further: Fact) -> Flight:
     if not learnability.learnable or learnability.flight is None:
         raise NotLearnable(learnability.reason)
     flight = learnability.flight
-    cautions = (*learnability.cautions, *further)
+    cautions = (*learnability.cautions, *log_cautions)
     provenance = {**flight.provenance, "cautions": [str(caution) for caution in cautions]}
     return replace(flight, provenance=provenance, cautions=cautions)
 
@@ -245,11 +245,11 @@ def _matching_vehicles(vehicles: Sequence[Telemetry], wanted: str | None) -> lis
             for vehicle in vehicles
             if wanted in (str(vehicle.system), _mavlink_ids(vehicle), vehicle.board)
         ]
-    with_attitude = []
+    vehicles_with_attitude = []
     for vehicle in vehicles:
         if any(message_counts(vehicle, ATTITUDE_MESSAGES).values()):
-            with_attitude.append(vehicle)
-    return with_attitude or list(vehicles)
+            vehicles_with_attitude.append(vehicle)
+    return vehicles_with_attitude or list(vehicles)
 
 
 def _mavlink_ids(vehicle: Telemetry) -> str:

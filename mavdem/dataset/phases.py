@@ -471,8 +471,8 @@ def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
     height = height_above_take_off(signals, boot, flight)
     if height is None:
         return None
-    in_flight = in_intervals(height.time, [flight])
-    return bool((height.values[in_flight] > MAX_GROUND_HEIGHT).any())
+    is_in_flight = in_intervals(height.time, [flight])
+    return bool((height.values[is_in_flight] > MAX_GROUND_HEIGHT).any())
 
 
 def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:

@@ -212,9 +212,9 @@ class VehicleSignals:
         numbers = columns["custom_mode"][rows].astype(int)
         changes = np.flatnonzero(np.diff(numbers, prepend=-1))
         times = columns["time"][rows[changes]].tolist()
-        announced = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
+        names_by_mode = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
         names = [
-            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number), announced)
+            mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number), names_by_mode)
             for number in numbers[changes]
         ]
         return list(zip(times, names, strict=True))

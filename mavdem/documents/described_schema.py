@@ -50,7 +50,7 @@ def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
     for definition in ast.parse(source).body:
         if not isinstance(definition, ast.ClassDef):
             continue
-        by_attribute = {}
+        docstrings_by_attribute = {}
         # The docstring of an attribute is the text that follows its annotation.
         for statement, next_statement in zip(definition.body, definition.body[1:], strict=False):
             if not isinstance(statement, ast.AnnAssign) or not isinstance(next_statement, ast.Expr):
@@ -58,8 +58,8 @@ def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
             if isinstance(statement.target, ast.Name) and isinstance(
                 next_statement.value, ast.Constant
             ):
-                by_attribute[statement.target.id] = inspect.cleandoc(
+                docstrings_by_attribute[statement.target.id] = inspect.cleandoc(
                     str(next_statement.value.value)
                 )
-        docstrings[definition.name] = by_attribute
+        docstrings[definition.name] = docstrings_by_attribute
     return docstrings

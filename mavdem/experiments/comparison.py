@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from math import isnan
 from operator import itemgetter
 from time import thread_time
 from typing import NamedTuple
@@ -168,8 +169,10 @@ class Outcome:
             "cautions": self.cautions,
             "mspe": {"per_output": errors, "total": errors.sum()},
             "relative": scores.ratio,
-            # As the mean of a single share, NaN becomes None, which JSON can state.
-            "inside_90_percent_band": [known_mean([share]) for share in scores.inside.tolist()],
+            # JSON cannot state NaN, the share without a band.
+            "inside_90_percent_band": [
+                None if isnan(share) else share for share in scores.inside.tolist()
+            ],
             "seconds": round(self.seconds, ROUNDED_SECONDS),
         }
 

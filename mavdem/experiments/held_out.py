@@ -322,8 +322,8 @@ class HeldOutPart:
     def outputs_before_windows(self) -> Array:
         """Outputs of the sample before each window (W, m)."""
         outputs = self.samples.outputs
-        shifted = np.concatenate([self.previous_output, outputs])
-        return shifted[self.lead : len(outputs) : self.steps]
+        previous_outputs = np.concatenate([self.previous_output, outputs])
+        return previous_outputs[self.lead : len(outputs) : self.steps]
 
 
 def forecast_part(

@@ -107,14 +107,11 @@ def _measured_voltage(row: FlightRow) -> float | None:
     Nothing measures such a battery, as the light of power says, so that flights cannot be compared by it.
     """
     mean = row.voltage_mean
+    if mean is None or row.voltage_end is None or row.voltage_start != row.voltage_end:
+        return mean
     # The mean of equal samples is that value but for its rounding.
-    if (
-        mean is not None
-        and row.voltage_start == row.voltage_end
-        and isclose(mean, row.voltage_end or 0.0)
-    ):
-        return None
-    return mean
+    is_constant = isclose(mean, row.voltage_end)
+    return None if is_constant else mean
 
 
 def condition_allowance(kind: str, before: Conditions, after: Conditions) -> float:

@@ -263,15 +263,15 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
     if max_size is None:
         max_size = min(MAX_LOG_BYTES, MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(content))
     try:
-        unpacked = decompressor.decompress(content, max_size)
+        unpacked_bytes = decompressor.decompress(content, max_size)
     except lzma.LZMAError as error:
         raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
     if limit is None and not decompressor.eof:
         # The archive has not ended: either its own bytes ran out, or the bound on the result was reached.
-        if len(unpacked) < max_size:
+        if len(unpacked_bytes) < max_size:
             raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
         raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
-    return unpacked
+    return unpacked_bytes
 
 
 def _content_of_zip(path: Path, limit: int | None) -> bytes:

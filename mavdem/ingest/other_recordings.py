@@ -392,7 +392,7 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
     return chains
 
 
-def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
+def _agree(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
     """Returns whether a chain can be of the same vehicle's recording as a larger one that is kept.
 
     One of the two must be before the other in the file. The later one must continue in time, or be another boot: a log
@@ -402,7 +402,7 @@ def _agree(chain: _Chain, kept: _Chain, rules: ClockRules) -> bool:
         chain, kept: The chains: runs of messages, each of which continues the clock of the one before.
         rules: Limits of what the clock may do.
     """
-    first, second = sorted((chain, kept), key=lambda either: either.runs[0].first)
+    first, second = sorted((chain, kept_chain), key=lambda either: either.runs[0].first)
     if first.runs[-1].first > second.runs[0].first:
         return False
     later_begins = second.runs[0].start_time

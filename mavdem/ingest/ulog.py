@@ -90,8 +90,8 @@ def read_ulog(path: PathName) -> Log:
         raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
     records = sound_records(content)
     loss = records.loss
-    parsed = parse_records(records)
-    log = _parsed_by_pyulog(parsed.other_content, source)
+    parsed_records = parse_records(records)
+    log = _parsed_by_pyulog(parsed_records.other_content, source)
     initial_settings, changed_settings = _parameter_settings(log)
     settings = [*initial_settings, *changed_settings]
     parameters = {setting.name: setting.value for setting in settings if isfinite(setting.value)}
@@ -101,11 +101,11 @@ def read_ulog(path: PathName) -> Log:
         if isfinite(setting.value) and setting.value != parameters[setting.name]
     }
     start = log.start_timestamp / MICROSECONDS
-    topics, outlier_count = _topics(parsed.topics, start)
+    topics, outlier_count = _topics(parsed_records.topics, start)
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
-        topic_names = sorted({topic.name for topic in parsed.topics})
+        topic_names = sorted({topic.name for topic in parsed_records.topics})
         raise Unreadable(
             Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=loss.lost_bytes > 0
         )
@@ -132,7 +132,7 @@ def read_ulog(path: PathName) -> Log:
         board=str(information.get("sys_uuid", "")).lower(),
         hardware=str(information.get("ver_hw", "")),
     )
-    frames = parsed.data_records + len(log.logged_messages)
+    frames = parsed_records.data_records + len(log.logged_messages)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
@@ -146,9 +146,9 @@ def all_topics(path: PathName) -> dict[str, dict[int, Fields]]:
         Columns with ``time``, s since boot, by topic and by number of the instance.
     """
     source = os.fspath(path)
-    parsed = parse_records(sound_records(file_content(path)), has_all_fields=True)
-    log = _parsed_by_pyulog(parsed.other_content, source)
-    topics, _ = _topics(parsed.topics, log.start_timestamp / MICROSECONDS)
+    parsed_records = parse_records(sound_records(file_content(path)), has_all_fields=True)
+    log = _parsed_by_pyulog(parsed_records.other_content, source)
+    topics, _ = _topics(parsed_records.topics, log.start_timestamp / MICROSECONDS)
     return {
         name: {number: dict(columns) for number, columns in instances.items()}
         for name, instances in topics.items()

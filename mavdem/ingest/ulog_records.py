@@ -311,10 +311,10 @@ class _RecordScan:
         next_position = self.definitions.next_position(position)
         if not self._is_chain(next_position, end, may_begin_unknown=True):
             return False
-        inside = self.definitions.record_start_pattern().finditer(
+        starts_inside = self.definitions.record_start_pattern().finditer(
             self.content, position + 1, next_position
         )
-        return not any(self._is_chain(start.start(), end) for start in inside)
+        return not any(self._is_chain(start.start(), end) for start in starts_inside)
 
     def _next_chain(self, start: int, end: int) -> int:
         """Returns the first offset at which a chain of records begins.

@@ -247,10 +247,10 @@ def _loop_messages(
     streams = [rate, Messages(outputs.time, demand)]
     for values in candidates:
         streams += [Messages(time, values), Messages(time, values + angle_feedback)]
-    at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.stop)
+    is_at_limit = controller.outputs_at_limit(outputs.values, inputs.scale.stop)
     return _LoopMessages(
         streams=streams,
-        at_limit=Messages(outputs.time, at_limit.astype(np.float64)),
+        at_limit=Messages(outputs.time, is_at_limit.astype(np.float64)),
         rounding=inputs.scale.step / float(np.linalg.norm(mixer_gains)),
     )
 

@@ -236,12 +236,12 @@ def _limit_cycles(
     range_fractions = motors.scale.fraction(motors.outputs)
     motor_at_upper, motor_at_lower = samples_at_limits(range_fractions, motors.scale)
     # Whether any motor is at its upper or its lower limit, (N,) each.
-    at_upper = motor_at_upper.any(axis=1)
-    at_lower = motor_at_lower.any(axis=1)
+    is_at_upper = motor_at_upper.any(axis=1)
+    is_at_lower = motor_at_lower.any(axis=1)
     # The mean of all motors is thrust, which turns nothing.
     differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
     # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
-    columns = [*differential.T, at_upper & at_lower, at_upper | at_lower]
+    columns = [*differential.T, is_at_upper & is_at_lower, is_at_upper | is_at_lower]
     motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
     signals_on_grid = resampled_signals(
         [tilt.rate_series, *motor_series],
@@ -311,7 +311,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
         Frequency, share, standard deviation of the rate, and time at a limit, of the line of each window (W,); and
         whether the line is clear.
     """
-    rate_and_motors, at_both_limits, at_a_limit = piece[:-2], piece[-2], piece[-1]
+    rate_and_motors, is_at_both_limits, is_at_a_limit = piece[:-2], piece[-2], piece[-1]
     body_rate = rate_and_motors[0]
     size = round(window_seconds * sampling_rate)
     frequency = np.fft.rfftfreq(size, 1 / sampling_rate)
@@ -320,7 +320,9 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     # Power (W, F) of the rate, and of all motors together.
     rate_power = signal_power[0]
     motor_power = signal_power[1:].sum(axis=0)
-    is_stop_to_stop = half_overlapping_windows(at_both_limits, size).mean(axis=1) >= LASTING_SHARE
+    is_stop_to_stop = (
+        half_overlapping_windows(is_at_both_limits, size).mean(axis=1) >= LASTING_SHARE
+    )
     searched_power = np.where(is_stop_to_stop[:, None], motor_power, rate_power)
     is_fast_enough = frequency >= MIN_PERIODS * resolution
     searched_power = np.where(is_fast_enough, searched_power, 0.0)
@@ -342,7 +344,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
         frequency=line_frequency,
         share=share,
         rate=rate,
-        at_limit=half_overlapping_windows(at_a_limit, size).mean(axis=1),
+        at_limit=half_overlapping_windows(is_at_a_limit, size).mean(axis=1),
         is_clear=(share >= needed_share) & (rate >= MIN_RATE),
     )
 

@@ -402,13 +402,18 @@ def controller_response(controller: Controller, frequency: Array) -> ControllerR
     integral = controller.i * period / (1 - delay)
     is_ardupilot = controller.derivative_of_error
     if is_ardupilot:
-        from_error = low_pass(controller.error_filter) * (controller.p + integral + derivative)
-        from_error = from_error * notch_response(controller.error_notches, 1 / period, frequency)
+        demand_from_error = low_pass(controller.error_filter) * (
+            controller.p + integral + derivative
+        )
+        demand_from_error = demand_from_error * notch_response(
+            controller.error_notches, 1 / period, frequency
+        )
         feed_forward = controller.ff + controller.derivative_ff * (1 - delay) / period
         target_notches = notch_response(controller.target_notches, 1 / period, frequency)
         target_filters = low_pass(controller.target_filter) * target_notches
         return ControllerResponse(
-            from_setpoint=target_filters * (from_error + feed_forward), from_rate=from_error
+            from_setpoint=target_filters * (demand_from_error + feed_forward),
+            from_rate=demand_from_error,
         )
     proportional_integral = controller.p + delay * integral
     output_filter = low_pass(controller.output_filter)

@@ -206,8 +206,8 @@ def _comparison_with_prediction(
         Band, Hz, and fit and agreement, %; whether they suffice is judged by the caller.
     """
     measured_frequency = spectra.frequency
-    highest_predicted = frequency[-1]
-    highest = min(_first_incoherent_frequency(spectra), highest_predicted)
+    highest_prediction = frequency[-1]
+    highest = min(_first_incoherent_frequency(spectra), highest_prediction)
     is_in_band = measured_frequency >= MIN_COMPARED_FREQUENCY
     is_in_band &= measured_frequency < highest
     rate_index = 1

@@ -44,7 +44,7 @@ def step_figures(
     Returns:
         Figures by name; times in s, frequencies in Hz.
     """
-    to_half = _first_times(time, steps, 0.5)
+    half_times = _first_times(time, steps, 0.5)
     # A step settles at the last time at which it is outside the band around 1.
     is_unsettled = abs(steps - 1) > SETTLING_BAND
     settling_time = np.where(is_unsettled, time, 0.0).max(axis=1, initial=time[0])
@@ -52,7 +52,7 @@ def step_figures(
         "overshoot": _unbiased_overshoots(steps),
         "rise_time": rise_times(time, steps),
         "settling": settling_time,
-        "delay": to_half,
+        "delay": half_times,
         "peak": gains.max(axis=1),
         "peak_frequency": frequency[gains.argmax(axis=1)],
     }
@@ -69,10 +69,10 @@ def rise_times(time: Array, steps: Array) -> Array:
     Returns:
         The times (N,), s.
     """
-    to_tenth = _first_times(time, steps, 0.1)
-    to_nine_tenths = _first_times(time, steps, 0.9)
-    has_risen = to_nine_tenths < time[-1]
-    return np.where(has_risen, to_nine_tenths - to_tenth, to_nine_tenths)
+    tenth_times = _first_times(time, steps, 0.1)
+    nine_tenth_times = _first_times(time, steps, 0.9)
+    has_risen = nine_tenth_times < time[-1]
+    return np.where(has_risen, nine_tenth_times - tenth_times, nine_tenth_times)
 
 
 def _unbiased_overshoots(steps: Array) -> Array:

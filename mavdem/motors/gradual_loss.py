@@ -97,16 +97,20 @@ def gradual_loss(
     model = BalanceModel(signatures)
     duration = float(time[-1] - time[0])
     block_seconds = max(BLOCK_SECONDS, duration / MAX_BLOCKS)
-    before_blocks = round(MIN_BEFORE_SECONDS / block_seconds) + 1
-    after_blocks = round(MIN_LOSS_SECONDS / block_seconds)
+    min_blocks_before = round(MIN_BEFORE_SECONDS / block_seconds) + 1
+    min_blocks_after = round(MIN_LOSS_SECONDS / block_seconds)
     block_times, block_commands = _block_means(time, commands, block_seconds)
     thrust = block_commands.mean(axis=1)
     is_sparse = len(block_times) < MIN_PRESENT_SHARE * duration / block_seconds
-    if is_sparse or len(block_times) < before_blocks + after_blocks or not (thrust > 0).all():
+    if (
+        is_sparse
+        or len(block_times) < min_blocks_before + min_blocks_after
+        or not (thrust > 0).all()
+    ):
         return None
     balances = (block_commands / thrust[:, None]) @ model.torque_rows.T
-    ramp = _best_ramp(balances, before_blocks)
-    if ramp.start > len(balances) - after_blocks:
+    ramp = _best_ramp(balances, min_blocks_before)
+    if ramp.start > len(balances) - min_blocks_after:
         # A gust, or the beginning of the descent: it is not known whether it lasts.
         return None
     variance = _variance_of_change(balances, ramp)
@@ -148,7 +152,7 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> tuple[Ar
     return time[0] + block_seconds * (present + 0.5), np.column_stack(means)
 
 
-def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
+def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
     """Returns the ramp with the least product of squared residuals over the axes: the one of highest likelihood.
 
     With independent normal noise of unknown variance on each axis, −N/2 Σ log(residual sum of squares) is the log
@@ -156,7 +160,7 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
 
     Args:
         balances: (B, a) balance of each block.
-        before_blocks: number of blocks before the earliest beginning of a ramp.
+        min_blocks_before: number of blocks before the earliest beginning of a ramp.
 
     Returns:
         The ramp: its first block, its course over the blocks, the balance before it and the change of the balance.
@@ -166,7 +170,7 @@ def _best_ramp(balances: Array, before_blocks: int) -> Ramp:
     centred_balances = balances - balances.mean(axis=0)
     total_squares = (centred_balances**2).sum(axis=0)
     # At least two blocks are left for the change.
-    starts = np.arange(before_blocks, count - 2)
+    starts = np.arange(min_blocks_before, count - 2)
     best: Ramp | None = None
     least_misfit = np.inf
     for share in RAMP_SHARES:

@@ -208,9 +208,9 @@ class GrayBoxModel(NamedTuple):
 
     def with_valid_delay(self, theta: Array) -> Array:
         """Returns parameters θ (k,) with a delay of at least 0: no command acts before it is given."""
-        bounded = theta.copy()
-        bounded[self.delay_index] = max(bounded[self.delay_index], 0.0)
-        return bounded
+        bounded_theta = theta.copy()
+        bounded_theta[self.delay_index] = max(bounded_theta[self.delay_index], 0.0)
+        return bounded_theta
 
     def rate_by_motors(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the Fourier transform of the body rate that the motors alone cause.

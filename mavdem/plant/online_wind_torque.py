@@ -292,8 +292,8 @@ class OnlineWindTorque:
         if self._blocks:
             # Blocks may have been dropped in between. Then more time has passed than this block lasts, with one step of
             # tolerance for rounded stamps.
-            elapsed = block.end_time - self._blocks[-1].end_time
-            follows_gap = elapsed > (len(block.outputs) + 1) * self._dt
+            elapsed_time = block.end_time - self._blocks[-1].end_time
+            follows_gap = elapsed_time > (len(block.outputs) + 1) * self._dt
         starts_segment = block.starts_segment or bool(follows_gap)
         self._blocks.append(block._replace(starts_segment=starts_segment))
         # A fit that has ended is adopted before another may start.

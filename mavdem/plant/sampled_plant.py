@@ -215,8 +215,11 @@ class SampledPlant(NamedTuple):
             Additions to the n states at the second sample and those after it (T − 1, n).
         """
         commands = with_early_jumps(commanded_torque[None, :, None], self.jump_lead)[0]
-        at_start, at_end = delayed_inputs(commands, delay_steps)
-        return at_start * self.transition.Gamma0[:, 0] + at_end * self.transition.Gamma1[:, 0]
+        commands_at_start, commands_at_end = delayed_inputs(commands, delay_steps)
+        return (
+            commands_at_start * self.transition.Gamma0[:, 0]
+            + commands_at_end * self.transition.Gamma1[:, 0]
+        )
 
     def rate_filter(self, noise_sd: float) -> SteadyStateFilter:
         """Designs the steady-state Kalman filter of a rate that is measured with white noise.

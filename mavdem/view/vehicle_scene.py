@@ -59,6 +59,9 @@ ROTOR_THICKNESS = 0.02
 ROTOR_RADIUS = 0.48
 """Radius of a rotor's disc. Those of a hexarotor, an arm apart, do not touch."""
 
+NORTH_ARROW_RADIUS = 0.04
+"""Radius of the arrow to the north, as a fraction of the arm."""
+
 
 def log_axes(recording: rr.RecordingStream) -> None:
     """Names the axes of the world: north, east and down are to it what forward, right and down are to a body."""
@@ -159,7 +162,7 @@ def log_north(recording: rr.RecordingStream, start: Array, arm: float) -> None:
     north = rr.Arrows3D(
         vectors=[[NORTH_ARROW_LENGTH * arm, 0, 0]],
         origins=[start],
-        radii=0.04 * arm,
+        radii=NORTH_ARROW_RADIUS * arm,
         labels=["north"],
         show_labels=True,
         colors=NORTH_COLOUR,

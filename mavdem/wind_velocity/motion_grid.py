@@ -165,16 +165,16 @@ class _Bins:
             Means (k, count − 1); NaN where both steps have no sample.
         """
         # The row of ones becomes the sum of the weights, which the other rows are divided by.
-        with_ones = np.vstack([np.ones(len(self.index)), values])
-        sums = self._sums(with_ones)
-        rising = self._sums(self.fraction * with_ones)
-        weighted = (sums - rising)[:, 1:] + rising[:, :-1]
-        return weighted[1:] / weighted[0]
+        values_and_ones = np.vstack([np.ones(len(self.index)), values])
+        sums = self._sums(values_and_ones)
+        rising = self._sums(self.fraction * values_and_ones)
+        weighted_sums = (sums - rising)[:, 1:] + rising[:, :-1]
+        return weighted_sums[1:] / weighted_sums[0]
 
     def mean_differences(self, values: Array) -> Array:
         """Returns the differences between means of values (k, N) in adjacent steps (k, count − 1)."""
-        with_ones = np.vstack([np.ones(len(self.index)), values])
-        sums = self._sums(with_ones)
+        values_and_ones = np.vstack([np.ones(len(self.index)), values])
+        sums = self._sums(values_and_ones)
         return np.diff(sums[1:] / sums[0])
 
 
@@ -385,23 +385,25 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     bins = _bins(samples.time, step)
     _, _, body_z = _body_axes(samples.attitude)
     # Acceleration to north and east by the thrust of a vehicle that keeps its height, (2, N).
-    expected = -GRAVITY * body_z[:2] / body_z[2]
+    expected_acceleration = -GRAVITY * body_z[:2] / body_z[2]
     is_even = np.arange(len(samples.time)) % 2 == 0
     # A step without samples divides by 0, and becomes NaN.
     with np.errstate(divide="ignore", invalid="ignore"):
         acceleration = bins.mean_differences(samples.velocity[:, :2].T) / step
         even, odd = (
-            np.diff(bins.select(rows).triangular_means(expected[:, rows]), axis=1)
+            np.diff(bins.select(rows).triangular_means(expected_acceleration[:, rows]), axis=1)
             for rows in (is_even, ~is_even)
         )
-    measured = np.diff(acceleration, axis=1)
-    is_complete = np.isfinite(even + odd + measured).all(axis=0)
+    measured_acceleration = np.diff(acceleration, axis=1)
+    is_complete = np.isfinite(even + odd + measured_acceleration).all(axis=0)
     if 2 * is_complete.sum() <= MIN_COMPARED_STEPS:
         return
-    even, odd, measured = (changes[:, is_complete] for changes in (even, odd, measured))
+    even, odd, measured_acceleration = (
+        changes[:, is_complete] for changes in (even, odd, measured_acceleration)
+    )
     # Per step, the sums of both axes: of the squared change of the tilt, and of its product with the acceleration's.
     squares = 2 * (even * odd).sum(axis=0)
-    products = ((even + odd) * measured).sum(axis=0)
+    products = ((even + odd) * measured_acceleration).sum(axis=0)
     if squares.sum() <= 2 * even.size * MIN_TILT_CHANGE**2:
         return
     slope = products.sum() / squares.sum()

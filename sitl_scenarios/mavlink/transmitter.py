@@ -268,7 +268,7 @@ class Transmitter:
         """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.
 
         Messages that belong to no group keep their rates. A message whose interval hardly changes keeps its schedule,
-        instead of restarting it.
+        instead of restarting it. It is a fault event (:meth:`_fault_events`), whose time it does not need.
         """
         interval = 1 / self._scenario.faults.mavproxy_rate
         for group in self.autopilot.groups.values():

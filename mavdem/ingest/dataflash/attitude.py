@@ -227,15 +227,17 @@ def rate_tuning(tables: Tables, attitude_columns: Columns, units_per_degree: flo
         Three messages per row of RATE, degrees/s: setpoint (``desired``) and body rate (``achieved``) about roll, pitch
         and yaw, whose ``axis`` is 1, 2 and 3. They come one axis after the other. Empty if it is not made.
     """
-    logged = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
-    if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged):
+    logged_columns = messages_with_fields(tables, "RATE", (*RATE_SETPOINT_FIELDS, *RATE_FIELDS))
+    if message_count(attitude_columns) >= MIN_PREFERRED_SHARE * message_count(logged_columns):
         return {}
     parts = []
     fields_of_axes = zip(RATE_SETPOINT_FIELDS, RATE_FIELDS, strict=True)
     for axis_number, fields in enumerate(fields_of_axes, 1):
-        setpoint, rate = (float_table(logged, fields) / units_per_degree).T
-        axis = np.full(message_count(logged), axis_number, np.uint8)
-        parts.append(with_stamps(logged, {"axis": axis, "desired": setpoint, "achieved": rate}))
+        setpoint, rate = (float_table(logged_columns, fields) / units_per_degree).T
+        axis = np.full(message_count(logged_columns), axis_number, np.uint8)
+        parts.append(
+            with_stamps(logged_columns, {"axis": axis, "desired": setpoint, "achieved": rate})
+        )
     return concatenated_columns(parts)
 
 
@@ -255,12 +257,16 @@ def derivative_terms(tables: Tables) -> Columns:
     Returns:
         Columns (N,) at the stamps of PIDR, in the unit of the demand, -1 to 1; empty unless all three were logged.
     """
-    logged = [messages_with_fields(tables, name, ("D",)) for name in RATE_CONTROLLER_MESSAGES]
-    count = min(map(message_count, logged))
+    logged_columns = [
+        messages_with_fields(tables, name, ("D",)) for name in RATE_CONTROLLER_MESSAGES
+    ]
+    count = min(map(message_count, logged_columns))
     if not count:
         return {}
-    terms = {axis: columns["D"][:count] for axis, columns in zip("xyz", logged, strict=True)}
-    return with_stamps(selected_rows(logged[0], slice(count)), terms)
+    terms = {
+        axis: columns["D"][:count] for axis, columns in zip("xyz", logged_columns, strict=True)
+    }
+    return with_stamps(selected_rows(logged_columns[0], slice(count)), terms)
 
 
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
@@ -276,13 +282,13 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
         Columns with ``controls`` (N, 8): demands on roll, pitch and yaw, -1 to 1, then thrust, 0 to 1 (NaN where RATE
         has none), then zeros; and the repair where they were scaled.
     """
-    logged = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
-    if not logged:
+    logged_columns = messages_with_fields(tables, "RATE", DEMAND_FIELDS)
+    if not logged_columns:
         return {}, ()
-    controls = np.zeros((message_count(logged), DEMAND_CHANNELS))
+    controls = np.zeros((message_count(logged_columns), DEMAND_CHANNELS))
     axes = slice(len(DEMAND_FIELDS))
-    controls[:, axes] = float_table(logged, DEMAND_FIELDS)
-    controls[:, THRUST_CHANNEL] = logged.get("AOut", np.nan)
+    controls[:, axes] = float_table(logged_columns, DEMAND_FIELDS)
+    controls[:, THRUST_CHANNEL] = logged_columns.get("AOut", np.nan)
     repairs: Facts = ()
     # Zeros are of the time on the ground, and in either scale.
     magnitudes = abs(controls[:, axes])
@@ -292,4 +298,4 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
         controls[:, THRUST_CHANNEL] /= OLD_FULL_THRUST
         repairs = repair_facts(Repair.DEMANDS_SCALED, divisor=OLD_FULL_DEMAND)
     group = np.zeros(len(controls), dtype=np.uint8)
-    return with_stamps(logged, {"group_mlx": group, "controls": controls}), repairs
+    return with_stamps(logged_columns, {"group_mlx": group, "controls": controls}), repairs

@@ -44,10 +44,10 @@ def sys_status(tables: Tables) -> NamedMessage:
         The message, and the name of the logged one that it was made of; without columns where no voltage was logged.
     """
     for name in BATTERY_MESSAGES:
-        logged = messages_with_fields(tables, name, ("Volt",))
-        if not logged:
+        logged_columns = messages_with_fields(tables, name, ("Volt",))
+        if not logged_columns:
             continue
-        first_battery = logged
+        first_battery = logged_columns
         for instance_field in INSTANCE_FIELDS:
             first_battery = rows_of_instance(first_battery, instance_field, 0) or first_battery
         voltage, other_measurements = _measurements(first_battery)
@@ -73,11 +73,11 @@ def battery_status(tables: Tables) -> NamedMessage:
     for battery_name in BATTERY_MESSAGES:
         for number in range(1, MAX_BATTERIES + 1):
             name = battery_name if number == 1 else f"{battery_name}{number}"
-            logged = messages_with_fields(tables, name, ("Volt",))
-            if not logged:
+            logged_columns = messages_with_fields(tables, name, ("Volt",))
+            if not logged_columns:
                 continue
             names.append(name)
-            for battery_id, rows in _rows_by_battery(logged, number - 1).items():
+            for battery_id, rows in _rows_by_battery(logged_columns, number - 1).items():
                 ids.add(battery_id)
                 voltage, fields = _measurements(rows)
                 id_column = np.full(len(voltage), battery_id, np.uint8)
@@ -94,43 +94,45 @@ def battery_status(tables: Tables) -> NamedMessage:
     return NamedMessage("/".join(names), selected_rows(columns, time_order))
 
 
-def _rows_by_battery(logged: Columns, default_id: int) -> dict[int, Columns]:
+def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Columns]:
     """Groups the messages of one name by the number of the battery, from 0.
 
     Args:
-        logged: The messages.
+        logged_columns: The messages.
         default_id: Number of the battery, from 0, where the messages do not have it.
 
     Returns:
         The messages of each battery, by its number.
     """
     for field in INSTANCE_FIELDS:
-        if field in logged:
-            numbers = np.unique(logged[field])
-            return {int(number): rows_of_instance(logged, field, number) for number in numbers}
-    return {default_id: logged}
+        if field in logged_columns:
+            numbers = np.unique(logged_columns[field])
+            return {
+                int(number): rows_of_instance(logged_columns, field, number) for number in numbers
+            }
+    return {default_id: logged_columns}
 
 
-def _measurements(logged: Columns) -> tuple[Array, Fields]:
+def _measurements(logged_columns: Columns) -> tuple[Array, Fields]:
     """Returns the voltage and the other measurements of messages of one battery, in MAVLink's units.
 
     They stay floats, so that the decimals that MAVLink's integers cut off are kept. Old versions of ArduPilot logged
     hundredths of a volt. These are recognised by a median voltage that no battery of a multirotor has.
 
     Args:
-        logged: Messages (N,) with ``Volt``.
+        logged_columns: Messages (N,) with ``Volt``.
 
     Returns:
         Voltage (N,), mV; and ``current_battery`` (N,), cA, if it was logged.
     """
-    voltage = float_table(logged, ("Volt",))[:, 0]
+    voltage = float_table(logged_columns, ("Volt",))[:, 0]
     is_positive = voltage > 0
     is_in_hundredths = np.any(is_positive) and np.nanmedian(voltage[is_positive]) > MAX_VOLTS
     millivolts_per_unit = 10.0 if is_in_hundredths else 1000.0
     centiamperes_per_unit = millivolts_per_unit / 10
     fields: Fields = {}
-    if "Curr" in logged:
+    if "Curr" in logged_columns:
         # The current is in hundredths of an ampere where the voltage is in those of a volt.
-        current = float_table(logged, ("Curr",))[:, 0]
+        current = float_table(logged_columns, ("Curr",))[:, 0]
         fields["current_battery"] = current * centiamperes_per_unit
     return voltage * millivolts_per_unit, fields

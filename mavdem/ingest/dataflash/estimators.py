@@ -96,19 +96,19 @@ def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
         status = _with_cores(tables, f"{prefix}{STATUS_MESSAGE}")
         for number in CORE_MESSAGES:
             name = f"{prefix}{number}"
-            logged = _with_cores(tables, name)
-            if not message_count(logged):
+            logged_columns = _with_cores(tables, name)
+            if not message_count(logged_columns):
                 continue
-            primary = _primary_cores(logged, status)
-            core = logged["C"].astype(np.int64)
+            primary = _primary_cores(logged_columns, status)
+            core = logged_columns["C"].astype(np.int64)
             is_flown = core == primary
             if not is_flown.any():
                 cores, counts = np.unique(core, return_counts=True)
                 most_logged_core = int(cores[counts.argmax()])
                 is_flown = core == most_logged_core
                 names[name] = f"{name}[{most_logged_core}]"
-            flown_messages[name] = selected_rows(logged, is_flown)
-            all_cores[name] = logged
+            flown_messages[name] = selected_rows(logged_columns, is_flown)
+            all_cores[name] = logged_columns
             primary_cores[name] = primary
     return FlownEstimates(
         flown_messages,
@@ -129,9 +129,9 @@ def _with_cores(tables: Tables, name: str) -> Columns:
     Returns:
         The messages; empty if there are none.
     """
-    logged = tables.get(name, {})
-    if "C" in logged:
-        return logged
+    logged_columns = tables.get(name, {})
+    if "C" in logged_columns:
+        return logged_columns
     # Old versions have a message of its own for each core, with a higher number.
     prefix, number = name[:-1], int(name[-1])
     parts = []
@@ -146,17 +146,17 @@ def _with_cores(tables: Tables, name: str) -> Columns:
     return selected_rows(cores, np.argsort(continuous_time(cores), kind="stable"))
 
 
-def _primary_cores(logged: Columns, status: Columns) -> Integers:
+def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
     """Returns the primary core at each row of a message: the last one that the status named.
 
     Args:
-        logged: The message (N rows).
+        logged_columns: The message (N rows).
         status: The message with the primary core (``PI``), of all cores. If it has none, core 0 is primary.
 
     Returns:
         Numbers of the cores (N,).
     """
-    count = message_count(logged)
+    count = message_count(logged_columns)
     named = status.get("PI", np.zeros(0))
     is_named = named >= 0
     if not is_named.any():
@@ -164,5 +164,5 @@ def _primary_cores(logged: Columns, status: Columns) -> Integers:
     time = continuous_time(status)[is_named]
     order = np.argsort(time, kind="stable")
     # Before the first status the core is the one that it names.
-    row = np.searchsorted(time[order], continuous_time(logged), side="right") - 1
+    row = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
     return named[is_named][order][np.maximum(row, 0)].astype(np.int64)

@@ -171,8 +171,8 @@ def all_tables(path: PathName) -> Tables:
     """
     content, recording = _recording(path)
     recording = _without_old_blocks(recording, _logged_messages(recording), content).recording
-    logged = {name: usable_fields(recording.decode(name)) for name in recording.counts}
-    tables, _ = _on_boot_clock(logged, _log_clock(logged))
+    logged_tables = {name: usable_fields(recording.decode(name)) for name in recording.counts}
+    tables, _ = _on_boot_clock(logged_tables, _log_clock(logged_tables))
     return tables
 
 
@@ -215,14 +215,14 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
     Raises:
         Unreadable: It has no message of a flight.
     """
-    recording, logged, clock, block_repairs = _without_old_blocks(
+    recording, logged_tables, clock, block_repairs = _without_old_blocks(
         recording, _logged_messages(recording), content
     )
-    tables, clock_repairs = _on_boot_clock(logged, clock)
+    tables, clock_repairs = _on_boot_clock(logged_tables, clock)
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
         raise _error_without_flight(recording, source)
-    texts = field_texts(logged["MSG"].columns, "Message")
-    settings = _parameter_settings(logged["PARM"].columns)
+    texts = field_texts(logged_tables["MSG"].columns, "Message")
+    settings = _parameter_settings(logged_tables["PARM"].columns)
     # Of several values of one parameter a dictionary keeps the last: of the reversed list the first.
     parameters = dict(settings)
     first_values = dict(reversed(settings))
@@ -238,7 +238,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         source_names[name] = source_name
     dropouts = _lost_messages(recording)
     skipped_bytes = recording.bytes_skipped
-    unreadable_messages = sum(table.unreadable for table in logged.values())
+    unreadable_messages = sum(table.unreadable for table in logged_tables.values())
     return Telemetry(
         system=_system_id(parameters),
         component=AUTOPILOT_COMPONENT,
@@ -267,7 +267,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         board=board_number_in_texts(texts),
         hardware=board_name_in_texts(texts),
         initial_parameters=initial_parameters,
-        default_parameters=_default_parameters(logged["PARM"].columns),
+        default_parameters=_default_parameters(logged_tables["PARM"].columns),
     )
 
 
@@ -310,15 +310,15 @@ def _logged_messages(recording: DataflashRecording) -> dict[str, MessageTable]:
     Returns:
         Tables by name of the message.
     """
-    logged = {}
+    logged_tables = {}
     for name in TRANSLATED_MESSAGES:
-        logged[name] = with_new_names(name, usable_fields(recording.decode(name)))
+        logged_tables[name] = with_new_names(name, usable_fields(recording.decode(name)))
     # IMU has by far the most messages: only what is used of each stays in memory.
-    imu = logged["IMU"]
+    imu = logged_tables["IMU"]
     used_fields = {*CLOCK_FIELDS, "I", "T", "Temp", *GYRO_FIELDS, *ACCELEROMETER_FIELDS}
     used_columns = {name: values for name, values in imu.columns.items() if name in used_fields}
-    logged["IMU"] = imu._replace(columns=used_columns)
-    return logged
+    logged_tables["IMU"] = imu._replace(columns=used_columns)
+    return logged_tables
 
 
 class _LogClock(NamedTuple):
@@ -350,49 +350,49 @@ class _KeptMessages(NamedTuple):
     """What was left out."""
 
 
-def _log_clock(logged: Mapping[str, MessageTable]) -> _LogClock:
+def _log_clock(logged_tables: Mapping[str, MessageTable]) -> _LogClock:
     """Merges the stamps of all messages whose stamps are used as a clock.
 
     Args:
-        logged: Decoded messages by name.
+        logged_tables: Decoded messages by name.
 
     Returns:
         Names of these messages, and positions in the file and times, s, of N stamps, in the order of the log.
     """
-    stamps = _stamps_of_messages(logged)
+    stamps = _stamps_of_messages(logged_tables)
     names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
     if not names:
         return _LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0))
-    positions = np.concatenate([logged[name].position for name in names])
+    positions = np.concatenate([logged_tables[name].position for name in names])
     order = np.argsort(positions, kind="stable")
     seconds = np.concatenate([stamps[name] for name in names])
     return _LogClock(names, positions[order], seconds[order])
 
 
 def _without_old_blocks(
-    recording: DataflashRecording, logged: dict[str, MessageTable], content: FileContent
+    recording: DataflashRecording, logged_tables: dict[str, MessageTable], content: FileContent
 ) -> _KeptMessages:
     """Leaves out the blocks of a log that belong to another recording (``other_recordings``), such as an older file.
 
     Args:
         recording: The log, whose messages are located.
-        logged: Its translated messages, by name.
+        logged_tables: Its translated messages, by name.
         content: The bytes of the file; empty for a text log.
 
     Returns:
         The messages outside these blocks, with their clock, and a repair that reports the blocks.
     """
-    clock = _log_clock(logged)
+    clock = _log_clock(logged_tables)
     if not clock.names:
-        return _KeptMessages(recording, logged, clock, ())
+        return _KeptMessages(recording, logged_tables, clock, ())
     blocks = blocks_of_other_recordings(
         StampedMessages(clock.positions, clock.seconds, content),
         recording.decode("FMT").position,
-        _boot_times_in_utc(logged),
+        _boot_times_in_utc(logged_tables),
         DATAFLASH_RULES,
     )
     if not blocks:
-        return _KeptMessages(recording, logged, clock, ())
+        return _KeptMessages(recording, logged_tables, clock, ())
 
     def decode(name: str) -> MessageTable:
         """Decodes the messages of one name outside of the blocks."""
@@ -414,18 +414,18 @@ def _without_old_blocks(
     return _KeptMessages(recording_without_blocks, messages, _log_clock(messages), repairs)
 
 
-def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
+def _boot_times_in_utc(logged_tables: Mapping[str, MessageTable]) -> BootTimesInUtc:
     """Computes from messages of the GPS the UNIX time at which the boot clock read 0.
 
     Args:
-        logged: Decoded messages by name, with GPS.
+        logged_tables: Decoded messages by name, with GPS.
 
     Returns:
         Positions of N such messages in the file, and the UNIX time, s, by each of them.
     """
-    positions = logged["GPS"].position
-    columns = logged["GPS"].columns
-    stamps = _stamps_of_messages({"GPS": logged["GPS"]}).get("GPS")
+    positions = logged_tables["GPS"].position
+    columns = logged_tables["GPS"].columns
+    stamps = _stamps_of_messages({"GPS": logged_tables["GPS"]}).get("GPS")
     if stamps is None or not {"Status", "GMS", "GWk"} <= columns.keys():
         return BootTimesInUtc(np.zeros(0, dtype=np.int64), np.zeros(0))
     has_time = (columns["Status"] >= STATUS_3D_FIX) & (columns["GWk"] > 0)
@@ -434,17 +434,17 @@ def _boot_times_in_utc(logged: Mapping[str, MessageTable]) -> BootTimesInUtc:
     return BootTimesInUtc(positions[has_time], utc_at_boot[has_time])
 
 
-def _stamps_of_messages(logged: Mapping[str, MessageTable]) -> dict[str, Array]:
+def _stamps_of_messages(logged_tables: Mapping[str, MessageTable]) -> dict[str, Array]:
     """Returns the stamps of the messages that have any, s, by name.
 
     Args:
-        logged: Decoded messages by name.
+        logged_tables: Decoded messages by name.
 
     Returns:
         Stamps (n,), s, by name of the message.
     """
     stamps: dict[str, Array] = {}
-    for name, table in logged.items():
+    for name, table in logged_tables.items():
         for field, units_per_second in CLOCK_FIELDS.items():
             if field in table.columns:
                 stamps[name] = table.columns[field] / units_per_second
@@ -474,14 +474,16 @@ def _firmware(texts: Sequence[str]) -> str:
     return ""
 
 
-def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tuple[Tables, Facts]:
+def _on_boot_clock(
+    logged_tables: Mapping[str, MessageTable], clock: _LogClock
+) -> tuple[Tables, Facts]:
     """Puts the messages that have stamps, and those of ``UNSTAMPED_MESSAGES``, on the boot clock.
 
     The stamps of all messages, in the order of the log, give one clock with boots counted and outliers found. Each
     message then looks up its own stamp there. Messages without a stamp are placed between their neighbours.
 
     Args:
-        logged: The messages by name.
+        logged_tables: The messages by name.
         clock: The stamps of all of them.
 
     Returns:
@@ -490,7 +492,7 @@ def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tupl
     """
     if not clock.names:
         return {}, ()
-    stamps = _stamps_of_messages(logged)
+    stamps = _stamps_of_messages(logged_tables)
     # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
     _, positions, seconds = clock
     # As a float, or in text, a damaged stamp may be anything.
@@ -503,7 +505,7 @@ def _on_boot_clock(logged: Mapping[str, MessageTable], clock: _LogClock) -> tupl
     )
     time, boot = boot_times[all_messages]
     tables: dict[str, Columns] = {}
-    for name, table in logged.items():
+    for name, table in logged_tables.items():
         # Row of each message among the stamped ones; for one without a stamp, that of the stamped one behind it.
         rows = np.searchsorted(positions, table.position)
         if name in clock.names:
@@ -575,17 +577,17 @@ def _placed_by_neighbours(
     }
 
 
-def _parameter_settings(logged: Columns) -> list[tuple[str, float]]:
+def _parameter_settings(logged_tables: Columns) -> list[tuple[str, float]]:
     """Returns name and finite value of each parameter in PARM, in the order of the log."""
-    names = field_texts(logged, "Name")
-    values = logged.get("Value", np.zeros(0)).astype(float).tolist()
+    names = field_texts(logged_tables, "Name")
+    values = logged_tables.get("Value", np.zeros(0)).astype(float).tolist()
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]
 
 
-def _default_parameters(logged: Columns) -> dict[str, float]:
+def _default_parameters(logged_tables: Columns) -> dict[str, float]:
     """Returns the default of each parameter by name, where PARM has it, as newer firmware logs it."""
-    names = field_texts(logged, "Name")
-    defaults = logged.get("Default", np.zeros(0)).astype(float).tolist()
+    names = field_texts(logged_tables, "Name")
+    defaults = logged_tables.get("Default", np.zeros(0)).astype(float).tolist()
     return {
         name: default for name, default in zip(names, defaults, strict=False) if isfinite(default)
     }

@@ -53,12 +53,12 @@ def position_targets(tables: Tables) -> NamedMessage:
     columns: Fields = {}
     stamps = None
     for axis in AXES:
-        logged = messages_with_fields(tables, axis.message, axis.fields)
-        if not logged:
+        logged_columns = messages_with_fields(tables, axis.message, axis.fields)
+        if not logged_columns:
             continue
         if stamps is None:
-            stamps = logged
-        targets = resampled(stamps, logged, float_table(logged, axis.fields))
+            stamps = logged_columns
+        targets = resampled(stamps, logged_columns, float_table(logged_columns, axis.fields))
         position_name, velocity_name = axis.names
         columns[position_name] = targets[:, 0]
         columns[velocity_name] = targets[:, 1]

@@ -136,32 +136,32 @@ def _single_samples(tables: Tables, message: str, fields: Names, instance: int) 
         ``time``, s, ``boot``, ``x``, ``y`` and ``z`` (N,), rad/s or m/s²; empty if there are none. Times are those of
         the samples (SampleUS) where they are logged, otherwise those of the messages.
     """
-    logged = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
-    if not logged:
+    logged_columns = rows_of_instance(messages_with_fields(tables, message, fields), "I", instance)
+    if not logged_columns:
         return {}
-    axes = dict(zip("xyz", (logged[field] for field in fields), strict=True))
-    time = logged["time"]
-    if "SampleUS" in logged:
-        time = _sample_time(logged, logged["SampleUS"])
-    return {"time": time, "boot": logged["boot"], **axes}
+    axes = dict(zip("xyz", (logged_columns[field] for field in fields), strict=True))
+    time = logged_columns["time"]
+    if "SampleUS" in logged_columns:
+        time = _sample_time(logged_columns, logged_columns["SampleUS"])
+    return {"time": time, "boot": logged_columns["boot"], **axes}
 
 
-def _sample_time(logged: Columns, sample_stamps: Array) -> Array:
+def _sample_time(logged_columns: Columns, sample_stamps: Array) -> Array:
     """Converts the stamps of samples to the boot clock.
 
     A sample is older than the message that reports it by the difference of their stamps, so that its time is the
     message's time on the boot clock less this delay.
 
     Args:
-        logged: The messages (N,), with ``time`` and, if it was logged, TimeUS.
+        logged_columns: The messages (N,), with ``time`` and, if it was logged, TimeUS.
         sample_stamps: Stamp of each sample (N,), µs, on the clock of TimeUS.
 
     Returns:
         Times (N,) since boot, s.
     """
-    message_stamps = logged.get("TimeUS", sample_stamps)
+    message_stamps = logged_columns.get("TimeUS", sample_stamps)
     delay = message_stamps.astype(np.float64) - sample_stamps.astype(np.float64)
-    return logged["time"] - delay / MICROSECONDS
+    return logged_columns["time"] - delay / MICROSECONDS
 
 
 def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:

@@ -95,10 +95,10 @@ def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number
     Returns:
         The messages; empty if it was not logged.
     """
-    logged = tables.get(name, {})
-    if INSTANCE_FIELD in logged:
-        return rows_of_instance(logged, INSTANCE_FIELD, number)
-    return tables.get(old_names[number - 1], {}) if number else logged
+    logged_columns = tables.get(name, {})
+    if INSTANCE_FIELD in logged_columns:
+        return rows_of_instance(logged_columns, INSTANCE_FIELD, number)
+    return tables.get(old_names[number - 1], {}) if number else logged_columns
 
 
 def further_sensors(
@@ -117,15 +117,15 @@ def further_sensors(
     for sensor in SENSORS:
         rule = rules[sensor.first_message]
         for number, message in enumerate(sensor.further_messages, 1):
-            logged = rows_of_sensor(tables, sensor.name, sensor.old_names, number)
-            if not message_count(logged):
+            logged_columns = rows_of_sensor(tables, sensor.name, sensor.old_names, number)
+            if not message_count(logged_columns):
                 continue
             try:
-                fields = fields_by_rule(logged, rule)
+                fields = fields_by_rule(logged_columns, rule)
             except KeyError:
                 continue
-            name = _name_in_log(logged, sensor.name, sensor.old_names, number)
-            messages[message] = NamedMessage(name, with_stamps(logged, fields))
+            name = _name_in_log(logged_columns, sensor.name, sensor.old_names, number)
+            messages[message] = NamedMessage(name, with_stamps(logged_columns, fields))
     return messages
 
 
@@ -140,14 +140,16 @@ def further_accelerometers(tables: Tables) -> NamedMessage:
     """
     parts: list[Columns] = []
     for number in (1, 2):
-        logged = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
-        logged = messages_with_fields({"IMU": logged}, "IMU", tuple(ACCELEROMETER_FIELDS.values()))
-        if logged:
+        logged_columns = rows_of_sensor(tables, "IMU", OLD_IMU_MESSAGES, number)
+        logged_columns = messages_with_fields(
+            {"IMU": logged_columns}, "IMU", tuple(ACCELEROMETER_FIELDS.values())
+        )
+        if logged_columns:
             fields: dict[str, NDArray[Any]] = {
-                name: logged[field] for name, field in ACCELEROMETER_FIELDS.items()
+                name: logged_columns[field] for name, field in ACCELEROMETER_FIELDS.items()
             }
-            fields["instance"] = np.full(message_count(logged), number)
-            parts.append(with_stamps(logged, fields))
+            fields["instance"] = np.full(message_count(logged_columns), number)
+            parts.append(with_stamps(logged_columns, fields))
     if not parts:
         return NamedMessage("IMU", {})
     columns = concatenated_columns(parts)
@@ -168,11 +170,11 @@ STATUS_3D_FIX = 3
 """Value of GPS.Status from which on the position is known in three dimensions, and the time too."""
 
 
-def _name_in_log(logged: Columns, name: str, old_names: Sequence[str], number: int) -> str:
+def _name_in_log(logged_columns: Columns, name: str, old_names: Sequence[str], number: int) -> str:
     """Returns what a log calls the messages of one of several sensors.
 
     Args:
-        logged: The messages of this sensor.
+        logged_columns: The messages of this sensor.
         name: Name of the first sensor's messages, "BARO".
         old_names: Names of those of the second, third, … where they have no field with the number of the sensor.
         number: Number of the sensor, from 0.
@@ -182,7 +184,7 @@ def _name_in_log(logged: Columns, name: str, old_names: Sequence[str], number: i
     """
     if number == 0:
         return name
-    if INSTANCE_FIELD in logged:
+    if INSTANCE_FIELD in logged_columns:
         return f"{name}[{number}]"
     return old_names[number - 1]
 
@@ -202,12 +204,12 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
         A row for each fix; no columns if the receiver was not logged.
     """
     fields = ("Status", "NSats", "HDop", "Lat", "Lng")
-    logged = rows_of_sensor(tables, "GPS", ("GPS2",), number)
-    name = _name_in_log(logged, "GPS", ("GPS2",), number)
-    logged = messages_with_fields({"GPS": logged}, "GPS", fields)
-    if not logged:
+    logged_columns = rows_of_sensor(tables, "GPS", ("GPS2",), number)
+    name = _name_in_log(logged_columns, "GPS", ("GPS2",), number)
+    logged_columns = messages_with_fields({"GPS": logged_columns}, "GPS", fields)
+    if not logged_columns:
         return NamedMessage(name, {})
-    status, satellites, dilution, latitude, longitude = float_table(logged, fields).T
+    status, satellites, dilution, latitude, longitude = float_table(logged_columns, fields).T
     units_per_degree = np.where(status >= STATUS_3D_FIX, MAVLINK_UNITS_PER_DEGREE, 0.0)
     columns = {
         "fix_type": status,
@@ -216,15 +218,15 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
         "lat": units_per_degree * latitude,
         "lon": units_per_degree * longitude,
     }
-    if "Alt" in logged:
-        columns["alt"] = MILLIMETRES_PER_METRE * logged["Alt"].astype(float)
+    if "Alt" in logged_columns:
+        columns["alt"] = MILLIMETRES_PER_METRE * logged_columns["Alt"].astype(float)
     accuracy = rows_of_sensor(tables, "GPA", ("GPA2",), number)
-    columns |= _last_values_at(logged, accuracy, ACCURACY_FIELDS, MILLIMETRES_PER_METRE)
+    columns |= _last_values_at(logged_columns, accuracy, ACCURACY_FIELDS, MILLIMETRES_PER_METRE)
     noise = tables.get("UBX1", {})
     if noise:
         noise = rows_of_instance(noise, "Instance", number)
-    columns |= _last_values_at(logged, noise, NOISE_FIELDS)
-    return NamedMessage(name, with_stamps(logged, columns))
+    columns |= _last_values_at(logged_columns, noise, NOISE_FIELDS)
+    return NamedMessage(name, with_stamps(logged_columns, columns))
 
 
 def _last_values_at(
@@ -265,9 +267,9 @@ def motor_speeds(tables: Tables) -> NamedMessage:
     Returns:
         The message, in the order of time; without columns where no speed was logged.
     """
-    logged = messages_with_fields(tables, "ESC", ("RPM",))
-    if logged:
-        return NamedMessage("ESC", logged)
+    logged_columns = messages_with_fields(tables, "ESC", ("RPM",))
+    if logged_columns:
+        return NamedMessage("ESC", logged_columns)
     parts: list[Columns] = []
     for instance, name in enumerate(OLD_ESC_MESSAGES):
         controller = messages_with_fields(tables, name, ("RPM",))

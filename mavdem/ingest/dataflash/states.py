@@ -134,12 +134,15 @@ def _changes(
     Returns:
         The changes in the order of boot and time.
     """
-    logged = tables.get(message, {})
+    logged_columns = tables.get(message, {})
     changes: list[_DatedChange] = []
-    if field in logged:
+    if field in logged_columns:
         boots_seen = set()
         events = zip(
-            logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True
+            logged_columns["boot"].tolist(),
+            logged_columns["time"].tolist(),
+            logged_columns[field].tolist(),
+            strict=True,
         )
         for boot, time, value in events:
             change = changes_by_value.get(value)

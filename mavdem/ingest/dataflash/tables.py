@@ -44,9 +44,9 @@ def float_table(columns: Columns, fields: Names) -> Array:
     return table
 
 
-def with_stamps(logged: Columns, fields: Columns) -> Columns:
+def with_stamps(logged_columns: Columns, fields: Columns) -> Columns:
     """Returns the fields of a translated message with the stamps of the logged one."""
-    return {"time": logged["time"], "boot": logged["boot"], **fields}
+    return {"time": logged_columns["time"], "boot": logged_columns["boot"], **fields}
 
 
 def field_texts(columns: Columns, field: str) -> list[str]:

@@ -163,23 +163,25 @@ NEW_NAMES_OF_OLD_FIELDS = {
 """Today's names of fields by their old names, by message."""
 
 
-def with_new_names(message: str, logged: MessageTable) -> MessageTable:
+def with_new_names(message: str, logged_columns: MessageTable) -> MessageTable:
     """Renames the fields of a message to the names of the latest ArduPilot version.
 
     A table comes from an old version if it has all the old names.
 
     Args:
         message: Name of the messages.
-        logged: The messages, under the field names of the version that wrote them.
+        logged_columns: The messages, under the field names of the version that wrote them.
 
     Returns:
         The same columns under the latest names.
     """
     new_names = NEW_NAMES_OF_OLD_FIELDS.get(message, {})
-    if not all(old_name in logged.columns for old_name in new_names):
-        return logged
-    columns = {new_names.get(field, field): column for field, column in logged.columns.items()}
-    return logged._replace(columns=columns)
+    if not all(old_name in logged_columns.columns for old_name in new_names):
+        return logged_columns
+    columns = {
+        new_names.get(field, field): column for field, column in logged_columns.columns.items()
+    }
+    return logged_columns._replace(columns=columns)
 
 
 def mavlink_messages(
@@ -269,18 +271,20 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     rule = TRANSLATION_RULES[message]
     names = estimates.preferred_names(rule["messages"])
     for name in names:
-        logged = estimates.tables.get(name, {})
+        logged_columns = estimates.tables.get(name, {})
         # Each of several sensors writes a message of its own; the first of them is read.
-        instances = logged.get(rule.get("instance_field", ""), np.zeros(0))
+        instances = logged_columns.get(rule.get("instance_field", ""), np.zeros(0))
         if len(instances):
-            logged = rows_of_instance(logged, rule["instance_field"], instances.min())
-        if not message_count(logged):
+            logged_columns = rows_of_instance(
+                logged_columns, rule["instance_field"], instances.min()
+            )
+        if not message_count(logged_columns):
             continue
         try:
-            fields = fields_by_rule(logged, rule)
+            fields = fields_by_rule(logged_columns, rule)
         except KeyError:
             continue
-        return NamedMessage(estimates.names.get(name, name), with_stamps(logged, fields))
+        return NamedMessage(estimates.names.get(name, name), with_stamps(logged_columns, fields))
     return NamedMessage(names[0], {})
 
 
@@ -356,19 +360,19 @@ def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> Nam
         ``EstimatorRatio``.
     """
     name, _, _ = status.source_name.partition("[")
-    logged = estimates.all_cores.get(name, {})
-    if not status.columns or not message_count(logged):
+    logged_columns = estimates.all_cores.get(name, {})
+    if not status.columns or not message_count(logged_columns):
         return NamedMessage(name, {})
-    core = logged["C"].astype(np.int64)
+    core = logged_columns["C"].astype(np.int64)
     is_primary = core == estimates.primary_cores[name]
     if is_primary.all():
         return NamedMessage(name, {})
     rule = TRANSLATION_RULES["EKF_STATUS_REPORT"]["fields"]
     ratios = translated_fields(
-        logged, {ratio: rule[field] for ratio, field in RATIO_FIELDS.items()}
+        logged_columns, {ratio: rule[field] for ratio, field in RATIO_FIELDS.items()}
     )
     fields = {"instance": core, "is_primary": is_primary.astype(np.uint8), **ratios}
-    return NamedMessage(name, with_stamps(logged, fields))
+    return NamedMessage(name, with_stamps(logged_columns, fields))
 
 
 RATIO_FIELDS = {
@@ -438,15 +442,15 @@ def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Arr
         Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Damaged values are clipped to the 16
         bits of the field. Empty if no output has a pulse.
     """
-    logged = tables.get(name, {})
+    logged_columns = tables.get(name, {})
     first_output = 1 + PORT_OUTPUTS * port
     pulse_widths = {}
     for output in OUTPUT_MESSAGES[name]:
         if not first_output <= output < first_output + PORT_OUTPUTS:
             continue
         for pattern in OUTPUT_NAMES:
-            if pattern.format(output) in logged:
-                values = np.nan_to_num(logged[pattern.format(output)].astype(np.float64))
+            if pattern.format(output) in logged_columns:
+                values = np.nan_to_num(logged_columns[pattern.format(output)].astype(np.float64))
                 clipped_widths = np.clip(values, 0, np.iinfo(np.uint16).max)
                 pulse_widths[output - PORT_OUTPUTS * port] = clipped_widths
     has_pulse = any(widths.any() for widths in pulse_widths.values())
@@ -470,8 +474,8 @@ def _servo_output_port(
     main_message = max(
         messages_of_port, key=lambda name: message_count(tables[name]), default="RCOU"
     )
-    logged = tables[main_message]
-    count = message_count(logged)
+    logged_columns = tables[main_message]
+    count = message_count(logged_columns)
     fields = {"port": np.full(count, port, np.uint8)}
     for output in range(1, PORT_OUTPUTS + 1):
         fields[f"servo{output}_raw"] = np.zeros(count, np.uint16)
@@ -479,9 +483,11 @@ def _servo_output_port(
         for output, widths in pulse_widths.items():
             if name != main_message:
                 # RCO2 and RCO3 follow RCOU in the same step, with the same stamp or a later one.
-                widths = last_values(continuous_time(logged), continuous_time(tables[name]), widths)
+                widths = last_values(
+                    continuous_time(logged_columns), continuous_time(tables[name]), widths
+                )
             fields[f"servo{output}_raw"] = widths.astype(np.uint16)
-    return with_stamps(logged, fields)
+    return with_stamps(logged_columns, fields)
 
 
 VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
@@ -505,10 +511,10 @@ def _vibration(tables: Tables) -> Columns:
         clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels`` (N, 3
         k), the deviations of all k IMUs. Empty if VIBE was not logged.
     """
-    logged = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
-    if not logged:
+    logged_columns = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
+    if not logged_columns:
         return {}
-    imus = _vibration_by_imu(logged)
+    imus = _vibration_by_imu(logged_columns)
     levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
     fields = {
         "vibration_x": levels[:, 0],
@@ -583,14 +589,14 @@ def _calendar_time(tables: Tables) -> Columns:
     Returns:
         Columns (N,) with ``time_unix_usec``; empty if there is no GPS.
     """
-    logged = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
-    if not logged:
+    logged_columns = messages_with_fields(tables, "GPS", ("Status", "GMS", "GWk"))
+    if not logged_columns:
         return {}
-    has_time = (logged["Status"] >= STATUS_3D_FIX) & (logged["GWk"] > 0)
-    logged = selected_rows(logged, has_time)
-    seconds = satellite_utc(logged["GWk"], logged["GMS"])
+    has_time = (logged_columns["Status"] >= STATUS_3D_FIX) & (logged_columns["GWk"] > 0)
+    logged_columns = selected_rows(logged_columns, has_time)
+    seconds = satellite_utc(logged_columns["GWk"], logged_columns["GMS"])
     microseconds = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0))
-    return with_stamps(logged, {"time_unix_usec": microseconds.astype(np.uint64)})
+    return with_stamps(logged_columns, {"time_unix_usec": microseconds.astype(np.uint64)})
 
 
 def _status_texts(tables: Tables) -> Columns:
@@ -602,21 +608,21 @@ def _status_texts(tables: Tables) -> Columns:
     Returns:
         Columns (N,) with ``severity`` and ``text``; empty without a text.
     """
-    logged = messages_with_fields(tables, "MSG", ("Message",))
-    if not logged:
+    logged_columns = messages_with_fields(tables, "MSG", ("Message",))
+    if not logged_columns:
         return {}
-    severity = np.full(message_count(logged), NO_SEVERITY, dtype=np.uint8)
-    texts = np.array(field_texts(logged, "Message"), dtype=np.object_)
-    return with_stamps(logged, {"severity": severity, "text": texts})
+    severity = np.full(message_count(logged_columns), NO_SEVERITY, dtype=np.uint8)
+    texts = np.array(field_texts(logged_columns, "Message"), dtype=np.object_)
+    return with_stamps(logged_columns, {"severity": severity, "text": texts})
 
 
 def _parameter_values(tables: Tables) -> Columns:
     """Makes PARAM_VALUE of PARM: the parameters when the logger began, and each that was set later."""
-    logged = messages_with_fields(tables, "PARM", ("Name", "Value"))
-    if not logged:
+    logged_columns = messages_with_fields(tables, "PARM", ("Name", "Value"))
+    if not logged_columns:
         return {}
-    values = logged["Value"].astype(np.float32)
-    return with_stamps(logged, {"param_id": logged["Name"], "param_value": values})
+    values = logged_columns["Value"].astype(np.float32)
+    return with_stamps(logged_columns, {"param_id": logged_columns["Name"], "param_value": values})
 
 
 def _injected_signal(tables: Tables) -> Columns:
@@ -632,8 +638,8 @@ def _injected_signal(tables: Tables) -> Columns:
         Columns (N,): ``axis`` and ``target``, the signal in the unit of its axis; empty without such a run.
     """
     runs = messages_with_fields(tables, "SIDS", ("Ax",))
-    logged = messages_with_fields(tables, "SIDD", ("Targ",))
-    if not runs or not logged:
+    logged_columns = messages_with_fields(tables, "SIDD", ("Targ",))
+    if not runs or not logged_columns:
         return {}
-    axis = last_values(continuous_time(logged), continuous_time(runs), runs["Ax"])
-    return with_stamps(logged, {"axis": axis, "target": logged["Targ"]})
+    axis = last_values(continuous_time(logged_columns), continuous_time(runs), runs["Ax"])
+    return with_stamps(logged_columns, {"axis": axis, "target": logged_columns["Targ"]})

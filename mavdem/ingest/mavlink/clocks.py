@@ -290,12 +290,12 @@ def _fill_unstamped(
         return
     for readings in _readings_in_stream_order(timed_types):
         # A later part of the stream replaces what an earlier one gives.
-        for untimed in untimed_types:
-            first = int(np.searchsorted(untimed.positions, readings.positions[0]))
-            latest = _last_rows_before(readings.positions, untimed.positions[first:])
-            untimed.times.time[untimed.rows[first:]] = readings.time[latest]
-            if untimed.times.boot.flags.writeable:
-                untimed.times.boot[untimed.rows[first:]] = readings.boot[latest]
+        for untimed_messages in untimed_types:
+            first = int(np.searchsorted(untimed_messages.positions, readings.positions[0]))
+            latest = _last_rows_before(readings.positions, untimed_messages.positions[first:])
+            untimed_messages.times.time[untimed_messages.rows[first:]] = readings.time[latest]
+            if untimed_messages.times.boot.flags.writeable:
+                untimed_messages.times.boot[untimed_messages.rows[first:]] = readings.boot[latest]
 
 
 class _UntimedMessages(NamedTuple):
@@ -465,7 +465,7 @@ def _highest_ahead(values: Times, count: int) -> Times:
     Returns:
         Highest values (n,).
     """
-    # The filter's window lies around each row; it is moved so that it begins there.
+    # SciPy's window lies around each row. A negative origin moves it towards later rows, so that it begins there.
     return maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")
 
 

@@ -46,5 +46,5 @@ def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
         return False
     is_of_vehicle = (frames.system == sender.system) & (frames.component == sender.component)
     rows = np.array([np.flatnonzero(is_of_vehicle)[-1], last_row])
-    last_received, end_time = (stream.receive_stamps(rows) / MICROSECONDS).tolist()
-    return bool(abs(end_time - last_received) <= MAX_SILENCE_BEFORE_END)
+    last_receive_time, end_time = (stream.receive_stamps(rows) / MICROSECONDS).tolist()
+    return bool(abs(end_time - last_receive_time) <= MAX_SILENCE_BEFORE_END)

@@ -349,15 +349,15 @@ def _on_boot_clock(
         Repair.LOGGED_MESSAGES_LEFT_OUT, count=unusable_count, flaw=Flaw.NO_STAMP
     )
     boot_times, clock_repairs = boot_clock(message_stamps)
-    on_boot_clock = dict[str, Columns]()
+    columns_on_boot_clock = dict[str, Columns]()
     for name, (time, boot) in boot_times.items():
         # A message whose stamp was ignored has the time of the one before, and is left out.
         is_new = np.ones(len(time), dtype=np.bool_)
         is_new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
         rows = np.flatnonzero(is_usable[name])[is_new]
         columns = selected_rows(tables[name].columns, rows)
-        on_boot_clock[name] = columns | {"time": time[is_new], "boot": boot[is_new]}
-    return on_boot_clock, repairs + clock_repairs
+        columns_on_boot_clock[name] = columns | {"time": time[is_new], "boot": boot[is_new]}
+    return columns_on_boot_clock, repairs + clock_repairs
 
 
 MIN_UNIX_STAMP = 10**9 * SECOND

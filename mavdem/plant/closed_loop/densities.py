@@ -456,11 +456,11 @@ class DensityModel:
             Sampled responses (J, n, C). Each quantity has the phase of its time stamps relative to those of the
             setpoint.
         """
-        phased = response * self._alias_phases[:, Quantity.SETPOINT]
-        return alias_shares.swapaxes(0, 1) @ phased.transpose(1, 2, 0)
+        response_with_phases = response * self._alias_phases[:, Quantity.SETPOINT]
+        return alias_shares.swapaxes(0, 1) @ response_with_phases.transpose(1, 2, 0)
 
     def _folded_products(
-        self, weights: NDArray[np.inexact], left: ComplexArray, right: ComplexArray
+        self, weights: NDArray[np.inexact], response: ComplexArray, conjugate_response: ComplexArray
     ) -> ComplexArray:
         """Sums weighted products of responses over all aliases: Σ_alias weight · left rightᵀ ∘ alias phases.
 
@@ -469,16 +469,16 @@ class DensityModel:
 
         Args:
             weights: n densities or other weights (n, J, F).
-            left: response of each quantity (C, J, F).
-            right: conjugate response of each quantity (C, J, F).
+            response: response of each quantity (C, J, F).
+            conjugate_response: conjugate response of each quantity (C, J, F).
 
         Returns:
             Folded products (J, n, C, C).
         """
-        products = left[:, None] * right * self._alias_phases
-        products = products.reshape(QUANTITIES**2, *right.shape[1:])
-        folded = weights.swapaxes(0, 1) @ products.transpose(1, 2, 0)
-        return folded.reshape(*folded.shape[:2], QUANTITIES, QUANTITIES)
+        products = response[:, None] * conjugate_response * self._alias_phases
+        products = products.reshape(QUANTITIES**2, *conjugate_response.shape[1:])
+        folded_products = weights.swapaxes(0, 1) @ products.transpose(1, 2, 0)
+        return folded_products.reshape(*folded_products.shape[:2], QUANTITIES, QUANTITIES)
 
     def _loop_gradient(
         self,
@@ -520,24 +520,28 @@ class DensityModel:
         all_sources = loop.sensitivity * np.einsum("sjf,scjf->cjf", rate_spectra, conjugate)
         wind = rate_spectra[Source.WIND] * conjugate[Source.WIND]
         actuation = rate_spectra[Source.ACTUATION] * conjugate[Source.ACTUATION]
-        by_actuation_path = all_sources - wind
+        spectra_by_actuation_path = all_sources - wind
 
         # One half of each derivative, dq qᴴ. The other half is its adjoint, which is added at the end.
-        half = np.empty((len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex)
-        path_slopes = np.array([unit_slope, lag_slope, delay_slope])
-        half[:, [EFFECT, LAG, DELAY]] = self._folded_products(
-            path_slopes, loop.from_rate, by_actuation_path
+        half_gradient = np.empty(
+            (len(unit_slope), LOOP_PARAMETERS, QUANTITIES, QUANTITIES), complex
         )
-        half[:, [DAMPING]] = self._folded_products(damping_slope[None], loop.from_rate, all_sources)
-        half[:, [CONTROLLER]] = self._folded_products(
-            unit_slope[None], loop.from_rate, by_actuation_path - actuation
+        path_slopes = np.array([unit_slope, lag_slope, delay_slope])
+        half_gradient[:, [EFFECT, LAG, DELAY]] = self._folded_products(
+            path_slopes, loop.from_rate, spectra_by_actuation_path
+        )
+        half_gradient[:, [DAMPING]] = self._folded_products(
+            damping_slope[None], loop.from_rate, all_sources
+        )
+        half_gradient[:, [CONTROLLER]] = self._folded_products(
+            unit_slope[None], loop.from_rate, spectra_by_actuation_path - actuation
         )
         # The output without actuation noise is proportional to the controller's gain.
         control_law = loop.from_source[:, Quantity.OUTPUT].copy()
         control_law[Source.ACTUATION] -= 1
-        direct = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
-        direct_folded = (direct * self._alias_phases[Quantity.OUTPUT]).sum(axis=-1).T
-        half[:, CONTROLLER, Quantity.OUTPUT] += direct_folded
+        direct_part = np.einsum("sjf,scjf->cjf", source_densities * control_law, conjugate)
+        folded_direct_part = (direct_part * self._alias_phases[Quantity.OUTPUT]).sum(axis=-1).T
+        half_gradient[:, CONTROLLER, Quantity.OUTPUT] += folded_direct_part
 
         # The same for the synchronous steps, in the order of θ: effect, damping, lag, delay, controller.
         slopes = np.array([unit_slope, damping_slope, lag_slope, delay_slope, unit_slope])
@@ -547,8 +551,8 @@ class DensityModel:
         step_slopes = self._step_responses(slopes * rate_by_steps, loop.from_rate)
         step_slopes[:, CONTROLLER, Quantity.OUTPUT] += steps.response[:, Quantity.OUTPUT]
         response_conjugate = steps.response[:, None, None].conj()
-        half += steps.density[..., None] * step_slopes[..., None] * response_conjugate
-        return _plus_adjoint(half)
+        half_gradient += steps.density[..., None] * step_slopes[..., None] * response_conjugate
+        return _plus_adjoint(half_gradient)
 
     def _step_time_gradient(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, steps: SynchronousSteps

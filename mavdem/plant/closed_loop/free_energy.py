@@ -106,11 +106,11 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     rows = kalman_filter.gain_rows(T)
     gains = kalman_filter.gains[rows]
     precisions = kalman_filter.innovation_precisions[rows]
-    weighted = np.einsum("tij,tj->ti", precisions, innovations) @ kalman_filter.C
+    weighted_innovations = np.einsum("tij,tj->ti", precisions, innovations) @ kalman_filter.C
     transitions = kalman_filter.A - kalman_filter.gains @ kalman_filter.C
     smoothing = np.zeros((T + 1, n))
     for t in range(T - 1, -1, -1):
-        smoothing[t] = weighted[t] + smoothing[t + 1] @ transitions[rows[t]]
+        smoothing[t] = weighted_innovations[t] + smoothing[t + 1] @ transitions[rows[t]]
     return FilteredSegment(innovations, precisions, smoothing, gains)
 
 
@@ -194,15 +194,15 @@ def _squared_errors(
     """
     states = segment.smoothing[:, :STATES]
     trims = segment.smoothing[0, STATES:]
-    by_setpoint = setpoint.squared_errors(states)
+    setpoint_errors = setpoint.squared_errors(states)
     trim_squares = float(trims @ trim_covariance @ trims)
     # The measurement noise v is smoothed to R (F⁻¹ e − Kᵀ r).
     weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
     weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
     return _SquaredErrors(
         outputs=float(np.sum(weighted**2 * noise_variance)),
-        inputs=by_setpoint,
-        states=driving.squared_errors(states) - by_setpoint + trim_squares,
+        inputs=setpoint_errors,
+        states=driving.squared_errors(states) - setpoint_errors + trim_squares,
     )
 
 

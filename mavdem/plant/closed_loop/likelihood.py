@@ -114,24 +114,27 @@ class AxisPosterior:
             Value, gradient (k,) and curvature (k, k): the negative second derivative, expected over data by the model.
         """
         density, gradient = self.densities.density_and_gradient(at)
-        whitened = self._whiten(density)
+        whitened_density = self._whiten(density)
         # With Φ = C Cᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened derivatives C⁻¹ A C⁻ᴴ and C⁻¹ B C⁻ᴴ. So
         # they are multiplied by the root of the count n_j, and flattened to one row for each entry of θ. Then the
         # information is a product of two matrices.
         root_counts = np.sqrt(self._counts)
         whitening = np.einsum(
-            "j,jab,jdc->jbcad", root_counts, whitened.whitener, whitened.whitener.conj()
+            "j,jab,jdc->jbcad",
+            root_counts,
+            whitened_density.whitener,
+            whitened_density.whitener.conj(),
         )
         entries = QUANTITIES**2
         products = gradient.reshape(-1, len(at), entries) @ whitening.reshape(-1, entries, entries)
         # Real and imaginary parts count as separate values.
         flat_gradient = products.swapaxes(0, 1).reshape(len(at), -1).view(float)
-        residual = root_counts[:, None, None] * (whitened.spectra - np.eye(QUANTITIES))
+        residual = root_counts[:, None, None] * (whitened_density.spectra - np.eye(QUANTITIES))
         precision = self.prior_sd**-2.0
         slope = flat_gradient @ residual.reshape(-1).view(float)
         slope = slope - precision * (at - self.prior_mean)
         curvature = flat_gradient @ flat_gradient.T + np.diag(precision)
-        value = whitened.log_likelihood + self._log_prior(at)
+        value = whitened_density.log_likelihood + self._log_prior(at)
         return QuadraticExpansion(at, value, slope, curvature)
 
     def reference_share(self, theta: Array) -> float:
@@ -141,10 +144,13 @@ class AxisPosterior:
             theta: logarithms of the parameters (k,).
         """
         rate_density = (..., Quantity.RATE, Quantity.RATE)
-        total = self.densities.density(theta)[rate_density].real
-        without_reference = self.densities.density(theta, with_reference=False)[rate_density].real
+        total_density = self.densities.density(theta)[rate_density].real
+        density_without_reference = self.densities.density(theta, with_reference=False)[
+            rate_density
+        ].real
+        # The variance is the integral of the density over the frequencies, which are not evenly spaced.
         bandwidth = np.gradient(self.spectra.frequency)
-        return 1 - float(bandwidth @ without_reference) / float(bandwidth @ total)
+        return 1 - float(bandwidth @ density_without_reference) / float(bandwidth @ total_density)
 
     def _log_prior(self, theta: Array) -> float:
         """Returns the logarithm of the normal prior density of θ (k,), up to a constant."""

@@ -77,8 +77,8 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
     def negative_log_likelihood(logarithms: Array) -> float:
         """Returns the negative log likelihood of the power law with these logarithms (4,)."""
         # Whittle: a periodogram value I of the density S has the negative log likelihood ln S + I / S.
-        folded = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
-        return (np.log(folded) + density / folded).sum()
+        folded_density = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
+        return (np.log(folded_density) + density / folded_density).sum()
 
     # The search begins with the level of the lowest bands as size, a corner at 1 Hz, and with the level of the highest
     # bands, shared by all aliases, as white floor.

@@ -387,11 +387,11 @@ def _controller_signals(
         + controller.setpoint_slope_gain * unit[State.SETPOINT_SLOPE]
     )
     error = unit[State.TARGET] - unit[State.GYRO]
-    differentiated = -unit[State.GYRO]
+    differentiated_signal = -unit[State.GYRO]
     if controller.derivative_of_error:
-        differentiated = error
+        differentiated_signal = error
     derivative_bandwidth = 2 * np.pi * parameters.derivative_cutoff
-    derivative = derivative_bandwidth[..., None] * (differentiated - unit[State.DERIVATIVE])
+    derivative = derivative_bandwidth[..., None] * (differentiated_signal - unit[State.DERIVATIVE])
     # The terms P, I and D, divided by the proportional gain.
     pid_terms = (
         error

@@ -141,10 +141,10 @@ def with_new_precisions(posterior: Posterior, statistics: SufficientStatistics) 
     """
     model = posterior.model
     moments = GeneralizedMoments.from_state_map(model, statistics, d_step(posterior))
-    with_states = posterior._replace(moments=moments)
-    state_covariance = with_optimal_covariances(with_states).state_covariance
-    with_covariance = with_states._replace(state_covariance=state_covariance)
-    return with_covariance._replace(lambda_=m_step(with_covariance))
+    posterior_with_states = posterior._replace(moments=moments)
+    state_covariance = with_optimal_covariances(posterior_with_states).state_covariance
+    posterior_with_covariance = posterior_with_states._replace(state_covariance=state_covariance)
+    return posterior_with_covariance._replace(lambda_=m_step(posterior_with_covariance))
 
 
 def dem_variances(record: NoisyRecord) -> RecursiveEstimates:
