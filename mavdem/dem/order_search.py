@@ -386,10 +386,11 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
     states = np.zeros((0, len(data.statistics.gram)))
     rates = states
     for k in range(data.p):
+        # The k-th derivative of the outputs, and its own rate, as linear functions of the data.
         unexplained = y[k]
         rate_of_unexplained = y[k + 1]
         # From the first derivative on, what the states and the inputs up to order k − 1 explain is subtracted.
-        if k:
+        if k > 0:
             regressors = np.vstack([states, *v[:k]])
             regressor_rates = np.vstack([rates, *v[1 : k + 1]])
             coefficients = _regression(data, y[k], regressors, ROUNDING_TOLERANCE)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isfinite, nan
 from operator import itemgetter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -103,6 +103,15 @@ class _ErrorSums:
 
     count: int = 0
     """Number of predictions."""
+
+    @classmethod
+    def zero(cls, output_count: int) -> Self:
+        """Returns the sums over no prediction, of so many outputs."""
+        return cls(
+            squares=[0.0] * output_count,
+            baseline_squares=[0.0] * output_count,
+            inside=[0] * output_count,
+        )
 
     def add(self, prediction: _Prediction, outputs: list[float]) -> None:
         """Adds the errors of a prediction, and of its baseline, to the sums.
@@ -276,12 +285,7 @@ class LiveHistory:
                 if is_missed or not all(map(isfinite, prediction.outputs + prediction.band)):
                     continue
                 if horizon not in self._error_sums:
-                    columns = len(outputs)
-                    self._error_sums[horizon] = _ErrorSums(
-                        squares=[0.0] * columns,
-                        baseline_squares=[0.0] * columns,
-                        inside=[0] * columns,
-                    )
+                    self._error_sums[horizon] = _ErrorSums.zero(output_count=len(outputs))
                 self._error_sums[horizon].add(prediction, outputs)
                 if horizon == reported_horizon:
                     reported = (prediction.outputs[0], prediction.band[0])

@@ -602,15 +602,17 @@ def _parse_name(name: str) -> _LinkAddress:
     Raises:
         Unreadable: it is neither, it is a file such as a log, or its port number is too high.
     """
-    network = _NETWORK_NAME.fullmatch(name)
-    if network is not None:
-        prefix, host, port = network.groups()
-        if prefix or _HOST_ADDRESS.search(host or ""):
-            if int(port) > MAX_PORT:
+    network_name = _NETWORK_NAME.fullmatch(name)
+    if network_name is not None:
+        prefix, host, port_text = network_name.groups(default="")
+        if prefix or _HOST_ADDRESS.search(host):
+            port = int(port_text)
+            if port > MAX_PORT:
                 raise Unreadable(LinkFact.LINK_PORT_TOO_HIGH, name=name)
             # As in pymavlink, a link without a direction listens.
-            kind = LinkKind.UDP_IN if prefix in (None, "udp") else LinkKind(prefix)
-            return _LinkAddress(kind, (host or "").strip("[]") or LOOPBACK, int(port))
+            kind = LinkKind.UDP_IN if prefix in ("", "udp") else LinkKind(prefix)
+            # An address of version 6 stands in brackets.
+            return _LinkAddress(kind, host.strip("[]") or LOOPBACK, port)
     if os.path.isfile(name):
         raise Unreadable(LinkFact.FILE_IS_NO_LINK, name=name)
     if not os.path.isabs(name) and not _WINDOWS_PORT.fullmatch(name):

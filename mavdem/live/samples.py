@@ -65,11 +65,11 @@ class SampleStream:
             Whether the sample was added. It is dropped if its stamp is there already, if it is too late, or if it is
             not finite.
         """
+        if not all(map(isfinite, values)):
+            return False
         stamps = self.time
         # Nearly always the sample is the latest one. Else this is its place among the others.
         row = bisect_left(stamps, time)
-        if not all(map(isfinite, values)):
-            return False
         is_last = row == len(stamps)
         if not is_last:
             if stamps[row] == time:

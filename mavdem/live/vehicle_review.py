@@ -201,6 +201,19 @@ class VehicleReview:
         """
         rows.choose_inputs(self._candidate_messages, self._vehicle_telemetry(), self._message_time)
 
+    def _rate_obstacle(self, rows: RowBuilder) -> Fact | None:
+        """Returns the reason why the rates of attitude and motor messages allow no rows; None if they do.
+
+        Args:
+            rows: builder of the vehicle's rows, which measures the rates.
+        """
+        return self._rate_check.update(
+            self._vehicle.vehicle_type,
+            rows.attitude_message,
+            rows.motor_message,
+            rows.rates(self._review_time),
+        )
+
     def _review_phase(self, rows: RowBuilder) -> None:
         """Does the part of a review that checks the rates of messages and decides whether the vehicle flies.
 
@@ -222,13 +235,7 @@ class VehicleReview:
         # For how long reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
-            rate_obstacle = self._rate_check.update(
-                self._vehicle.vehicle_type,
-                rows.attitude_message,
-                rows.motor_message,
-                rows.rates(now),
-            )
-            self.obstacle = rate_obstacle or self.phase.obstacle
+            self.obstacle = self._rate_obstacle(rows) or self.phase.obstacle
         if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
             self.phase.motors_are_idle = rows.has_motor_messages
         self._telemetry = self._vehicle_telemetry()

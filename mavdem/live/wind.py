@@ -447,13 +447,7 @@ class LiveWind:
                 filters.update(grid, 0)
                 filters.log_likelihoods *= 1 - self._step / LIKELIHOOD_MEMORY_SECONDS
 
-        # The filters run over all sizes of gusts and noise, and for each size over all draws of the drag. As a table,
-        # rows are the sizes and columns the draws; the mean over a row is the log likelihood of its size. The prior of
-        # the sizes is a normal distribution of their logarithms: its log density is minus half of the squared distance.
-        likelihoods = filters.log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
-        prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
-        log_weights = likelihoods - (prior_distances**2).sum(axis=1) / 2
-        weights = np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
+        weights = _filter_weights(filters.log_likelihoods)
         # Each filter gives a normal distribution of the wind, north and east. The weighted mixture of them all has as
         # its mean the weighted mean, and as its variance the mean variance within the filters plus that between them.
         winds = filters.states @ TOTAL_WIND_MATRIX.T
@@ -479,3 +473,22 @@ class LiveWind:
         velocity = mean.velocity + (estimate.velocity - mean.velocity) / self._estimate_count
         band = mean.band + (estimate.band - mean.band) / self._estimate_count
         self.mean = WindEstimate(estimate.time, velocity, band)
+
+
+def _filter_weights(log_likelihoods: Array) -> Array:
+    """Returns the weight of each filter in the mean wind: the prior of its size of gusts times their likelihood.
+
+    There is a filter for each size of gusts and noise, and for each of these one for each draw of the drag, which have
+    equal weights. The prior of the sizes is a normal distribution of their logarithms.
+
+    Args:
+        log_likelihoods: (sizes · draws,) of the filters, the draws of one size after another.
+
+    Returns:
+        Weights (sizes · draws,), which sum to 1.
+    """
+    likelihood_of_size = log_likelihoods.reshape(len(GUST_PARAMETERS), -1).mean(axis=1)
+    # The log density of a normal distribution is minus half of the squared distance.
+    prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
+    log_weights = likelihood_of_size - (prior_distances**2).sum(axis=1) / 2
+    return np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)

@@ -180,8 +180,8 @@ def notch_trial(
     filters = tried_filters(controller, noise, peaks, motor_frequencies)
     crossover = ASSUMED_CROSSOVER if loop is None else loop.crossover
     mark = Mark(crossover, "crossover" if loop is not None else "", BAD)
-    # If only the gyro behind the filters was logged, what they took cannot be known.
-    is_behind = spectrum.name == GYRO and any(tried.is_on for tried in filters)
+    # If only the filtered gyro was logged, what the filters took cannot be known.
+    has_only_filtered_gyro = spectrum.name == GYRO and any(tried.is_on for tried in filters)
     parameters: dict[str, float] = {}
     for tried in filters:
         parameters |= tried.parameters
@@ -189,12 +189,14 @@ def notch_trial(
     endings = tuple(sorted(files))
     return NotchTrial(
         tuple(_forms(filters, controller.gyro_rate)),
-        _charts(controller, filters, spectrum, peaks[0], mark, has_spectrum=not is_behind),
+        _charts(
+            controller, filters, spectrum, peaks[0], mark, has_spectrum=not has_only_filtered_gyro
+        ),
         tuple(
             _remarks(
                 filters,
                 has_loop=loop is not None,
-                is_behind=is_behind,
+                has_only_filtered_gyro=has_only_filtered_gyro,
                 has_dynamic_notch=bool(controller.parameters.get("IMU_GYRO_DNF_EN", 0.0)),
             )
         ),
@@ -213,14 +215,17 @@ def notch_trial(
 
 
 def _remarks(
-    filters: Sequence[TriedFilter], has_loop: bool, is_behind: bool, has_dynamic_notch: bool
+    filters: Sequence[TriedFilter],
+    has_loop: bool,
+    has_only_filtered_gyro: bool,
+    has_dynamic_notch: bool,
 ) -> Iterator[str]:
     """Yields the limitations of the trial as sentences.
 
     Args:
         filters: notch filters whose settings the reader can try.
         has_loop: whether a rate loop is identified.
-        is_behind: whether the log has the gyro only after a filter that is on.
+        has_only_filtered_gyro: whether the log has the gyro only after a filter that is on.
         has_dynamic_notch: whether PX4 has notches besides that follow the motors or an FFT.
     """
     if not has_loop:
@@ -241,7 +246,7 @@ def _remarks(
         yield "In flight the centres move; the trial holds for the fixed ones that are shown."
     if has_dynamic_notch:
         yield "IMU_GYRO_DNF_EN adds notches that move with the motors: the trial holds for the fixed ones alone."
-    if is_behind:
+    if has_only_filtered_gyro:
         yield (
             "The log has the gyro only behind this filter, so its spectrum with another one is not known."
         )
@@ -438,20 +443,23 @@ def _spectrum_chart(gyro: _GyroPower, peak: float, highest: float) -> Chart:
     spectrum = gyro.spectrum
     density = spectrum.mean_density.sum(axis=0)
     is_shown = (spectrum.frequency >= MIN_FREQUENCY) & (spectrum.frequency <= highest)
-    frequency, power = max_decimated(
+    frequency, measured_power = max_decimated(
         spectrum.frequency[is_shown], density[is_shown], RESPONSE_POINTS
     )
-    lines = []
+    notch_input = measured_power
     if spectrum.name == UNFILTERED_GYRO:
-        lines.append(Line("before all filters", MEASURED, frequency, power))
-        power = power * abs(gyro_response(gyro.without, frequency)) ** 2
-        lines.append(
-            Line(f"without {gyro.which}", PREDICTED, frequency, power, style=LineStyle.DASHES)
-        )
+        notch_input = measured_power * abs(gyro_response(gyro.without, frequency)) ** 2
+        lines = [
+            Line("before all filters", MEASURED, frequency, measured_power),
+            Line(
+                f"without {gyro.which}", PREDICTED, frequency, notch_input, style=LineStyle.DASHES
+            ),
+        ]
     else:
-        lines.append(Line("measured", MEASURED, frequency, power))
-    power = power * abs(notch_response(gyro.notches, gyro.without.gyro_rate, frequency)) ** 2
-    lines.append(Line(f"with {gyro.which}", COMMAND, frequency, power))
+        lines = [Line("measured", MEASURED, frequency, measured_power)]
+    notch_gain = abs(notch_response(gyro.notches, gyro.without.gyro_rate, frequency))
+    notch_output = notch_input * notch_gain**2
+    lines.append(Line(f"with {gyro.which}", COMMAND, frequency, notch_output))
     unit = "(rad/s)²/Hz"
     return Chart(
         "Gyro, power",

@@ -368,18 +368,22 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
         boot = int(flight.boot[0])
         has_fix = has_position_fix(telemetry, boot, flight.time)
         is_glitching = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
-        # Only jumps in flight count, also where the flag is set at its beginning or end.
-        flagged = np.clip(
-            true_intervals(flight.time, is_glitching), flight.time[0], flight.time[-1]
-        ).tolist()
-        distances = [jumps.largest_in(boot, (start, end)) for start, end in flagged]
-        largest_jump = max((distance for distance in distances if distance), default=None)
         duration = longest_true_duration(flight.time, is_glitching)
-        if largest_jump is not None:
-            start, _ = flagged[distances.index(largest_jump)]
+        # Start of the interval with the largest jump, and its distance. Only jumps in flight count, also where the flag
+        # is set at its beginning or end: there an interval is infinite.
+        flight_start, flight_end = flight.time[0], flight.time[-1]
+        jump_start = 0.0
+        largest_jump = 0.0
+        for start, end in true_intervals(flight.time, is_glitching):
+            flagged_start = float(max(start, flight_start))
+            distance = jumps.largest_in(boot, (flagged_start, float(min(end, flight_end))))
+            if distance is not None and distance > largest_jump:
+                jump_start = flagged_start
+                largest_jump = distance
+        if largest_jump > 0:
             yield Fact(
                 EstimatorLight.GPS_GLITCHED,
-                time=start,
+                time=jump_start,
                 duration=duration,
                 distance=largest_jump,
             )

@@ -368,16 +368,29 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
         max_voltage = max(max_voltage, mean_volts.max(initial=0.0))
     if not max_current:
         return _BatteryLoad()
-    volt_deviations, ampere_deviations = np.hstack(deviations)
+    resistance = _resistance(*np.hstack(deviations))
+    # A voltage that falls for another reason while the current rises shows no resistance.
+    if resistance is None or resistance * max_current > MAX_SAG * max_voltage:
+        return _BatteryLoad(max_current=max_current)
+    return _BatteryLoad(resistance, max_current)
+
+
+def _resistance(volt_deviations: Array, ampere_deviations: Array) -> float | None:
+    """Returns minus the slope of the voltage over the current, by linear regression through 0.
+
+    Args:
+        volt_deviations: (N,) deviations of the voltage from its moving mean, V.
+        ampere_deviations: (N,) deviations of the current from its moving mean, A.
+
+    Returns:
+        The resistance, Ω; None if the correlation is above ``MAX_RESISTANCE_CORRELATION``, or one of the two is
+        constant.
+    """
     volt_squares = volt_deviations @ volt_deviations
     ampere_squares = ampere_deviations @ ampere_deviations
     products = volt_deviations @ ampere_deviations
     # By the Cauchy-Schwarz inequality; the correlation is ``products`` over this.
     largest_product = (volt_squares * ampere_squares) ** 0.5
     if largest_product == 0 or products > MAX_RESISTANCE_CORRELATION * largest_product:
-        return _BatteryLoad(max_current=max_current)
-    resistance = -products / ampere_squares
-    # A voltage that falls for another reason while the current rises shows no resistance.
-    if resistance * max_current > MAX_SAG * max_voltage:
-        return _BatteryLoad(max_current=max_current)
-    return _BatteryLoad(resistance, max_current)
+        return None
+    return float(-products / ampere_squares)

@@ -23,18 +23,21 @@ def tracking_light(evidence: Evidence) -> Fact:
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
-    tilt_tracking = [evidence.tracking[axis] for axis in TILT_AXES]
-    known = [fact for fact in tilt_tracking if fact.code is not TrackingLight.TRACKING_UNKNOWN]
-    if not known:
-        return tilt_tracking[0]
-    yaw_tracking = evidence.tracking["yaw"]
-    if yaw_tracking.warns:
-        known.append(yaw_tracking)
-    by_error = sorted(known, key=lambda fact: fact.figures["angle_error"], reverse=True)
-    light = worst_fact(by_error)
-    if light.code is TrackingLight.OVERSHOOTS_SETPOINT:
-        overshooting = [fact.figures["axis"] for fact in known if fact.code is light.code]
-        return light.replace(names=overshooting)
-    if evidence.condition.oscillation is not None and light.is_good:
-        return light.replace(Level.WATCH)
-    return light
+    tilt_facts = [evidence.tracking[axis] for axis in TILT_AXES]
+    judged_facts = [fact for fact in tilt_facts if fact.code is not TrackingLight.TRACKING_UNKNOWN]
+    if not judged_facts:
+        return tilt_facts[0]
+    yaw_fact = evidence.tracking["yaw"]
+    if yaw_fact.warns:
+        judged_facts.append(yaw_fact)
+    # Of facts with the same level ``worst_fact`` returns the first.
+    largest_error_first = sorted(
+        judged_facts, key=lambda fact: fact.figures["angle_error"], reverse=True
+    )
+    worst = worst_fact(largest_error_first)
+    if worst.code is TrackingLight.OVERSHOOTS_SETPOINT:
+        overshooting = [fact.figures["axis"] for fact in judged_facts if fact.code is worst.code]
+        return worst.replace(names=overshooting)
+    if evidence.condition.oscillation is not None and worst.is_good:
+        return worst.replace(Level.WATCH)
+    return worst

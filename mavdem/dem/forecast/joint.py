@@ -117,33 +117,52 @@ def axis_mixer(record: Record) -> Array:
     Raises:
         NotLearnable: no segment has two samples.
     """
-    r = record.inputs.shape[1]
-    m = record.outputs.shape[1]
-    mixer = known_axis_mixer(r, record.effect_directions)
+    motor_count = record.inputs.shape[1]
+    mixer = known_axis_mixer(motor_count, record.effect_directions)
     if mixer is not None:
         return mixer
-    # An autoregression of outputs and all motors shows the effect of each motor.
     lags = min(MIXER_LAGS, max(1, record.longest_segment // MIN_SAMPLES_PER_LAG))
     prior_precision = var.lag_prior_precision(lags, MIXER_RIDGE)
     scaling, statistics = var.LagStatistics.from_record(record, lags)
     regression = var.regress(statistics.gram, statistics.row_count, prior_precision)
-    # A motor's effect is the sum over its lags of the coefficients with which the last output follows it.
-    last_output_coefficients = regression.mean[:-1, m - 1].reshape(lags, m + r)
-    effects = last_output_coefficients[:, m:].sum(axis=0) / scaling.scale[m:]
-    # Effects that are all zero stay so.
-    estimated_row = effects / (np.linalg.norm(effects) or 1.0)
-    estimation_cost = 0.5 * (r - 1) * np.log(statistics.row_count)
+    estimated_row = _mixer_row_of_regression(regression, scaling, motor_count)
+    estimation_cost = 0.5 * (motor_count - 1) * np.log(statistics.row_count)
 
     # A mixer row of the frame has no free numbers, and pays nothing for them.
     best_row = estimated_row
     best_score = _mutual_information(record, estimated_row, prior_precision) - estimation_cost
     for mixer_row in QUADROTOR_X_MIXERS:
-        if r == len(mixer_row):
+        if motor_count == len(mixer_row):
             score = _mutual_information(record, mixer_row, prior_precision)
             if score > best_score:
                 best_row = mixer_row
                 best_score = score
     return best_row[:, None]
+
+
+def _mixer_row_of_regression(
+    regression: var.Regression, scaling: var.ChannelScaling, motor_count: int
+) -> Array:
+    """Returns the effects of the motors on the last output, by an autoregression of outputs and all motors.
+
+    A motor's effect is the sum over its lags of the coefficients with which the last output follows it.
+
+    Args:
+        regression: the autoregression; its channels are the m outputs, and then the motors.
+        scaling: scaling of the channels.
+        motor_count: number r of motors.
+
+    Returns:
+        (r,) effects of unit length; zeros if all effects are zero.
+    """
+    # The last row is the constant; the rows before it are those of each lag, channel by channel.
+    channel_count = regression.mean.shape[1]
+    output_count = channel_count - motor_count
+    last_output = output_count - 1
+    coefficients = regression.mean[:-1, last_output].reshape(-1, channel_count)
+    motor_scales = scaling.scale[output_count:]
+    effects = coefficients[:, output_count:].sum(axis=0) / motor_scales
+    return effects / (np.linalg.norm(effects) or 1.0)
 
 
 def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
