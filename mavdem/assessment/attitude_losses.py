@@ -99,17 +99,17 @@ def _loss_intervals(sensors: BootSensors, error: AttitudeError, flight: Interval
         landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
     flight_start, flight_end = flight
-    lost = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
-    fallen = []
+    lost_intervals = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
+    toppled_intervals = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
         sink_rate = sensors.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
         if end >= flight_end and sink_rate > FALL_SPEED:
-            fallen.append((start, end))
+            toppled_intervals.append((start, end))
     # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
     latest_start = _landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
-        for start, end in merge_close(union(lost, fallen), RECOVERY_SECONDS)
+        for start, end in merge_close(union(lost_intervals, toppled_intervals), RECOVERY_SECONDS)
         if flight_start < start <= latest_start
     ]
 
@@ -129,10 +129,10 @@ def _landing_report(sensors: BootSensors, flight_end: float) -> float:
     reports = series_of_boot(sensors.signals.landed_state, sensors.boot)
     if reports is None:
         return flight_end
-    later = reports.time[reports.time > flight_end]
-    if not len(later) or later[0] - flight_end > MAX_LANDING_REPORT_SECONDS:
+    later_times = reports.time[reports.time > flight_end]
+    if not len(later_times) or later_times[0] - flight_end > MAX_LANDING_REPORT_SECONDS:
         return flight_end
-    return float(later[0])
+    return float(later_times[0])
 
 
 class _AttitudeLoss(NamedTuple):

@@ -155,8 +155,8 @@ def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | Non
     in_flight = in_intervals(collective.time, [flight])
     if not in_flight.any():
         return None
-    usual = float(np.median(collective.values[in_flight]))
-    is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual
+    usual_output = float(np.median(collective.values[in_flight]))
+    is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual_output
     stick = sensors.stick
     if stick is not None:
         # Automatic modes leave the motors on whatever the stick does, so that both must be low.
@@ -174,9 +174,9 @@ def _flies_on(sensors: BootSensors, flight: Interval, time: float) -> bool:
         flight: start and end of the flight, s since boot.
         time: s since boot.
     """
-    later = time + RECOVERY_SECONDS
+    recovery_end = time + RECOVERY_SECONDS
     _, flight_end = flight
-    if min(flight_end, sensors.record_end) < later:
+    if min(flight_end, sensors.record_end) < recovery_end:
         return False
-    height = sensors.height_at(later)
+    height = sensors.height_at(recovery_end)
     return height is None or height > MAX_GROUND_HEIGHT

@@ -149,20 +149,22 @@ def _commands_around(signals: Signals, boot: int, interval: Interval) -> _LossCo
     motors = signals.motors
     if motors is None:
         return None
-    recorded = motors.range_fractions(boot)
+    all_commands = motors.range_fractions(boot)
     start, _ = interval
-    usual = _commands_between(recorded, start - RECOVERY_SECONDS, start - LASTING_SECONDS)
-    before = _commands_between(recorded, start - AVERAGING_SECONDS, start)
-    is_now = in_intervals(recorded.time, [interval])
-    if not len(usual) or not len(before) or not is_now.any():
+    usual_commands = _commands_between(
+        all_commands, start - RECOVERY_SECONDS, start - LASTING_SECONDS
+    )
+    commands_before = _commands_between(all_commands, start - AVERAGING_SECONDS, start)
+    is_now = in_intervals(all_commands.time, [interval])
+    if not len(usual_commands) or not len(commands_before) or not is_now.any():
         return None
     return _LossCommands(
         motors=motors,
-        recorded=recorded,
-        time=recorded.time[is_now],
-        now=recorded.values[is_now],
-        before=before,
-        usual=usual.mean(axis=0),
+        recorded=all_commands,
+        time=all_commands.time[is_now],
+        now=all_commands.values[is_now],
+        before=commands_before,
+        usual=usual_commands.mean(axis=0),
     )
 
 
@@ -172,7 +174,8 @@ def _all_off(commands: _LossCommands) -> Fact | None:
     Args:
         commands: commands around the loss.
     """
-    if not (commands.change < (OFF_RATIO - 1) * commands.usual).all():
+    # On average over the time of trouble each motor must have been off.
+    if not (commands.now.mean(axis=0) < OFF_RATIO * commands.usual).all():
         return None
     off_times = commands.time[(commands.now < OFF_RATIO * commands.usual).all(axis=1)]
     time = off_times[0] if len(off_times) else commands.time[0]

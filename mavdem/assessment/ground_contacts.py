@@ -224,8 +224,8 @@ class _Contact:
         accelerometer = self.sensors.accelerometer
         if accelerometer is not None and accelerometer.shows_knocks:
             return False
-        around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
-        return self._time_of_sudden_stop(around) is not None
+        time_around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
+        return self._time_of_sudden_stop(time_around) is not None
 
     def _rest(self) -> Rest | None:
         """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
@@ -245,8 +245,8 @@ class _Contact:
 
     def _ends_soon(self, record_end: float) -> bool:
         """Returns whether the record ends within ``RECOVERY_SECONDS`` of the loss, or of the end of the flight."""
-        since = self._flight_end() if self.loss is None else self.loss.time or 0.0
-        return record_end - since < RECOVERY_SECONDS
+        end_of_control = self._flight_end() if self.loss is None else self.loss.time or 0.0
+        return record_end - end_of_control < RECOVERY_SECONDS
 
     def _contact_time(self, start: float, end: float) -> float | None:
         """Returns the time at which the vehicle touched the ground.
@@ -359,22 +359,22 @@ class _Contact:
         Returns:
             The statements, which support or contradict the contact.
         """
-        around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
+        time_around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
         statements: list[Fact] = []
-        for statement in (self.sensors.knock(around), self.sensors.fast_rotation(around)):
+        for statement in (self.sensors.knock(time_around), self.sensors.fast_rotation(time_around)):
             if statement is not None:
                 statements.append(statement)
         statements += self._descent_statements(time)
         if rest is not None and rest.angle is not None:
             _, pose = rest.statements
             statements.append(pose)
-        attitude_error = largest_error(self.error, around)
-        is_far = self._largest_error(around) > MAX_LANDING_LEAN
+        attitude_error = largest_error(self.error, time_around)
+        is_far = self._largest_error(time_around) > MAX_LANDING_LEAN
         if attitude_error is not None and (self.loss is not None or is_far):
             statements.append(
                 supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **attitude_error._asdict())
             )
-        start, _ = around
+        start, _ = time_around
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
                 statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
@@ -609,8 +609,8 @@ class _Contact:
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
         if throttle_closing is not None and (throttle_closing.time or 0.0) <= time + STICK_DELAY:
             max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
-        before = time - MAX_SETPOINT_DELAY
-        height = self.sensors.height_at(before)
+        time_before = time - MAX_SETPOINT_DELAY
+        height = self.sensors.height_at(time_before)
         if height is None or (fall_speed or 0.0) > max_speed:
             return False
         resting_height = None if rest is None else self.sensors.height_at(rest.time)
@@ -619,7 +619,11 @@ class _Contact:
                 return False
             # The lower of both heights counts: above the take-off, or above the place where it came to rest.
             height = min(height, height - resting_height)
-        if height > max_height or self._leans(before) or self._asks_for_climb((before, time)):
+        if (
+            height > max_height
+            or self._leans(time_before)
+            or self._asks_for_climb((time_before, time))
+        ):
             return False
         return throttle_closing is not None or self._is_descending(time)
 

@@ -192,8 +192,8 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
 def unjudged(refusal: Fact) -> Judgement:
     """Returns the judgement where there is no evidence: everything is unknown because of the ``refusal``."""
     next_step = Fact(NextStep.DO_AS_ADVISED, because=refusal)
-    unknown = Fact(Unjudged.NOT_JUDGED, because=refusal)
-    return Judgement(refusal, next_step, {str(light.name): unknown for light in REGISTRY})
+    unknown_light = Fact(Unjudged.NOT_JUDGED, because=refusal)
+    return Judgement(refusal, next_step, {str(light.name): unknown_light for light in REGISTRY})
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:

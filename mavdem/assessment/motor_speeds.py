@@ -322,8 +322,10 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
     if errors is None:
         return ()
     start, end = interval
-    before, after = np.interp([start - MAX_SETPOINT_DELAY, end], errors.time, errors.values)
-    count = int(after - before)
+    count_before, count_after = np.interp(
+        [start - MAX_SETPOINT_DELAY, end], errors.time, errors.values
+    )
+    count = int(count_after - count_before)
     if count <= 0:
         return ()
     counted = supporting_statement(

@@ -322,8 +322,8 @@ def _leans_towards(
     ]
     if not len(leaning_times):
         return False
-    first = leaning_times[0]
-    rows = in_intervals(error.time, [(first, first + MAX_SETPOINT_DELAY)])
+    lean_start = leaning_times[0]
+    rows = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
     # Forward is the real part, right the imaginary part, of the lean as of the position.
     position = complex(*motors.geometry.positions[number])
     if position == 0:

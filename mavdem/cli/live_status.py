@@ -110,12 +110,12 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
-        shown = sentences
+        printed_sentences = sentences
         if is_new:
-            shown = sentences[:1]
+            printed_sentences = sentences[:1]
             if status.delay_fact is not None:
-                shown.append(str(status.delay_fact))
-        print_to_stderr(timed(" ".join(shown)))
+                printed_sentences.append(str(status.delay_fact))
+        print_to_stderr(timed(" ".join(printed_sentences)))
 
 
 def _meaning(figure: Figure) -> Hashable:

@@ -82,10 +82,10 @@ def _shortened_last_column(columns: list[Column], width: int, row_lines: int) ->
         row_lines: Lines that a text may take, but for the room that is left at the ends of lines.
     """
     available_width = width - sum(column.full_width + COLUMN_GAP for column in columns[:-1])
-    last = columns[-1]
+    last_column = columns[-1]
     return Column(
-        shortened(last.heading, available_width),
-        [shortened(cell, row_lines * available_width) for cell in last.cells],
+        shortened(last_column.heading, available_width),
+        [shortened(cell, row_lines * available_width) for cell in last_column.cells],
     )
 
 

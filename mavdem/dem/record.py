@@ -407,8 +407,10 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
         ValueError: Directions are not r finite numbers.
     """
     # Samples that are no Flight may have no such attribute.
-    given = [getattr(flight, "effect_directions", None) for flight in flights]
-    directions = [validated_directions(values, motors) for values in given if values is not None]
+    given_directions = [getattr(flight, "effect_directions", None) for flight in flights]
+    directions = [
+        validated_directions(values, motors) for values in given_directions if values is not None
+    ]
     if len(directions) < len(flights) or not directions[0].any():
         return None
     if not all(np.array_equal(values, directions[0]) for values in directions):

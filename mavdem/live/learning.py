@@ -108,13 +108,13 @@ class FlightLearning:
             row_format: format of the next rows.
         """
         # The format of the rows of the segment before; None before the first one.
-        former = self._row_format
+        former_format = self._row_format
         self._row_format = row_format
         motor_names = row_format.geometry.names
-        if former is not None:
-            if former.boot != row_format.boot:
+        if former_format is not None:
+            if former_format.boot != row_format.boot:
                 self._date_models_of_other_boot()
-            if former.dt == row_format.dt and former.geometry.names == motor_names:
+            if former_format.dt == row_format.dt and former_format.geometry.names == motor_names:
                 return
         prior = self._prior
         if prior is not None and prior.record.input_units != row_format.input_units:
@@ -251,10 +251,10 @@ class FlightLearning:
         """
         if not self.has_landed or self.learner is None:
             return
-        former = self.learner.learned
+        former_model = self.learner.learned
         self.learner.adopt_finished_fit(timeout)
         model = self.learner.learned
-        if model is not None and model is not former and self.has_settled:
+        if model is not None and model is not former_model and self.has_settled:
             self.newest_model = model
             self._models.append(_KeptModel(self._landing_time, model))
 

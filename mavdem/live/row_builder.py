@@ -211,7 +211,7 @@ class RowBuilder:
             inputs: the motors whose outputs become the rows' inputs.
         """
         assert self._grid.dt is not None and self.attitude_message is not None
-        former = self.row_format
+        former_format = self.row_format
         geometry = inputs.motors.geometry
         motor_message = inputs.motors.message
         dt = self._grid.dt
@@ -227,10 +227,10 @@ class RowBuilder:
         )
         # The rates and the beginning of the grid differ in each segment; the user need not know.
         is_same = (
-            former is not None
-            and former.dt == dt
-            and former.motor_message == motor_message
-            and former.geometry == geometry
+            former_format is not None
+            and former_format.dt == dt
+            and former_format.motor_message == motor_message
+            and former_format.geometry == geometry
         )
         if is_same:
             return
@@ -309,13 +309,13 @@ class RowBuilder:
         if inputs is None:
             # After a silence nothing shows that they have changed.
             return
-        former = self.inputs
+        former_inputs = self.inputs
         self.inputs = inputs
         self._update_row_streams()
         if not self._grid.is_running:
             return
         geometry = inputs.motors.geometry
-        if former is not None and inputs.identity != former.identity:
+        if former_inputs is not None and inputs.identity != former_inputs.identity:
             self._report(Fact(Rows.INPUTS_CHANGED, names=geometry.names))
             self._grid.end(forget_step=True)
         elif self.row_format is not None and geometry != self.row_format.geometry:

@@ -172,10 +172,10 @@ class SampleStream:
             The sum for each value of a sample, in its unit.
         """
         # One sample before the first tap, and one at or after the last, enclose all of them.
-        first = bisect_left(self.time, time + offsets[0]) - 1
-        first = max(first, bisect_left(self.time, self.start_time))
-        last = bisect_left(self.time, time + offsets[-1])
-        stamps = self.time[first : last + 1]
-        columns = np.array(self.values[first : last + 1]).T
+        first_row = bisect_left(self.time, time + offsets[0]) - 1
+        first_row = max(first_row, bisect_left(self.time, self.start_time))
+        last_row = bisect_left(self.time, time + offsets[-1])
+        stamps = self.time[first_row : last_row + 1]
+        columns = np.array(self.values[first_row : last_row + 1]).T
         interpolated = [np.interp(time + offsets, stamps, column) for column in columns]
         return tuple((np.array(interpolated) @ weights).tolist())

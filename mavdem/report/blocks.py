@@ -156,5 +156,5 @@ def shortened(text: str, columns: int) -> str:
 
 def _beginnings(text: str, end: str, min_length: float, max_length: float) -> list[str]:
     """Returns the beginnings of a text before each match of ``end``, with a length within two limits, in order."""
-    places = [match.start() for match in re.finditer(end, text)]
-    return [text[:place] for place in places if min_length <= place <= max_length]
+    positions = [match.start() for match in re.finditer(end, text)]
+    return [text[:position] for position in positions if min_length <= position <= max_length]

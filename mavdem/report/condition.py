@@ -196,8 +196,8 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     series = evidence.autopilot_estimate
     if series is None:
         return None
-    first, last = wind.time[[0, -1]]
-    rows = (series.boot == wind.boot) & (series.time >= first) & (series.time <= last)
+    start_time, end_time = wind.time[[0, -1]]
+    rows = (series.boot == wind.boot) & (series.time >= start_time) & (series.time <= end_time)
     if not rows.any():
         return None
     north, east = series.values[rows].mean(axis=0)
@@ -238,11 +238,11 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         count = len(course.rows)
         if count < 2:
             continue
-        shown = range(count)
+        shown_indices = range(count)
         if max_rows is not None and count > max_rows:
-            shown = np.linspace(0, count - 1, max_rows).round().astype(int).tolist()
+            shown_indices = np.linspace(0, count - 1, max_rows).round().astype(int).tolist()
         rows = []
-        for index in shown:
+        for index in shown_indices:
             row = course.rows[index]
             cells = [f"{row[course.key]:.0f}", f"{row['speed']:.1f}"]
             if wind.direction_identifiable:

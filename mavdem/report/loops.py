@@ -301,9 +301,9 @@ def tuning_result(tuning: Tuning) -> Fact:
     if headline.is_bad or is_of_loops(headline, tuning.judgement):
         return headline
     changed = [advice for advice in tuning.advice if advice.parameters]
-    first = [*changed, *tuning.advice][0]
-    rating = first.rating
-    return rating.replace(subject=f"{first.before.axis} {rating.subject}")
+    decisive_advice = [*changed, *tuning.advice][0]
+    rating = decisive_advice.rating
+    return rating.replace(subject=f"{decisive_advice.before.axis} {rating.subject}")
 
 
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:

@@ -388,27 +388,27 @@ def _charts(
     response = notch_response(notches, controller.gyro_rate, frequency)
     gain = 20 * np.log10(np.maximum(abs(response), MIN_GAIN))
     phase = np.degrees(np.angle(response))
-    which = "this notch" if len(filters) == 1 else "these notches"
+    filter_words = "this notch" if len(filters) == 1 else "these notches"
     charts = [
         Chart(
-            f"Gain of {which}",
+            f"Gain of {filter_words}",
             axis,
-            Axis(f"Gain of {which} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
+            Axis(f"Gain of {filter_words} (dB)", limits=(20 * np.log10(MIN_GAIN), 3.0)),
             (Line("gain", COMMAND, frequency, gain),),
             marks=(crossover, Mark(peak, "peak")),
             group="notch",
         ),
         Chart(
-            f"Phase of {which}",
+            f"Phase of {filter_words}",
             axis,
-            Axis(f"Phase of {which} (°)"),
+            Axis(f"Phase of {filter_words} (°)"),
             (Line("phase", COMMAND, frequency, phase),),
             marks=(crossover,),
             group="notch",
         ),
     ]
     if has_spectrum:
-        gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, which)
+        gyro = _GyroPower(spectrum, without_filters(controller, filters), notches, filter_words)
         charts.insert(0, _spectrum_chart(gyro, peak, highest))
     return Group.side_by_side(charts)
 

@@ -128,17 +128,20 @@ def findings_of(
     return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def with_oscillation_torque_marked(learned: Learned, oscillates: bool) -> Learned:
-    """Returns a model whose wind torque is not taken for the wind's if the vehicle oscillates.
+def with_oscillation_torque_marked(learned: Learned, vehicle_made_torque: bool) -> Learned:
+    """Returns a model whose wind torque is not taken for the wind's if the vehicle itself made it.
 
-    In a limit cycle the torque that the motors do not explain is the vehicle's own.
+    In a limit cycle, or with a weak motor, the torque that the motors do not explain is the vehicle's own.
 
     Args:
         learned: the learned model.
-        oscillates: whether the vehicle is in a limit cycle. If not, the model is returned as it is.
+        vehicle_made_torque: whether one of the two is the case. If not, the model is returned as it is.
+
+    Returns:
+        The model, whose wind torque then has the ``reason`` why it is not that of the wind.
     """
     wind_torque = learned.wind_torque
-    if not oscillates or wind_torque is None:
+    if not vehicle_made_torque or wind_torque is None:
         return learned
     return learned.with_wind_torque(replace(wind_torque, reason=Fact(Because.OWN_TORQUE)))
 

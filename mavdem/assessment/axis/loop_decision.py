@@ -431,9 +431,9 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     known_actions = [action for action in actions if action is not None]
     if not known_actions:
         return None
-    first = known_actions[0]
-    if first.code is not LoopActions.LOWER_BY_A_THIRD:
-        return first
+    first_action = known_actions[0]
+    if first_action.code is not LoopActions.LOWER_BY_A_THIRD:
+        return first_action
     changes = []
     axes = []
     for action in known_actions:
@@ -442,5 +442,5 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
             axes.append(action.figures["axis"])
     # The sentence on one axis has no list of axes.
     if len(axes) == 1:
-        return first
-    return first.replace(changes=changes, names=axes)
+        return first_action
+    return first_action.replace(changes=changes, names=axes)

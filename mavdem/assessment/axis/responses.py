@@ -115,17 +115,17 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
         advice = advice_by_axis.get(axis)
         if not isinstance(advice, Advice) or not advice.parameters:
             continue
-        after = advice.after
+        advised_loop = advice.after
         steps[axis] = {}
         for loop_name, response in loops.items():
             if not isinstance(response.measured, StepResponse):
                 continue
             # Row 0 is the estimated plant.
-            closed_loop = after.rate.closed[0]
+            closed_loop = advised_loop.rate.closed[0]
             if loop_name == "attitude":
-                closed_loop = predicted_attitude_response(after, response.has_feedforward)
+                closed_loop = predicted_attitude_response(advised_loop, response.has_feedforward)
             steps[axis][loop_name] = step_from_frequency_response(
-                after.rate.frequency, closed_loop, response.measured.time
+                advised_loop.rate.frequency, closed_loop, response.measured.time
             )
     return steps
 

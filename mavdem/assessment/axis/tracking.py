@@ -157,7 +157,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     """
     setpoint = signals.angle_setpoint
     rate_error = _rate_error(signals, segments)
-    unknown = Fact(
+    unknown_tracking = Fact(
         TrackingLight.TRACKING_UNKNOWN,
         axis=signals.axis,
         asked=setpoint is not None,
@@ -165,14 +165,14 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         rate_error=rate_error,
     )
     if signals.attitude is None or setpoint is None:
-        return unknown
+        return unknown_tracking
     angle = signals.attitude.angle_series
     angle_segments = segments
     if signals.axis not in TILT_AXES:
         angle_segments = _segments_without_turns(setpoint, segments)
     setpoints, errors_by_delay = _setpoint_errors(setpoint, angle, angle_segments, DELAYS)
     if len(setpoints) < MIN_SAMPLES_FOR_STATISTICS:
-        return unknown
+        return unknown_tracking
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
     best_delay = np.argmin(rms_errors)
     # At an end of the range the setpoint does not show by how much the angle is late.

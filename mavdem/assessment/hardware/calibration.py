@@ -76,15 +76,15 @@ def calibration_fact(telemetry: Telemetry) -> Fact | None:
     Returns:
         The fact; None if no sensor is used.
     """
-    used = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
-    if not used:
+    used_sensors = [sensor for sensor in sensors_of(telemetry) if sensor.is_used]
+    if not used_sensors:
         return None
-    missing = [sensor.name for sensor in used if not sensor.is_calibrated]
+    uncalibrated_names = [sensor.name for sensor in used_sensors if not sensor.is_calibrated]
     return Fact(
         HardwareFact.SENSORS_CALIBRATED,
-        Level.WATCH if missing else Level.GOOD,
-        names=[sensor.name for sensor in used if sensor.is_calibrated],
-        missing=missing,
+        Level.WATCH if uncalibrated_names else Level.GOOD,
+        names=[sensor.name for sensor in used_sensors if sensor.is_calibrated],
+        missing=uncalibrated_names,
     )
 
 

@@ -235,8 +235,8 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     if is_little and trim.level is not Level.WATCH:
         highest_trim = max(hover.trim_of_range)
         names = []
-        for name, left in zip(hover.motors, hover.headroom, strict=True):
-            if left - headroom < STOP_MARGIN:
+        for name, headroom_of_motor in zip(hover.motors, hover.headroom, strict=True):
+            if headroom_of_motor - headroom < STOP_MARGIN:
                 names.append(name)
         return Fact(MotorsLight.HEADROOM_LITTLE, names=names, share=headroom, trim=highest_trim)
     if trim.is_good:

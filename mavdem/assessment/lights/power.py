@@ -93,8 +93,8 @@ def power_light(evidence: Evidence) -> Fact:
         )
     worst = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
-        others = [fact for fact in voltages if fact is not worst]
-        worst = worst.replace(batteries=(*others, *_constant_voltages(evidence, batteries)))
+        other_voltages = [fact for fact in voltages if fact is not worst]
+        worst = worst.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
     return worst
 
 
@@ -281,23 +281,23 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     averages = evidence.averages_in_flight(measured)
     if not len(averages):
         return
-    lowest = averages.min()
-    usual = np.median(averages)
+    lowest_voltage = averages.min()
+    usual_voltage = np.median(averages)
     code = PowerLight.SUPPLY_HELD
     level = None
     voltage_limit = BOARD_VOLTAGE_LIMITS.watch
-    if lowest < BOARD_VOLTAGE_LIMITS.watch:
+    if lowest_voltage < BOARD_VOLTAGE_LIMITS.watch:
         code = PowerLight.SUPPLY_LOW
-        if lowest < BOARD_VOLTAGE_LIMITS.bad:
+        if lowest_voltage < BOARD_VOLTAGE_LIMITS.bad:
             level = Level.BAD
             voltage_limit = BOARD_VOLTAGE_LIMITS.bad
-    elif usual - lowest > MAX_BOARD_VOLTAGE_DROP:
+    elif usual_voltage - lowest_voltage > MAX_BOARD_VOLTAGE_DROP:
         code = PowerLight.SUPPLY_FELL
     yield Fact(
         code,
         level,
-        voltage=lowest,
-        voltage_usual=usual,
+        voltage=lowest_voltage,
+        voltage_usual=usual_voltage,
         voltage_limit=voltage_limit,
     )
 

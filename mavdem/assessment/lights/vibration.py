@@ -48,10 +48,10 @@ def vibration_light(evidence: Evidence) -> Fact:
     """
     signals = evidence.signals
     telemetry = signals.telemetry
-    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
+    unknown_vibration = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder=telemetry.translated_from)
     vibration = reported_vibration(signals)
     if vibration is None:
-        return unknown
+        return unknown_vibration
     levels = vibration.levels
     segments = settled = settled_flight(signals)
     if not settled:
@@ -62,7 +62,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         ]
     rows = in_segments(levels, *segments)
     if not rows.any():
-        return unknown
+        return unknown_vibration
     limits = vibration_limits(telemetry)
     # The columns are the axes of the first IMU, then those of the second.
     mean_levels = levels.values[rows].mean(axis=0)

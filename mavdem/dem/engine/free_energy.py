@@ -228,8 +228,8 @@ class SampleFreeEnergy:
             return self.terms(data, states).sum(axis=1)
         # An hour of flight has so many samples that their states and errors would take hundreds of megabytes.
         values = np.empty(len(data))
-        for first in range(0, len(data), EVALUATED_SAMPLES):
-            rows = slice(first, first + EVALUATED_SAMPLES)
+        for start in range(0, len(data), EVALUATED_SAMPLES):
+            rows = slice(start, start + EVALUATED_SAMPLES)
             values[rows] = self.terms(data[rows]).sum(axis=1)
         return values
 

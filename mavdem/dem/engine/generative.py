@@ -320,14 +320,14 @@ class GenerativeModel:
         n, r, m = self.sizes
         # (p + 1, n): one row of columns for each order of x.
         x_columns = self.hidden_columns.start + np.arange(n * (self.p + 1)).reshape(-1, n)
-        # (q + 1, r): the same of v. Inputs have derivatives up to order d only; in the place of higher ones stands the
+        # (q + 1, r): the same of v. Inputs have derivatives up to order d only; instead of higher ones stands the
         # index after the last column, where the users of this layout put zeros.
         column_of_zeros = self.joint_size
         v_columns = np.full((self.q + 1, r), column_of_zeros)
         modelled_orders = min(self.d, self.q) + 1
         first_v_column = x_columns[-1, -1] + 1
         v_columns[:modelled_orders] = first_v_column + np.arange(modelled_orders * r).reshape(-1, r)
-        # The numbers of the parameters in the places of A, B and C.
+        # The numbers of the parameters, arranged like A, B and C.
         A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
         return RegressorLayout(
             state_columns=np.hstack([x_columns[: self.q + 1], v_columns]),

@@ -181,10 +181,10 @@ class SampleMemory:
             self._inputs = np.empty((2 * self._max_samples, inputs))
             self._outputs = np.empty((2 * self._max_samples, outputs))
             return 0
-        kept = self._max_samples
+        kept_samples = self._max_samples
         for table in (self._inputs, self._outputs):
-            table[:kept] = table[-kept:]
-        return kept
+            table[:kept_samples] = table[-kept_samples:]
+        return kept_samples
 
     def _complete_block(self) -> None:
         """Moves the samples that belong to no block yet to a new block, the last of ``blocks``.

@@ -141,8 +141,10 @@ def _lagged_commands(command: Array, dt: float) -> Array:
         (T, lags) lagged commands.
     """
     decays = np.exp(-dt / np.array(MOTOR_LAGS))
-    lagged = np.empty((len(command), len(decays)))
-    lagged[0] = command[0]
+    lagged_commands = np.empty((len(command), len(decays)))
+    lagged_commands[0] = command[0]
     for sample in range(1, len(command)):
-        lagged[sample] = decays * lagged[sample - 1] + (1 - decays) * command[sample]
-    return lagged
+        lagged_commands[sample] = (
+            decays * lagged_commands[sample - 1] + (1 - decays) * command[sample]
+        )
+    return lagged_commands

@@ -159,9 +159,9 @@ def _pieces(x: Array, y: Array, height_classes: Array, mode_numbers: Array) -> I
     for start, end in pairwise(edges):
         # Each piece goes on to the first point of the next one, so that the path has no gaps.
         points = zip(x[start : end + 1], y[start : end + 1], strict=True)
-        way = "M" + " ".join(f"{right:.1f} {below:.1f}" for right, below in points)
+        svg_path = "M" + " ".join(f"{right:.1f} {downward:.1f}" for right, downward in points)
         height_colour = HEIGHT_COLOURS[height_classes[start]]
-        yield _Piece(way, height_colour, _mode_colour(int(mode_numbers[start])))
+        yield _Piece(svg_path, height_colour, _mode_colour(int(mode_numbers[start])))
 
 
 def _wind_arrow(wind: WindVelocity) -> _WindArrow | None:

@@ -135,11 +135,11 @@ def _compass_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
         evidence: signals, events and measurements of the vehicle.
         timeline: timeline of the flight, for its span of time.
     """
-    sizes: dict[str, TimeSeries | None] = {}
+    strengths: dict[str, TimeSeries | None] = {}
     for number, field in compass_fields(evidence.signals).items():
-        sizes[f"compass {number}"] = replace(field, values=np.linalg.norm(field.values, axis=1))
+        strengths[f"compass {number}"] = replace(field, values=np.linalg.norm(field.values, axis=1))
     yield _with_motor_command(
-        over_time("Magnetic field", "mGauss", _lines(sizes, timeline)), evidence
+        over_time("Magnetic field", "mGauss", _lines(strengths, timeline)), evidence
     )
 
 
@@ -195,8 +195,8 @@ def _stick_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
     inputs = pilot_input(evidence.signals)
     yield over_time("Sticks", inputs.unit, _lines(inputs.sticks, timeline))
     by_change = sorted(inputs.switches.items(), key=lambda item: -np.ptp(item[1].values))
-    shown = {f"channel {number}": series for number, series in by_change[:SHOWN_SWITCHES]}
-    yield over_time("Switches", "µs", _lines(shown, timeline))
+    shown_switches = {f"channel {number}": series for number, series in by_change[:SHOWN_SWITCHES]}
+    yield over_time("Switches", "µs", _lines(shown_switches, timeline))
 
 
 def _quantity_chart(

@@ -36,7 +36,9 @@ def render_page(template: Template, **values: Any) -> str:
 def environment() -> Environment:
     """Returns Jinja's environment for the templates of ``mavdem/report``; it escapes all text.
 
-    Templates can use the filter ``prose``, and the tests ``is table`` and ``is chart``.
+    Beside Jinja's own, templates have the filters ``prose`` and ``why_text``, the tests ``is table`` and ``is chart``
+    by which they choose how to draw a block, and as globals the version of the program and the colours of charts. It is
+    made once: what a page adds to it, all pages have.
     """
     jinja = Environment(
         loader=PackageLoader("mavdem.report", ""),

@@ -297,13 +297,15 @@ def _vehicle_parts(
         The parts, the most urgent vehicle first.
     """
     vehicles = vehicles_with_parts(summaries)
-    ranked = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
-    drawn = [name for name in ranked if vehicles[name].flight_count > 1][:MAX_DRAWN]
+    names_by_urgency = sorted(vehicles, key=lambda name: (vehicles[name].urgency, name))
+    names_with_charts = [name for name in names_by_urgency if vehicles[name].flight_count > 1][
+        :MAX_DRAWN
+    ]
     bar_count = _bar_count(vehicles)
     shared_names = {summary.name for summary in summaries if summary.has_shared_name}
     latest_lines = {summary.name: _latest_line(summary) for summary in summaries}
     parts = []
-    for name in ranked:
+    for name in names_by_urgency:
         vehicle = vehicles[name]
         latest_line = latest_lines[name]
         needs_look = vehicle.urgency.rank < MAX_URGENT_RANK
@@ -322,8 +324,8 @@ def _vehicle_parts(
                 difference=vehicle.words.difference,
                 changes=changes.get(name, ()),
                 # They are HTML of this program.
-                charts=Markup(charts(name) if name in drawn else ""),  # noqa: S704
-                is_open=needs_look and name in drawn[:1],
+                charts=Markup(charts(name) if name in names_with_charts else ""),  # noqa: S704
+                is_open=needs_look and name in names_with_charts[:1],
             )
         )
     return parts
@@ -487,9 +489,9 @@ def _bars(levels: Sequence[Level], bar_count: int) -> FlightBars:
         bar_count: number of bars for which there is room.
     """
     paths = dict.fromkeys(LEVEL_MARKS, "")
-    for place, level in enumerate(levels, start=bar_count - len(levels)):
+    for column, level in enumerate(levels, start=bar_count - len(levels)):
         # A rectangle of height 1 and width 0.8, which leaves a gap before the next bar.
-        paths[level] += f"M{place} 0v1h.8v-1z"
+        paths[level] += f"M{column} 0v1h.8v-1z"
     counts = Counter(levels)
     words = listed(f"{counts[level]} {level}" for level in LEVEL_MARKS if counts[level])
     drawn_paths = {level: path for level, path in paths.items() if path}
@@ -515,7 +517,12 @@ def _light_counts(summaries: Sequence[VehicleSummary]) -> list[LightCounts]:
         for summary in summaries:
             levels.update(summary.light_counts[light])
         counts.append(LightCounts(light, {level: levels[level] for level in LEVEL_MARKS}))
-    counts.sort(key=lambda one: (-one.counts[Level.BAD], -one.counts[Level.WATCH]))
+    counts.sort(
+        key=lambda light_counts: (
+            -light_counts.counts[Level.BAD],
+            -light_counts.counts[Level.WATCH],
+        )
+    )
     return counts
 
 

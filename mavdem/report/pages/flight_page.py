@@ -105,6 +105,9 @@ CHAPTER_OF_LIGHT = {
 }
 """Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
 
+SECONDS_PER_MINUTE = 60
+"""Seconds of a minute."""
+
 CHAPTER_LEVELS = (Level.BAD, Level.WATCH, Level.UNKNOWN, Level.GOOD)
 """Levels of a chapter from the worst to the best; one that is not known may hide a bad one."""
 
@@ -157,8 +160,8 @@ def log_page(
         changes = gain_changes(name, vehicle, advice, assessment.next_step)
     with sentences_for(Medium(has_terminal=False, has_gain_table=changes is not None)):
         timeline = timeline_of(assessment)
-        above = (str(assessment.next_step), why_text(assessment.headline))
-        events = _numbered_events(assessment.events, timeline, *above)
+        texts_above = (str(assessment.next_step), why_text(assessment.headline))
+        events = _numbered_events(assessment.events, timeline, *texts_above)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
         chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full)]
@@ -445,7 +448,8 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
     for speed_controller in speed_controllers(signals):
         speeds = evidence.values_in_flight(speed_controller.speed)
         if len(speeds) and np.median(speeds) > 0:
-            frequencies.append(float(np.median(speeds)) / 60)
+            # Controllers measure revolutions per minute.
+            frequencies.append(float(np.median(speeds)) / SECONDS_PER_MINUTE)
     return notch_trial(
         name, signals.telemetry, assessment.noise, controller, loop, tuple(frequencies)
     )

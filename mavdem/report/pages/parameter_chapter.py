@@ -132,8 +132,8 @@ def _all_parameters(telemetry: Telemetry) -> Table:
         is_default_known = name in defaults and not AUTOPILOT_SET_PARAMETERS.search(name)
         remark = f"not the default, {defaults[name]:.7g}" if is_default_known else ""
         if name in telemetry.initial_parameters:
-            before = f"{telemetry.initial_parameters[name]:.7g}"
-            remark = "; ".join(filter(None, [f"changed in flight, from {before}", remark]))
+            value_before = f"{telemetry.initial_parameters[name]:.7g}"
+            remark = "; ".join(filter(None, [f"changed in flight, from {value_before}", remark]))
             row[2] = Rated(remark, Level.WATCH)
         else:
             row[2] = remark
