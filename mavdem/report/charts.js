@@ -72,9 +72,22 @@
     root.dispatchEvent(new CustomEvent("zoomed", { detail: group }));
   };
 
+  // The modes whose names have no room in the strip, below it.
+  const keyOf = (chart, modes) => {
+    const plot = chart.root.parentElement, key = plot.parentElement.querySelector(".modes") ?? element("p");
+    key.className = "modes soft";
+    key.replaceChildren(...modes.map(([name, tint]) => {
+      const item = element("span"), patch = element("i");
+      patch.style.background = tint;
+      item.append(patch, name);
+      return item;
+    }));
+    if (modes.length) plot.after(key); else key.remove();
+  };
+
   const drawBackground = (data, chart) => {
     const { ctx, bbox } = chart, ratio = devicePixelRatio, at = x => chart.valToPos(x, "x", true), strip = !data.lines.length;
-    const names = [...new Set(data.spans.map(span => span[2]))];
+    const names = [...new Set(data.spans.map(span => span[2]))], named = new Set();
     ctx.save();
     ctx.textAlign = "left";
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
@@ -87,9 +100,13 @@
       ctx.save();
       ctx.beginPath(); ctx.rect(left, bbox.top, width - 2 * ratio, bbox.height); ctx.clip();
       ctx.fillStyle = colour("--ink"); ctx.font = `${11 * ratio}px system-ui, sans-serif`; ctx.textBaseline = "middle";
-      if (ctx.measureText(name).width <= width - 6 * ratio) ctx.fillText(name, left + 4 * ratio, bbox.top + bbox.height / 2);
+      if (ctx.measureText(name).width <= width - 6 * ratio) {
+        ctx.fillText(name, left + 4 * ratio, bbox.top + bbox.height / 2);
+        named.add(name);
+      }
       ctx.restore();
     }
+    if (strip) keyOf(chart, names.map((name, i) => [name, tints[i % tints.length]]).filter(([name]) => !named.has(name)));
     if (data.picture) {
       const [low, high] = data.lines[0].ends, top = chart.valToPos(high, "y", true), left = at(data.columns[0]);
       ctx.imageSmoothingEnabled = false;
@@ -144,8 +161,10 @@
       // Names of marks stand one below the other, since marks may be close together; on an axis of names none are. The
       // numbers of events stand in one line, as far as there is room: those of alarms, which come first, keep theirs.
       const isEvent = data.group === "flight", [right, down] = dotDistance ? [0, 0] : [isEvent ? 2 : 3, isEvent ? 0 : 12 * i];
-      const left = chart.valToPos(x, "x", true) + right * ratio;
-      const end = left + ctx.measureText(name).width + 2 * ratio;
+      const width = ctx.measureText(name).width, start = chart.valToPos(x, "x", true) + right * ratio;
+      // At the right edge, a number stands left of its line.
+      const left = isEvent && start + width > bbox.left + bbox.width ? start - width - 2 * right * ratio : start;
+      const end = left + width + 2 * ratio;
       if (isEvent && taken.some(other => left < other.end && end > other.left)) continue;
       taken.push({ left, end });
       const textAndPosition = [name, left, bbox.top + (3 + down) * ratio];
