@@ -11,7 +11,7 @@ flights with even numbers.
 A flight takes some five seconds, and its review one: with --folder, telemetry logs of the flights are kept there, and
 not flown again.
 
-Usage: tools/validation/failures.py [--count N of each kind] [--jobs N] [--kind KIND ...] [--folder FOLDER]
+Usage: tools/validation/failures.py [--count N of each kind] [--first N] [--jobs N] [--kind KIND ...] [--folder FOLDER]
 """
 
 from collections.abc import Iterator
@@ -258,17 +258,18 @@ def totals(rows: pd.DataFrame) -> list[Values]:
     return lines
 
 
-@command(__doc__, count=40)
+@command(__doc__, count=40, first=0)
 @click.option("--kind", "chosen", multiple=True, type=click.Choice(sorted(KINDS)))
 @click.option("--folder", type=click.Path(file_okay=False, path_type=Path))
 @click.option("--verbose", is_flag=True, help="Print the headline of every flight, too.")
 def main(
-    count: int, jobs: int, chosen: tuple[str, ...], folder: Path | None, verbose: bool
+    count: int, first: int, jobs: int, chosen: tuple[str, ...], folder: Path | None, verbose: bool
 ) -> None:
     """Simulates flights that go wrong and sound ones, and prints what the review makes of them, by kind and half.
 
     Args:
         count: number of flights of each kind.
+        first: number of the first of them; numbers that no threshold was chosen on are larger than the counts before.
         jobs: number of processes.
         chosen: kinds of flights; all if it is empty.
         folder: folder that keeps the logs of the flights; None to keep none.
@@ -277,7 +278,7 @@ def main(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     kinds = chosen or tuple(KINDS)
-    cases = [(kind, number) for number in range(count) for kind in kinds]
+    cases = [(kind, number) for number in range(first, first + count) for kind in kinds]
     rows = evaluate_flights(partial(review_row, folder=folder), cases, jobs)
     rows = rows.sort_values(["kind", "half", "number"], kind="stable")
     if verbose:
