@@ -9,6 +9,7 @@ from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
 from mavdem.assessment.identity import day_in_file_name
+from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.lights.log import simulation_fact
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level, NamedFacts
@@ -50,10 +51,10 @@ def review_screen(assessment: Assessment, columns: int = SCREEN_COLUMNS) -> str:
 
 
 def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
-    """Returns the lines of the review that are known before the control loops: its title, and lights that need none.
+    """Returns the first lines of the review that are known before the control loops: its title, and some lights.
 
-    With those of :func:`further_lines` they are the lines of :func:`review_screen`, where the lights that need the
-    loops come last.
+    The lights have one order everywhere, so that those behind the first one that needs the loops wait for it. With the
+    lines of :func:`further_lines` they are those of :func:`review_screen`.
 
     Args:
         findings: findings on the flight so far.
@@ -61,8 +62,19 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
     """
     evidence = findings.evidence
     title = vehicle_title(evidence.log, evidence.signals, findings.analysis)
-    lights = _light_lines(lights_with_reason_once(findings.lights), columns)
+    lights = _light_lines(_lights_before_loops(findings), columns)
     return "\n".join([*_title_lines(title, columns), *lights])
+
+
+def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
+    """Returns the lights that are known before the control loops, up to the first one that needs these."""
+    known_lights = lights_with_reason_once(findings.lights)
+    first_lights = {}
+    for light in REGISTRY:
+        if light.name not in known_lights:
+            break
+        first_lights[str(light.name)] = known_lights[light.name]
+    return first_lights
 
 
 def further_lines(
@@ -75,7 +87,7 @@ def further_lines(
         findings: findings that have been shown already.
         columns: characters of a line.
     """
-    first_lights = lights_with_reason_once(findings.lights)
+    first_lights = _lights_before_loops(findings)
     further_lights = {
         name: fact
         for name, fact in lights_with_reason_once(assessment.lights).items()

@@ -16,7 +16,8 @@ from mavdem.facts.events import Reported
 from mavdem.facts.learnability import Reason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopActions
-from mavdem.facts.motors import MotorsLight
+from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.vibration import VibrationLight
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(Reason.NEVER_ARMED)
@@ -92,6 +93,25 @@ def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     known = lights(power="bad", vibration="bad")
     following = next_step_of(known[Light.POWER], known, None)
     assert known[Light.VIBRATION] in following.figures["also"]
+
+
+def test_the_next_step_says_do_not_fly_once():
+    limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
+    vibration = Fact(
+        VibrationLight.VIBRATION_MEASURED,
+        Level.BAD,
+        subject="IMU 1",
+        vibration=40.0,
+        acceptable_vibration=30.0,
+        axis="",
+        clips=0,
+        is_settled=True,
+    )
+    saturated = Fact(InFlight.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0)
+    step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(vibration, saturated))
+    assert str(step).count("Do not fly") == 1
+    assert " Also balance the propellers" in str(step)
+    assert " Nor fly before motor 3," in str(step)
 
 
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])

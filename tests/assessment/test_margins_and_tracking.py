@@ -11,6 +11,7 @@ from hover import (
     evidence_of,
 )
 from numpy.random import default_rng
+from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import LOGS
 from scipy.signal import lfilter
@@ -20,6 +21,8 @@ from mavdem.assessment.axis.loops import loops_of_axes
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.responses import responses_of
 from mavdem.assessment.axis.tracking import ANGLE_ERROR_LIMITS, MAX_RESPONSE_PEAK, ResponsePeak
+from mavdem.assessment.condition import Condition
+from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import judge
 from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
@@ -147,7 +150,11 @@ def test_what_hides_the_margins_is_said_at_any_rate():
     for refusal, said in (
         (
             Fact(Loops.NOT_STEERED, share=0.3),
-            "No margins: only 30 % of the rate's motion was commanded.",
+            "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
+        ),
+        (
+            Fact(Loops.NO_MARGINS, because=Fact(Loops.NOT_STEERED, share=0.3)),
+            "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
             Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0, frequency=7.5),
@@ -161,6 +168,7 @@ def test_what_hides_the_margins_is_said_at_any_rate():
         light = margins_light(evidence(HOVER.telemetry(10.0, 10.0), loops={"roll": refusal}))
         assert light.level == "unknown" and light.figures["because"] is refusal
         assert light.sentence.endswith(said) and "there are the" not in light.sentence
+        assert light.sentence.lower().count("no margins") <= 1
 
 
 @mark.slow
@@ -217,6 +225,25 @@ def test_tracking_has_the_error_without_the_delay():
     assert figures["delay"] is None
     assert "late" not in axes["roll"].sentence
     assert "angle_error" not in axes["yaw"].figures
+
+
+def test_the_axis_nearest_to_bad_is_named():
+    """Yaw's error of 13° is nearer to its limit of 15° than pitch's 5.5° to 10°; a good yaw is not named."""
+
+    def missing(axis, error, limit, level=Level.WATCH):
+        errors = {"angle_error": np.radians(error), "error_limit": np.radians(limit)}
+        return Fact(TrackingLight.MISSES_SETPOINT, level, axis=axis, **errors)
+
+    tilts = {"roll": missing("roll", 4.0, 10.0), "pitch": missing("pitch", 5.5, 10.0)}
+    for level, named in ((Level.WATCH, "yaw"), (Level.GOOD, "pitch")):
+        tracking = tilts | {"yaw": missing("yaw", 13.0, 15.0, level)}
+        found = partial_record(
+            Evidence,
+            tracking=tracking,
+            other_vehicle=None,
+            condition=Condition(60.0),
+        )
+        assert tracking_light(found).figures["axis"] == named
 
 
 @mark.parametrize("rate", [10.0, 20.0])

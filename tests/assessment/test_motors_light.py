@@ -69,6 +69,15 @@ def test_the_worst_is_said(pulses, code, level):
         assert found.subject == "motor 2 (rear left)"
 
 
+def test_an_uneven_trim_does_not_hide_a_small_headroom():
+    found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
+    assert (found.code, found.level) == (Trim.TRIM_OF_YAW, "watch")
+    assert found.figures["headroom"] < 0.1
+    assert found.sentence.count("% of headroom") == 1
+    plenty = motors_light(evidence(lambda time: np.array([[80], [80], [-80], [-80]])))
+    assert "headroom" not in plenty.figures
+
+
 @mark.slow
 def test_what_names_a_motor_before_its_balance_goes_first():
     even = evidence()

@@ -149,8 +149,9 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         segments: parts of the flight to judge.
 
     Returns:
-        A fact with ``angle_error``, the mean error ``offset_angle`` (both rad), ``delay`` (s; None where the least
-        error is at an end of the ``DELAYS``, so that the flight does not show it), ``rate_error`` (rad/s);
+        A fact with ``angle_error``, the ``error_limit`` from which it is bad, the mean error ``offset_angle`` (all
+        rad), ``delay`` (s; None where the least error is at an end of the ``DELAYS``, so that the flight does not show
+        it), ``rate_error`` (rad/s);
         of the largest response of the angle to its setpoint the ``ratio`` and ``frequency`` (Hz), and the ``overshoot``
         of a step as a share of it where that was measured; of turns ``rate_setpoint``, ``reached_rate`` (rad/s) and
         ``at_limit_share``. Without a setpoint of the angle only ``rate_error`` is known.
@@ -205,6 +206,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         rating.level,
         axis=signals.axis,
         angle_error=angle_error,
+        error_limit=limits.bad,
         offset_angle=np.mean(errors_by_delay[best_delay]),
         delay=DELAYS[best_delay] if is_delay_measured else None,
         overshoot=rating.overshoot,

@@ -227,7 +227,8 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         hover: outputs of its motors in the hover.
 
     Returns:
-        A fact; that of an even trim has the smallest ``headroom`` of a motor, as a share of its range.
+        A fact; that of an even trim has the smallest ``headroom`` of a motor, as a share of its range, and so has that
+        of an uneven trim where it is small.
     """
     trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
@@ -239,6 +240,9 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
             if headroom_of_motor - headroom < STOP_MARGIN:
                 names.append(name)
         return Fact(MotorsLight.HEADROOM_LITTLE, names=names, share=headroom, trim=highest_trim)
+    if is_little:
+        # The trim may be the reason for the small headroom, which the pilot has to know all the same.
+        return trim.replace(headroom=headroom)
     if trim.is_good:
         is_known = not _has_full_throttle(evidence)
         return Fact(

@@ -10,10 +10,10 @@ from mavdem.facts.margins import TrackingLight
 def tracking_light(evidence: Evidence) -> Fact:
     """Judges how roll, pitch and yaw follow their setpoints, by the worst; if roll and pitch are unknown, what to log.
 
-    Yaw alone says too little. Of axes with the same level the one with the largest error is worse, but a good yaw is
-    not named in the place of roll or pitch, whose errors tilt the vehicle. If an overshoot is the worst, all axes that
-    overshoot are named. A vehicle that oscillates may follow its setpoints well in the mean, but its light is to be
-    watched at least.
+    Yaw alone says too little. Of axes with the same level the one whose error is nearest to bad is worse: yaw's limit
+    is wider, and all limits grow with the setpoint's movement. A good yaw is not named in the place of roll or pitch,
+    whose errors tilt the vehicle. If an overshoot is the worst, all axes that overshoot are named. A vehicle that
+    oscillates may follow its setpoints well in the mean, but its light is to be watched at least.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -31,10 +31,12 @@ def tracking_light(evidence: Evidence) -> Fact:
     if yaw_fact.warns:
         judged_facts.append(yaw_fact)
     # Of facts with the same level ``worst_fact`` returns the first.
-    largest_error_first = sorted(
-        judged_facts, key=lambda fact: fact.figures["angle_error"], reverse=True
+    nearest_to_bad_first = sorted(
+        judged_facts,
+        key=lambda fact: fact.figures["angle_error"] / fact.figures["error_limit"],
+        reverse=True,
     )
-    worst = worst_fact(largest_error_first)
+    worst = worst_fact(nearest_to_bad_first)
     if worst.code is TrackingLight.OVERSHOOTS_SETPOINT:
         overshooting = [fact.figures["axis"] for fact in judged_facts if fact.code is worst.code]
         return worst.replace(names=overshooting)
