@@ -340,12 +340,17 @@ class Store:
             self.db.executemany("insert into healthy values (?)", texts)
 
     def update_names(self) -> None:
-        """Gives each row the first name of its log, and deletes the rows of logs that have no name any more."""
+        """Gives each row the first path of its log, and deletes the rows of logs that have no path any more.
+
+        The text of a row names its file, and is written when the vehicle is judged. So rows whose path changes are
+        marked to be judged again, by an empty column ``judged``.
+        """
         self._delete_rows()
+        # "is not" also holds where a row has no file yet, where "<>" would give null.
         self.db.execute(
-            """update flights set file = name, judged = null from
-            (select log as known, min(path) as name from logs where tracked group by log)
-            where log = known and file is not name"""
+            """update flights set file = first_path, judged = null from
+            (select log as tracked_log, min(path) as first_path from logs where tracked group by log)
+            where log = tracked_log and file is not first_path"""
         )
 
     def _delete_rows(self, condition: str = IS_LOST_SQL, values: Sequence[Any] = ()) -> None:

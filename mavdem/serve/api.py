@@ -256,7 +256,7 @@ class Api:
 
     def fields(self, request: HttpRequest) -> Response:
         """Answers with the messages of a flight's log, their fields and instances, all of which can be plotted."""
-        entry, log = self._log_of_fields(request)
+        entry, log = self._entry_and_log(request)
         vehicle = request.query_params.get("vehicle", "")
         messages = self._fields.messages(log, vehicle, self._document_of_page(entry))
         return _json(LogFields.model_validate({"id": entry.id, "messages": messages}))
@@ -278,7 +278,7 @@ class Api:
         Raises:
             Refusal: the sender may not have the log, it has no such field, or a number of the query is none.
         """
-        entry, log = self._log_of_fields(request)
+        entry, log = self._entry_and_log(request)
         query = request.query_params
         field_request = FieldRequest(
             message=query.get("message", ""),
@@ -309,8 +309,8 @@ class Api:
             )
         )
 
-    def _log_of_fields(self, request: HttpRequest) -> tuple[Entry, Path]:
-        """Returns a flight and the path of its log, whose fields the request is about.
+    def _entry_and_log(self, request: HttpRequest) -> tuple[Entry, Path]:
+        """Returns the flight that a request names in its path, and the path of its log.
 
         Args:
             request: the request, with the id of the flight in its path.

@@ -276,16 +276,17 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
         ground_motion: velocity and height, as :func:`_ground_motion` returns them.
 
     Raises:
-        NotLearnable: no sensor did at any time.
+        NotLearnable: no sensor did at any time of the recorded velocity; or the log has no velocity, and receivers
+            that never had a fix explain it. A log without velocity for another reason passes: the caller reports it.
     """
     boots = np.unique(ground_motion.boot).tolist()
     for boot in boots:
         time = ground_motion.time[ground_motion.boot == boot]
         if measures_velocity(telemetry, boot, time).any():
             return
-    if not boots and not _lacks_fix(telemetry):
-        return
-    raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
+    has_velocity = bool(boots)
+    if has_velocity or _lacks_fix(telemetry):
+        raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
 
 
 def _lacks_fix(telemetry: Telemetry) -> bool:
