@@ -104,24 +104,25 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
         sensors: sensors of the boot.
         flight: start and end of the flight, s since boot.
     """
-    closed = _throttle_closed(sensors, flight)
-    if closed is None:
+    is_throttle_closed = _throttle_closed(sensors, flight)
+    if is_throttle_closed is None:
         return
-    has_stick = sensors.stick is not None
+    # What shows the closed throttle: the stick, or else the motors.
+    witness = Witness.MOTORS_THROTTLED if sensors.stick is None else Witness.THROTTLE_CLOSED
     flight_start, flight_end = flight
-    for start, end in true_intervals(closed.time, closed.values > 0):
+    record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
+    for closing, opening in true_intervals(is_throttle_closed.time, is_throttle_closed.values > 0):
         # Intervals at the ends of the record are infinite.
-        start = max(start, flight_start, closed.time[0])
-        end = min(end, flight_end, closed.time[-1])
+        start = max(closing, flight_start, record_start)
+        end = min(opening, flight_end, record_end)
         if end - start < MIN_DIVE_SECONDS:
             continue
         window = (start, end + BAROMETER_LAG)
         speed = sensors.sink_rate(window)
         if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight, end):
             continue
-        throttled = Witness.THROTTLE_CLOSED if has_stick else Witness.MOTORS_THROTTLED
         witnesses: Facts = (
-            supporting_statement(throttled, time=start),
+            supporting_statement(witness, time=start),
             *supporting_statements(sensors.sinking(window)),
         )
         yield Fact(

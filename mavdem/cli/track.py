@@ -239,6 +239,7 @@ def _track_with_progress(
         with progress_bar("Looking for logs") as show:
 
             def show_log(done: int, count: int, outcome: JobOutcome | None) -> None:
+                """Shows how many of the new logs are read, and the outcome of the last one; None before it."""
                 if done < count:
                     title = f"{done} of {counted(count, 'new log')} read"
                 else:

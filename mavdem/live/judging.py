@@ -74,14 +74,14 @@ class ModelJudging:
         if not has_physical or is_busy or now < self._next_time:
             return
         self._next_time = now + JUDGING_PERIOD
-        named = learning.named_model(model, stream.parameters)
-        if named.record.input_names != row_format.geometry.names:
+        named_model = learning.named_model(model, stream.parameters)
+        if named_model.record.input_names != row_format.geometry.names:
             return
         alarms = tuple(stream.motor_alarms.latest)
         # The executor raises RuntimeError when its processes are gone.
         with suppress(RuntimeError):
             self._pending = self._executor.submit(
-                judge_model, named, row_format, alarms, self._recording_name
+                judge_model, named_model, row_format, alarms, self._recording_name
             )
 
     def _take_result(self, pending: Future[tuple[Findings, Judgement]]) -> None:

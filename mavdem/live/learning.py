@@ -308,9 +308,9 @@ class FlightLearning:
         row_format = self._row_format
         if row_format is None:
             return learned
-        names = row_format.geometry.names
+        motor_names = row_format.geometry.names
         # The model is of other motors than the latest rows: their names would be wrong.
-        if learned.record.inputs.shape[1] != len(names):
+        if learned.record.inputs.shape[1] != len(motor_names):
             return learned
         output_names, output_units = zip(*output_names_and_units(self._axis), strict=True)
         gains = {
@@ -318,14 +318,14 @@ class FlightLearning:
         }
         record = replace(
             learned.record,
-            input_names=names,
+            input_names=motor_names,
             output_names=output_names,
             input_units=row_format.input_units,
             output_units=output_units,
             parameters=gains,
             input_range=(row_format.scale.low, row_format.scale.high),
         )
-        named = replace(learned, record=record)
+        named_model = replace(learned, record=record)
         if self.estimate is None or self.estimate.physical is None:
-            return named
-        return named.with_physical(self.estimate.physical)
+            return named_model
+        return named_model.with_physical(self.estimate.physical)

@@ -6,7 +6,7 @@ from math import isfinite
 from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.comparison import Comparison
-from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE
+from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
 from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
@@ -66,16 +66,15 @@ def _result_text(comparison: Comparison, question: Question) -> str:
     """
     rows = comparison.over_flights(question)
     failed_methods = [row["method"] for row in rows if row["failed"] == row["windows"]]
-    tests = {
-        method: test
-        for method, test in comparison.tests(question).items()
-        if method not in failed_methods
+    tests = {}
+    tests_by_result: dict[TestResult, dict[str, Paired]] = {}
+    for method, test in comparison.tests(question).items():
+        if method not in failed_methods:
+            tests[method] = test
+            tests_by_result.setdefault(test.result, {})[method] = test
+    results = {
+        result: tests_by_result[result] for result in RESULT_ORDER if result in tests_by_result
     }
-    tests_by_result = {}
-    for result in RESULT_ORDER:
-        with_result = {method: test for method, test in tests.items() if test.result is result}
-        if with_result:
-            tests_by_result[result] = with_result
     (paragraph,) = render_section(
         "comparison_result",
         reference=comparison.methods_of(question)[0],
@@ -83,7 +82,7 @@ def _result_text(comparison: Comparison, question: Question) -> str:
         pairs=min((test.tested for test in tests.values()), default=0),
         fewest=MIN_PAIRS,
         tests=tests,
-        results=tests_by_result,
+        results=results,
         silent=failed_methods,
     )
     return paragraph.lead
@@ -171,12 +170,14 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) 
     """
     has_several_flights = len(names) > 1
     # Orders count from 1, columns from 0.
-    chosen = choice.chosen - 1
+    chosen_column = choice.chosen - 1
+    relative_energy = choice.free_energy - choice.free_energy[:, [chosen_column]]
+    relative_mean = choice.mean - choice.mean[chosen_column]
     rows = []
     for column, order in enumerate(choice.orders):
-        nats = [*(choice.free_energy[:, column] - choice.free_energy[:, chosen])]
+        nats = [*relative_energy[:, column]]
         if has_several_flights:
-            nats += [choice.mean[column] - choice.mean[chosen], choice.spread[column]]
+            nats += [relative_mean[column], choice.spread[column]]
         cells = [f"{value:,.1f}" if isfinite(value) else "-" for value in nats]
         name = f"{order} (chosen)" if order == choice.chosen else f"{order}"
         rows.append([name, *cells])

@@ -235,22 +235,33 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     )
     tables = []
     for course in courses:
-        count = len(course.rows)
-        if count < 2:
+        if len(course.rows) < 2:
             continue
-        shown_indices = range(count)
-        if max_rows is not None and count > max_rows:
-            shown_indices = np.linspace(0, count - 1, max_rows).round().astype(int).tolist()
+        header = [course.header, "Wind (m/s)"]
+        if wind.direction_identifiable:
+            header.append("From")
         rows = []
-        for index in shown_indices:
+        for index in _evenly_spaced(len(course.rows), max_rows):
             row = course.rows[index]
             cells = [f"{row[course.key]:.0f}", f"{row['speed']:.1f}"]
             if wind.direction_identifiable:
                 cells.append(compass_text(row["direction"]))
             rows.append(cells)
-        header = [course.header, "Wind (m/s)", "From"]
-        tables.append(Table(header[: len(rows[0])], rows))
+        tables.append(Table(header, rows))
     return tables
+
+
+def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
+    """Returns the indices of the rows of a table that are shown, the first and the last among them.
+
+    Args:
+        count: number of rows.
+        max_count: most rows that are shown; None for all.
+    """
+    if max_count is None or count <= max_count:
+        return range(count)
+    indices: list[int] = np.linspace(0, count - 1, max_count).round().astype(int).tolist()
+    return indices
 
 
 def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -> Table:

@@ -56,11 +56,12 @@ def light_level(flight: AxisRows, light: Light) -> Level:
         flight: rows of the flight, one for each axis.
         light: the light.
     """
-    level = Level(getattr(flight[0], f"light_{light}") or Level.UNKNOWN)
-    if light is not Light.MOTORS or level is Level.BAD:
-        return level
+    # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
+    level_of_log = Level(getattr(flight[0], f"light_{light}") or Level.UNKNOWN)
+    if light is not Light.MOTORS or level_of_log is Level.BAD:
+        return level_of_log
     health_level = HEALTH_LEVELS[MotorHealth(worst_health(flight))]
-    return health_level if health_level in (Level.BAD, Level.WATCH) else level
+    return health_level if health_level in (Level.BAD, Level.WATCH) else level_of_log
 
 
 class Urgency(NamedTuple):

@@ -47,12 +47,13 @@ def flight_line(flight: AxisRows) -> FlightLine:
     Args:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
-    row = flight[0]
-    seconds = None if row.date is None else row.date.timestamp()
+    # Date, page and file are the same in the rows of all axes.
+    first_row = flight[0]
+    unix_time = None if first_row.date is None else first_row.date.timestamp()
     # Colons are quoted: what stands before one would be taken for the scheme of an address.
-    link = "" if row.page is None else quote(row.page, safe="/")
+    link = "" if first_row.page is None else quote(first_row.page, safe="/")
     cells = [column.cell(flight) for column in COLUMNS.values()]
-    return FlightLine(seconds, content_hash(row.key), link, row.file, cells)
+    return FlightLine(unix_time, content_hash(first_row.key), link, first_row.file, cells)
 
 
 class Column(NamedTuple):
@@ -141,14 +142,15 @@ def _notes(flight: AxisRows) -> str:
     notes += [row.health_reason for row in flight if row.health != MotorHealth.OK]
     for row in flight:
         notes += row.warnings
+    # A dictionary keeps each sentence once, in order.
     sentences = dict.fromkeys(note for note in notes if note)
-    notes_text = ""
+    shown_text = ""
     for sentence in sentences:
-        # A note is shown whole or left out; the first, which matters most, is always shown.
-        if notes_text and len(notes_text) + len(sentence) >= MAX_NOTE_LENGTH:
+        # The first sentence, which matters most, is always shown.
+        if shown_text and len(shown_text) + len(sentence) >= MAX_NOTE_LENGTH:
             break
-        notes_text = f"{notes_text}\n{sentence}" if notes_text else sentence
-    return notes_text
+        shown_text = f"{shown_text}\n{sentence}" if shown_text else sentence
+    return shown_text
 
 
 def _settled_seconds(flight: AxisRows) -> str:

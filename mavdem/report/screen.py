@@ -542,9 +542,10 @@ def detail_blocks(learned: Learned) -> Blocks:
     fit = learned.simulation_fit
     fit_gain = 0.0
     if fit is not None:
-        first_energy = sum(term[0] for term in fit.terms.values())
-        last_energy = sum(term[-1] for term in fit.terms.values())
-        fit_gain = last_energy - first_energy
+        # The objective of the fit is the sum of its terms, each of which has a value for every iteration.
+        energy_at_start = sum(term[0] for term in fit.terms.values())
+        energy_at_end = sum(term[-1] for term in fit.terms.values())
+        fit_gain = energy_at_end - energy_at_start
     learning = render_section(
         "learning",
         learned=learned,

@@ -143,21 +143,22 @@ def loop_of_axis(
     """
     segments, learnability = usable_segments(signals, log.components)
     if not segments:
+        # The slow motion shows loops too, if not well.
         segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
-    flights, caution = parts_with_one_gain_set(signals, flights_after_start(segments, start))
+    flights, gains_changed = parts_with_one_gain_set(signals, flights_after_start(segments, start))
     # Figures of all flights hold only if all of them have the same gains.
     fitted = None
-    if figures is not None and caution is None:
+    if figures is not None and gains_changed is None:
         fitted = figures.physical
     loop = loop_from_plant(_plant(signals, flights, fitted), Record.from_flights(flights))
-    if caution is not None:
+    if gains_changed is not None:
         # The parts of the flight with other gains are rated as the identified plant would fly with those.
-        other_gains = (dict(changes) for _, changes in caution.figures["parts"])
-        caution = caution.replace(ratings=margin_ratings(loop, other_gains))
+        other_gains = (dict(changes) for _, changes in gains_changed.figures["parts"])
+        gains_changed = gains_changed.replace(ratings=margin_ratings(loop, other_gains))
     cautions_on_gains = (
-        caution,
+        gains_changed,
         autotune_fact(signals, loop),
         gains_since(signals, loop.controller),
     )

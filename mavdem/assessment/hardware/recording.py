@@ -26,15 +26,17 @@ def recording_fact(evidence: Evidence) -> Fact | None:
     if attitude is None:
         return None
     steps = []
-    longest_gap = gap_time = 0.0
+    longest_gap = 0.0
+    gap_start = 0.0
     for flight in evidence.in_flight(attitude.angle_series):
         steps_of_flight = np.diff(flight.time)
         if not len(steps_of_flight):
             continue
         steps.append(steps_of_flight)
-        longest = int(steps_of_flight.argmax())
-        if steps_of_flight[longest] > longest_gap:
-            longest_gap, gap_time = float(steps_of_flight[longest]), float(flight.time[longest])
+        longest_step = int(steps_of_flight.argmax())
+        if steps_of_flight[longest_step] > longest_gap:
+            longest_gap = float(steps_of_flight[longest_step])
+            gap_start = float(flight.time[longest_step])
     if not steps:
         return None
     dropouts = evidence.signals.telemetry.dropouts
@@ -42,7 +44,7 @@ def recording_fact(evidence: Evidence) -> Fact | None:
     return Fact(
         HardwareFact.RECORDING_MEASURED,
         Level.WATCH if has_gaps else Level.GOOD,
-        time=gap_time,
+        time=gap_start,
         step=float(np.median(np.concatenate(steps))),
         longest_gap=longest_gap,
         dropouts=dropouts,

@@ -115,7 +115,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown.
     """
-    # Of facts with one level the first is named: that of the flight with the longest doubts, or the largest innovation.
+    # ``worst_fact`` returns the first of several facts with the worst level. So the flights are sorted: that with the
+    # longest doubts or, without doubts, with the largest innovation comes first.
     filter_facts = sorted(
         _filter_facts(evidence),
         key=lambda fact: (fact.figures["duration"], fact.figures["ratio"]),

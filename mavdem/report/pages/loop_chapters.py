@@ -120,16 +120,18 @@ def _step_figure_text(response: StepResponse, key: str) -> str:
     figure = STEP_FIGURES[key]
     end = float(response.time[-1]) if figure.is_duration else inf
 
-    def text(value: float) -> str:
+    def with_limit(value: float) -> str:
+        """Returns a value in the shown unit, as "over" the end of the response where it is not below that."""
         number = rounded(figure.scale * value)
         return f"over {number}" if value >= end else number
 
     value, low, high = estimate
-    texts = [text(number) for number in (value, low, high)]
+    value_text, low_text, high_text = with_limit(value), with_limit(low), with_limit(high)
     # An interval that is narrower than the last digit shown says nothing.
-    if low >= end or len(set(texts)) == 1:
-        return texts[0]
-    return "{} ({} to {})".format(*texts)
+    says_nothing = value_text == low_text == high_text
+    if low >= end or says_nothing:
+        return value_text
+    return f"{value_text} ({low_text} to {high_text})"
 
 
 def loops_chapters(
