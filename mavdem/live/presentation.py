@@ -178,7 +178,7 @@ class Presentation:
             fact: its time, where it has one, is in s of the boot clock.
         """
         now = clock.monotonic()
-        kind = _kind(fact)
+        kind = _repetition_key(fact)
         # Only kinds of the last seconds are kept, which bounds the memory.
         self._report_times = {
             earlier: time
@@ -201,7 +201,7 @@ class Presentation:
             self._display.log(event)
 
 
-def _kind(fact: Fact) -> tuple[object, ...]:
+def _repetition_key(fact: Fact) -> tuple[object, ...]:
     """Returns a key that repeated reports of the same thing share: code, subject, and a detail.
 
     The detail is the text of a message from the autopilot, or the alarm of another vehicle; otherwise None.

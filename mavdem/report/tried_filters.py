@@ -156,10 +156,11 @@ def _ardupilot_filter(
         f"{prefix}HMNCS": 1.0,
         f"{prefix}ATT": ARDUPILOT_ATTENUATION,
     }
+    # What the log or, if the filter is off, the advice has replaces these values.
     is_on = bool(logged.get(enable, 0.0))
     source = logged if is_on else advised
-    for name in parameters:
-        parameters[name] = source.get(name, parameters[name])
+    for name, value in parameters.items():
+        parameters[name] = source.get(name, value)
     parameters[enable] = 1.0
     names = {"centre": "FREQ", "width": "BW", "depth": "ATT", "harmonics": "HMNCS"}
     followed: Numbers = ()
@@ -169,10 +170,10 @@ def _ardupilot_filter(
         has_notch_for_each = notch_source_count({**logged, **parameters}, prefix) > 1
         followed = tuple(scaled) if has_notch_for_each else (float(np.mean(scaled)),)
     return TriedFilter(
-        parameters,
-        {enable: 0.0},
-        {setting: f"{prefix}{ending}" for setting, ending in names.items()},
-        is_on,
+        parameters=parameters,
+        switch={enable: 0.0},
+        names={setting: f"{prefix}{ending}" for setting, ending in names.items()},
+        is_on=is_on,
         is_logged=enable in logged,
         prefix=prefix,
         motor_frequencies=followed,
@@ -182,7 +183,7 @@ def _ardupilot_filter(
 def _px4_filter(
     logged: Parameters, pair: tuple[str, str], advised: Parameters, peak: float
 ) -> TriedFilter:
-    """Returns one of PX4's static notches.
+    """Returns one of PX4's static notches: as logged if it is on, otherwise as advised or on the line ``peak``.
 
     Args:
         logged: parameters of the log.
@@ -192,19 +193,18 @@ def _px4_filter(
     """
     center_name, width_name = pair
     is_on = logged.get(center_name, 0.0) > 0 and logged.get(width_name, 0.0) > 0
-    center = float(f"{peak:.3g}")
-    parameters = {
-        center_name: center,
-        width_name: float(f"{RELATIVE_BANDWIDTHS[-1] * center:.2g}"),
-    }
+    # With three digits, as parameters are typed.
+    center_on_line = float(f"{peak:.3g}")
+    width_on_line = float(f"{RELATIVE_BANDWIDTHS[-1] * center_on_line:.2g}")
     source = logged if is_on else advised
-    for name in parameters:
-        parameters[name] = source.get(name, parameters[name])
     return TriedFilter(
-        parameters,
-        {center_name: 0.0},
-        {"centre": center_name, "width": width_name},
-        is_on,
+        parameters={
+            center_name: source.get(center_name, center_on_line),
+            width_name: source.get(width_name, width_on_line),
+        },
+        switch={center_name: 0.0},
+        names={"centre": center_name, "width": width_name},
+        is_on=is_on,
         is_logged=center_name in logged,
     )
 

@@ -139,6 +139,9 @@ def analyse_without_model(
 
     Args:
         log, signals, axis, options: as for :func:`analyse`, which takes the result as its ``other_axis``.
+
+    Returns:
+        The analysis, with what the log allows and the condition of the vehicle; its ``learned`` is None.
     """
     options = options or Options()
     signals = signals.for_axis(AXES[0] if axis == ALL_AXES else axis, options.inputs)

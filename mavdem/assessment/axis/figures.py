@@ -187,10 +187,9 @@ class LogAnalysis:
     def findings(self) -> Findings:
         """What makes the flight doubtful, and the grade of its model for each purpose.
 
-        One of the doubts is that the recorded rates may not be the derivative of the recorded angles. Only the fast
-        streams of a full model show that.
+        One of the doubts is that the recorded rates may not be the derivative of the recorded angles (the consistency
+        of both). Only the fast streams of a full model show that.
         """
-        # Only a full model is of fast streams.
         consistency = None
         if self.model == "full":
             consistency = self.learnability.figures.consistency

@@ -82,7 +82,9 @@ def overrides_of(
 
 
 def _oscillation_override(oscillation: Oscillation) -> Fact:
-    """Returns the override of a limit cycle: in such a flight, the figures of any model mean nothing.
+    """Returns the fact that the vehicle was in a limit cycle, which overrides the grades of any model of the flight.
+
+    The figures of such a model mean nothing.
 
     Args:
         oscillation: the limit cycle.
