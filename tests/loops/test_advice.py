@@ -242,7 +242,7 @@ def test_refusals_say_why():
 
 
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():
-    known = {"is_written": True, "needed": SURE_SHARE}
+    known = {"is_written": True, "needed": SURE_SHARE, "missing": (), "others": ()}
     sure = Fact(NextStep.LOAD_GAINS, Level.GOOD, share=0.95, is_biased=False, **known).sentence
     assert "fly gently" in sure and "on trial" not in sure
     doubtful = Fact(NextStep.LOAD_GAINS, Level.WATCH, share=0.58, is_biased=True, **known).sentence
