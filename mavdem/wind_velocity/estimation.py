@@ -269,15 +269,15 @@ def estimate_wind(
     mean_air = air.mean(axis=0)
     step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
 
-    # The uncertainty of the drag at the air speed of this flight, relative to the drag and to that of the prior. If
-    # hardly less is left than before the flight, the drag is still known from where the prior was.
     relative_velocity = fine.velocity[:, :2] - air
     air_speed = np.nanmean(np.hypot(*relative_velocity.T))
     flight_drag = Drag(
         posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
     )
+    # Standard deviation of the drag at this air speed: relative to the drag, and to what it was before the flight.
     drag_sd = flight_drag.relative_sd(air_speed)
     remaining_sd = drag_sd / prior.relative_sd(air_speed)
+    # A flight that hardly lowers it adds nothing: the drag is still known from where the prior was.
     source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
     flight_drag = replace(flight_drag, source=source)
     doubts = _doubts(whole_flight, drag_sd, remaining_sd, posterior.steered_share, prior.source)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +95,19 @@ SECOND_BATTERY_SHARE = 0.25
 NO_BATTERY = np.nan
 """Voltage of a battery that is not there."""
 
-NOISE_COLUMNS = 9
-"""Random numbers of one cycle: accelerometer (3), barometer, satellites (3), innovations, supply of the board."""
+
+class CycleNoise(NamedTuple):
+    """White noise of unit variance that one cycle of the instruments adds."""
+
+    force_x: float
+    force_y: float
+    force_z: float
+    barometer: float
+    fix_north: float
+    fix_east: float
+    fix_down: float
+    innovation_ratio: float
+    board_voltage: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,14 +162,16 @@ class Instruments:
         self._rotors = body.rotors
         self._hover_speed = body.hover_speed
         self._clips = 0.0
-        self._noise = self._noise_rows(scenario)
+        self._noises = self._cycle_noises(scenario)
 
     @staticmethod
-    def _noise_rows(scenario: Scenario) -> Iterator[list[float]]:
-        """Yields white noise of unit variance, ``NOISE_COLUMNS`` numbers for each cycle."""
+    def _cycle_noises(scenario: Scenario) -> Iterator[CycleNoise]:
+        """Yields the noise of one cycle after the other, without end; the scenario's seed fixes it."""
         random = scenario.random(INSTRUMENTS)
+        numbers_per_cycle = len(CycleNoise._fields)
         while True:
-            yield from random.standard_normal((NOISE_BLOCK, NOISE_COLUMNS)).tolist()
+            block = random.standard_normal((NOISE_BLOCK, numbers_per_cycle))
+            yield from map(CycleNoise._make, block.tolist())
 
     def row(
         self,
@@ -180,8 +193,7 @@ class Instruments:
             readings: Errors of the sensors.
             impact: Acceleration of an impact on the ground, m/s².
         """
-        noise = next(self._noise)
-        board_noise = noise[8]
+        noise = next(self._noises)
         speed_ratios = [speed / self._hover_speed for speed in state.rotors]
         thrust_ratio = sum(ratio**2 for ratio in speed_ratios) / self._rotors
         power_ratio = sum(abs(ratio) ** 3 for ratio in speed_ratios) / self._rotors
@@ -191,38 +203,35 @@ class Instruments:
         if impact > CLIPPING_IMPACT:
             self._clips += IMPACT_CLIPS
         north, east, down = state.position
-        north_noise, east_noise, down_noise = (FIX_NOISE * number for number in noise[4:7])
-        usual = SOUND_RATIO * (1.0 + SOUND_RATIO_SPREAD * noise[7])
+        sound_ratio = SOUND_RATIO * (1.0 + SOUND_RATIO_SPREAD * noise.innovation_ratio)
         return {
-            "specific_force": self._specific_force(
-                state, readings, impact, thrust_ratio, noise[:3]
-            ),
+            "specific_force": self._specific_force(state, readings, impact, thrust_ratio, noise),
             "vibration": vibration,
             "clips": int(self._clips),
-            "barometer_height": self._barometer_height(down, readings, thrust_ratio, noise[3]),
+            "barometer_height": self._barometer_height(down, readings, thrust_ratio, noise),
             # Satellites lie on one side only, above: the vertical position is twice as uncertain.
             "fix": (
-                north + north_noise,
-                east + readings.east_error + east_noise,
-                down + 2 * down_noise,
+                north + FIX_NOISE * noise.fix_north,
+                east + readings.east_error + FIX_NOISE * noise.fix_east,
+                down + 2 * FIX_NOISE * noise.fix_down,
             ),
             "fix_type": readings.fix_type,
             "satellites": readings.satellites,
             "ratios": (
-                usual,
-                usual + readings.position_ratio,
-                usual + readings.height_ratio,
-                usual + readings.compass_ratio,
+                sound_ratio,
+                sound_ratio + readings.position_ratio,
+                sound_ratio + readings.height_ratio,
+                sound_ratio + readings.compass_ratio,
             ),
             "is_glitching": readings.position_ratio > 1.0,
             "battery_voltage": self._battery_voltages(time, current, remaining_voltage),
             "battery_current": current,
-            "board_voltage": self._board_voltage(time) + BOARD_NOISE * board_noise,
+            "board_voltage": self._board_voltage(time) + BOARD_NOISE * noise.board_voltage,
         }
 
     @staticmethod
     def _barometer_height(
-        down: float, readings: Readings, thrust_ratio: float, noise: float
+        down: float, readings: Readings, thrust_ratio: float, noise: CycleNoise
     ) -> float:
         """Returns the height by the barometer.
 
@@ -233,7 +242,7 @@ class Instruments:
             down: True position down from the take-off, m.
             readings: Errors of the sensors.
             thrust_ratio: Thrust of the rotors by that in hover.
-            noise: A random number of unit variance.
+            noise: Noise of the cycle.
 
         Returns:
             The height, m above the take-off.
@@ -241,7 +250,7 @@ class Instruments:
         height = -down + readings.height_error
         if -down < PROP_WASH_REACH:
             height -= PROP_WASH_HEIGHT * min(thrust_ratio, 1.0) * (1.0 + down / PROP_WASH_REACH)
-        height += BAROMETER_NOISE * noise
+        height += BAROMETER_NOISE * noise.barometer
         if readings.stuck_height is not None:
             height = readings.stuck_height
         return height
@@ -252,7 +261,7 @@ class Instruments:
         readings: Readings,
         impact: float,
         thrust_ratio: float,
-        noise: list[float],
+        noise: CycleNoise,
     ) -> tuple[float, ...]:
         """Returns the measurement of the accelerometer: acceleration less gravity, with noise, bias and impacts.
 
@@ -261,7 +270,7 @@ class Instruments:
             readings: Errors of the sensors.
             impact: Acceleration of an impact on the ground, m/s².
             thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover; the noise grows with it.
-            noise: Three random numbers of unit variance, one for each axis.
+            noise: Noise of the cycle.
 
         Returns:
             Specific force along the body axes, forward, right and down, m/s².
@@ -270,11 +279,16 @@ class Instruments:
         without_gravity = (north, east, down - GRAVITY)
         # The columns of the matrix from body axes to NED are the body axes, on which the force is projected.
         rows = rotation_matrix(state.attitude)
-        force = [dot(column, without_gravity) for column in zip(*rows, strict=True)]
+        force_x, force_y, force_z = (
+            dot(column, without_gravity) for column in zip(*rows, strict=True)
+        )
         spread = thrust_ratio * (FORCE_NOISE + FORCE_NOISE_PER_VIBRATION * readings.vibration)
-        x, y, z = (part + spread * number for part, number in zip(force, noise, strict=True))
         impact_x, impact_y, impact_z = (share * impact for share in IMPACT_DIRECTION)
-        return x + impact_x, y + impact_y, z + readings.force_bias + impact_z
+        return (
+            force_x + spread * noise.force_x + impact_x,
+            force_y + spread * noise.force_y + impact_y,
+            force_z + spread * noise.force_z + readings.force_bias + impact_z,
+        )
 
     def _battery_voltages(
         self, time: float, current: float, remaining_voltage: float

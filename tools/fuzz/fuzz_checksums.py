@@ -9,25 +9,46 @@ from mavdem.ingest.mavlink.framing import (
     MARKER_V2,
     frame_length,
 )
+from mavdem.ingest.tlog import STAMP_BYTES
+
+SHORTEST_FRAME = HEADER_BYTES_V1 + CHECKSUM_BYTES
+"""Bytes of a frame of version 1 without a payload."""
+
+BYTES_THAT_TELL_LENGTH = 3
+"""Marker, payload's length and flags, by which ``frame_length`` knows the length of a frame."""
 
 
 def with_checksums(stream: bytearray) -> bytes:
-    """A telemetry log whose frames all have correct checksums."""
-    at = 8
-    while at + 8 <= len(stream):
-        length = frame_length(*stream[at : at + 3])
+    """Writes the correct checksum into each frame of a telemetry log.
+
+    Args:
+        stream: Bytes of the log, with a receive stamp before each frame. They are changed in place.
+
+    Returns:
+        The changed bytes. Frames of unknown messages keep their checksums, since these depend on the definition.
+    """
+    start = STAMP_BYTES
+    while start + SHORTEST_FRAME <= len(stream):
+        length = frame_length(*stream[start : start + BYTES_THAT_TELL_LENGTH])
         if length is None:
-            at += 1
+            start += 1
             continue
-        if at + length > len(stream):
+        if start + length > len(stream):
             break
-        frame = bytes(stream[at : at + length])
-        payload = (HEADER_BYTES_V2 if frame[0] == MARKER_V2 else HEADER_BYTES_V1) + frame[1]
-        number = int.from_bytes(frame[7:10], "little") if frame[0] == MARKER_V2 else frame[5]
-        if number in definitions_by_id():
-            checksum = frame_checksum(frame[1:payload], definitions_by_id()[number].crc_extra)
-            stream[at + payload : at + payload + CHECKSUM_BYTES] = checksum.to_bytes(
+        frame = bytes(stream[start : start + length])
+        # Byte 1 of a frame is the length of its payload; the id of the message ends the header.
+        if frame[0] == MARKER_V2:
+            payload_end = HEADER_BYTES_V2 + frame[1]
+            message_id = int.from_bytes(frame[7:HEADER_BYTES_V2], "little")
+        else:
+            payload_end = HEADER_BYTES_V1 + frame[1]
+            message_id = frame[5]
+        definition = definitions_by_id().get(message_id)
+        if definition is not None:
+            checksum = frame_checksum(frame[1:payload_end], definition.crc_extra)
+            checksum_start = start + payload_end
+            stream[checksum_start : checksum_start + CHECKSUM_BYTES] = checksum.to_bytes(
                 CHECKSUM_BYTES, "little"
             )
-        at += length + 8
+        start += length + STAMP_BYTES
     return bytes(stream)

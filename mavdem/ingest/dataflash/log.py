@@ -204,6 +204,26 @@ def _recording(path: PathName) -> _Content:
     return _Content(content, read_binary(content))
 
 
+def _last_and_changed_first_values(
+    settings: list[tuple[str, float]],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Returns the last values of all parameters, and the first values of those that changed in the log.
+
+    Args:
+        settings: Name and value of each time that a parameter was logged, in the order of the log.
+
+    Returns:
+        Both by name.
+    """
+    # Of several values under one name a dictionary keeps the last: of the reversed list the first.
+    last_values = dict(settings)
+    first_values = dict(reversed(settings))
+    changed_first_values = {
+        name: value for name, value in first_values.items() if value != last_values[name]
+    }
+    return last_values, changed_first_values
+
+
 def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -> Telemetry:
     """Makes the vehicle of a recording: its messages on the boot clock, in MAVLink's vocabulary, and its parameters.
 
@@ -211,6 +231,9 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         recording: The log, whose messages are decoded here.
         source: Name of the file.
         content: Its bytes; none of a text log.
+
+    Returns:
+        The vehicle, with what was repaired: damaged bytes, old blocks, clock and units.
 
     Raises:
         Unreadable: It has no message of a flight.
@@ -222,13 +245,9 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
         raise _error_without_flight(recording, source)
     texts = field_texts(logged_tables["MSG"].columns, "Message")
-    settings = _parameter_settings(logged_tables["PARM"].columns)
-    # Of several values of one parameter a dictionary keeps the last: of the reversed list the first.
-    parameters = dict(settings)
-    first_values = dict(reversed(settings))
-    initial_parameters = {
-        name: value for name, value in first_values.items() if value != parameters[name]
-    }
+    parameters, initial_parameters = _last_and_changed_first_values(
+        _parameter_settings(logged_tables["PARM"].columns)
+    )
     vehicle_kind = _mav_type(texts, parameters)
     messages, source_names, unit_repairs = mavlink_messages(
         tables, mavlink_constant(f"MAV_TYPE_{vehicle_kind}"), parameters
@@ -577,17 +596,17 @@ def _placed_by_neighbours(
     }
 
 
-def _parameter_settings(logged_tables: Columns) -> list[tuple[str, float]]:
+def _parameter_settings(logged_columns: Columns) -> list[tuple[str, float]]:
     """Returns name and finite value of each parameter in PARM, in the order of the log."""
-    names = field_texts(logged_tables, "Name")
-    values = logged_tables.get("Value", np.zeros(0)).astype(float).tolist()
+    names = field_texts(logged_columns, "Name")
+    values = logged_columns.get("Value", np.zeros(0)).astype(float).tolist()
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]
 
 
-def _default_parameters(logged_tables: Columns) -> dict[str, float]:
+def _default_parameters(logged_columns: Columns) -> dict[str, float]:
     """Returns the default of each parameter by name, where PARM has it, as newer firmware logs it."""
-    names = field_texts(logged_tables, "Name")
-    defaults = logged_tables.get("Default", np.zeros(0)).astype(float).tolist()
+    names = field_texts(logged_columns, "Name")
+    defaults = logged_columns.get("Default", np.zeros(0)).astype(float).tolist()
     return {
         name: default for name, default in zip(names, defaults, strict=False) if isfinite(default)
     }

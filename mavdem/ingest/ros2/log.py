@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -50,6 +50,55 @@ BOOT_INTERVAL = 1e9
 """Time, s, by which boots lie apart on one clock while PX4's topics are translated: no log is as long."""
 
 
+class _DecodedMessages(NamedTuple):
+    """The messages of a recording that can be decoded; a position is a message's number in the whole recording."""
+
+    by_channel: dict[int, dict[int, Any]]
+    """Decoded messages by position, by the id of the channel."""
+    receive_times: dict[int, int]
+    """When each decoded message was received, UNIX ns, by position."""
+    undecodable: Counter[str]
+    """Number of messages that could not be decoded, by topic."""
+
+
+def _decoded_messages(
+    recording: McapRecording, second_reading: McapRecording, topics: Mapping[int, RosTopic]
+) -> _DecodedMessages:
+    """Decodes the messages of some topics.
+
+    Args:
+        recording: The recording, whose channels and schemas are known.
+        second_reading: The same recording, none of which was read yet.
+        topics: The topics by the id of their channel.
+
+    Returns:
+        The messages. A channel of which none can be decoded has an empty dictionary.
+    """
+    schema_of_channel = {
+        channel_id: recording.channels[channel_id].schema_id for channel_id in topics
+    }
+    decoders = {
+        schema: decoder(recording.schemas[schema]) for schema in set(schema_of_channel.values())
+    }
+    by_channel: dict[int, dict[int, Any]] = {channel_id: {} for channel_id in topics}
+    receive_times: dict[int, int] = {}
+    undecodable: Counter[str] = Counter()
+    for position, message in enumerate(second_reading.messages()):
+        channel_id = message.channel_id
+        if channel_id not in topics:
+            continue
+        decode = decoders[schema_of_channel[channel_id]]
+        try:
+            # A type without a decoder counts as undecodable, like a damaged message.
+            assert decode is not None
+            by_channel[channel_id][position] = decode(message.data)
+            receive_times[position] = message.log_time
+        except Exception:
+            # Of a message that is cut short, or of another type, the library may raise anything.
+            undecodable[second_reading.channels[channel_id].topic] += 1
+    return _DecodedMessages(by_channel, receive_times, undecodable)
+
+
 def read_ros2(recording: McapRecording, source: str) -> Log:
     """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
 
@@ -68,34 +117,17 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         Unreadable: No message of a flight can be decoded.
     """
     topics = flight_topics(recording)
-    schema_of_channel = {number: recording.channels[number].schema_id for number in topics}
-    decoders = {
-        schema: decoder(recording.schemas[schema]) for schema in set(schema_of_channel.values())
-    }
-    decoded_messages: dict[int, dict[int, Any]] = {number: {} for number in topics}
-    undecodable: Counter[str] = Counter()
-    receive_times: dict[int, int] = {}
     second_reading = McapRecording(recording.content)
-    for position, message in enumerate(second_reading.messages()):
-        number = message.channel_id
-        if number not in topics:
-            continue
-        decode = decoders[schema_of_channel[number]]
-        try:
-            # A type without a decoder counts as undecodable, like a damaged message.
-            assert decode is not None
-            decoded_messages[number][position] = decode(message.data)
-            receive_times[position] = message.log_time
-        except Exception:
-            # Of a message that is cut short, or of another type, the library may raise anything.
-            undecodable[second_reading.channels[number].topic] += 1
+    decoded = _decoded_messages(recording, second_reading, topics)
+    receive_times = decoded.receive_times
+    undecodable = decoded.undecodable
     tables = []
-    for number, messages in decoded_messages.items():
-        table = _topic_columns(topics[number], messages)
+    for channel_id, messages in decoded.by_channel.items():
+        table = _topic_columns(topics[channel_id], messages)
         if table is None:
-            undecodable[second_reading.channels[number].topic] += len(messages)
+            undecodable[second_reading.channels[channel_id].topic] += len(messages)
         else:
-            tables.append((topics[number], table))
+            tables.append((topics[channel_id], table))
     vehicles = []
     for namespace, tables_of_vehicle in _tables_by_vehicle(tables):
         telemetry = _telemetry(tables_of_vehicle, receive_times, source)

@@ -322,38 +322,55 @@ def run(runner: Runner) -> ExperimentResult:
         "simulated": {name: lists_by_name(errors) for name, errors in simulated_errors.items()},
         "published": {name: sse._asdict() for name, sse in PUBLISHED_SSE.items()},
     }
-    pictures: tuple[Picture, ...] = ()
-    remarks = []
     window_errors_by_wind = recorded_errors(runner)
-    if window_errors_by_wind:
-        errors_by_delay = {
-            wind: mean_errors(errors) for wind, errors in window_errors_by_wind.items()
-        }
-        errors_with_published_timing = {
-            wind: trimmed_errors(errors) for wind, errors in window_errors_by_wind.items()
-        }
-        numbers["recorded, by delay"] = {
+    if not window_errors_by_wind:
+        remark = missing_flights_remark(runner.recorded_flights)
+        return ExperimentResult(tuple(checks), numbers, tables, remarks=(remark,))
+    recorded = _recorded_result(window_errors_by_wind)
+    return ExperimentResult(
+        checks=(*recorded.checks, *checks),
+        numbers=numbers | recorded.numbers,
+        tables=(*recorded.tables, *tables),
+        pictures=recorded.pictures,
+    )
+
+
+def _recorded_result(window_errors_by_wind: Mapping[str, list[WindowErrors]]) -> ExperimentResult:
+    """Returns the part of the result that recorded flights give.
+
+    Args:
+        window_errors_by_wind: errors in the windows of the flights, as :func:`recorded_errors` returns them.
+
+    Returns:
+        Checks, numbers, tables and a figure, without those of simulated windows.
+    """
+    errors_by_delay = {}
+    errors_with_published_timing = {}
+    errors_of_orders = {}
+    for wind, errors in window_errors_by_wind.items():
+        errors_by_delay[wind] = mean_errors(errors)
+        errors_with_published_timing[wind] = trimmed_errors(errors)
+        errors_of_orders[wind] = errors_by_order(errors)
+    numbers: JsonValues = {
+        "recorded, by delay": {
             wind: lists_by_name(errors) for wind, errors in errors_by_delay.items()
-        }
-        numbers["recorded, authors’ timing"] = {
+        },
+        "recorded, authors’ timing": {
             wind: {name: mean._asdict() for name, mean in means.items()}
             for wind, means in errors_with_published_timing.items()
-        }
-        checks = [*recorded_checks(errors_by_delay, errors_with_published_timing), *checks]
-        errors_of_orders = {
-            wind: errors_by_order(errors) for wind, errors in window_errors_by_wind.items()
-        }
-        numbers["recorded, authors’ timing, DEM by order"] = errors_of_orders
-        tables = (
+        },
+        "recorded, authors’ timing, DEM by order": errors_of_orders,
+    }
+    return ExperimentResult(
+        checks=tuple(recorded_checks(errors_by_delay, errors_with_published_timing)),
+        numbers=numbers,
+        tables=(
             *recorded_table(errors_by_delay),
             *published_table(errors_with_published_timing),
             *order_table(errors_of_orders),
-            *tables,
-        )
-        pictures = (_delay_picture(errors_by_delay),)
-    else:
-        remarks.append(missing_flights_remark(runner.recorded_flights))
-    return ExperimentResult(tuple(checks), numbers, tables, pictures, tuple(remarks))
+        ),
+        pictures=(_delay_picture(errors_by_delay),),
+    )
 
 
 def recorded_errors(runner: Runner) -> dict[str, list[WindowErrors]]:
