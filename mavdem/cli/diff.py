@@ -18,7 +18,12 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.state import Days, VehicleState, state_of, states_of_common_vehicle
 from mavdem.report.blocks import Sentence
-from mavdem.report.difference import difference_blocks, headline_blocks, next_blocks
+from mavdem.report.difference import (
+    difference_blocks,
+    headline_blocks,
+    light_blocks,
+    next_blocks,
+)
 from mavdem.report.pages.difference_page import comparison_page
 
 PAGE_FILE = "diff.html"
@@ -141,7 +146,9 @@ def diff_command(
         document_path.write_text(json_text(document), "utf-8")
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
+    reviews = {"a": state_a.review, "b": state_b.review}
     blocks = [
+        *([] if difference.is_of_same_flight else light_blocks(reviews)),
         *difference_blocks(difference, parameters, names_without_gains),
         *([] if difference.is_of_same_flight else headline_blocks(headlines)),
         *next_blocks(difference, parameters),

@@ -4,10 +4,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees
 from pathlib import PurePath
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mavdem.containers import Names, group_by
 from mavdem.experiments.paired_test import SIGNIFICANCE
+from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
@@ -28,9 +29,12 @@ from mavdem.fleet.quantities import (
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.report.blocks import Blocks, Sentence, caution
+from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section
+
+Review = Mapping[str, Any]
+"""The document of a review, as ``report.json`` has it; any of its keys may be missing."""
 
 MIN_WHOLE_PERCENT = 3.0
 """Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
@@ -112,6 +116,53 @@ def difference_blocks(
     ]
 
 
+def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
+    """Returns a sentence on each light that is bad on one side alone, which outranks a change of a figure.
+
+    Args:
+        reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
+
+    Returns:
+        The sentences, with the name of the light as their lead.
+    """
+    lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
+    sentences = []
+    for name in next(iter(lights_by_side.values())):
+        if not all(name in of_side for of_side in lights_by_side.values()):
+            continue
+        lights = {side: of_side[name] for side, of_side in lights_by_side.items()}
+        bad_sides = [side for side, light in lights.items() if light["level"] == Level.BAD]
+        if len(bad_sides) != 1:
+            continue
+        (bad_side,) = bad_sides
+        (other_side,) = lights.keys() - {bad_side}
+        text = (
+            f"bad in {bad_side.upper()}, {lights[other_side]['level']} in {other_side.upper()}. "
+            f"{lights[bad_side]['sentence']}"
+        )
+        sentences.append(Sentence(text, f"{name.capitalize()}:"))
+    return sentences
+
+
+def light_table(reviews: Mapping[str, Review]) -> Table | None:
+    """Returns the lights of both logs, a row for each side with level and sentence; None without the lights of both.
+
+    Args:
+        reviews: review documents of both logs, by side.
+    """
+    lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
+    if not all(lights_by_side.values()):
+        return None
+    rows = []
+    for name in next(iter(lights_by_side.values())):
+        for side, lights in lights_by_side.items():
+            light = lights.get(name)
+            if light is not None:
+                level = Rated(light["level"], Level(light["level"]))
+                rows.append([f"{name}, {side}", level, light["sentence"]])
+    return Table(["light", "level", "what it says"], rows, words=True)
+
+
 def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
     """Returns the headline of each side by itself.
 
@@ -162,7 +213,7 @@ def _change_sentences(
     """
     changed = []
     significant_alone = []
-    unknown = []
+    unknown = list[QuantityChange]()
     for change in difference.changes:
         text = change_text(change, difference) + _parameters_beside(change, parameters)
         if change.outcome is QuantityOutcome.CHANGED:
@@ -170,18 +221,42 @@ def _change_sentences(
         elif change.is_significant_alone:
             significant_alone.append(text)
         elif change.outcome is QuantityOutcome.UNCERTAIN:
-            unknown.append(text)
+            unknown.append(change)
     return render_section(
         "difference_changes",
         changed=changed,
         significant_alone=significant_alone,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
-        unknown=unknown,
+        unknown=[*_texts_of_equal_changes(unknown, difference, parameters)],
         others=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
         tested=len(difference.changes),
         level=SIGNIFICANCE,
     )
+
+
+def _texts_of_equal_changes(
+    changes: Sequence[QuantityChange],
+    difference: VehicleDifference,
+    parameters: Sequence[ParameterChange],
+) -> Iterator[str]:
+    """Yields the text of each change, one for all motors whose figures read alike.
+
+    Args:
+        changes: changes of quantities of motors or axes.
+        difference: comparison of the vehicle, with the names of its motors.
+        parameters: parameters of the autopilot that changed.
+    """
+    motors_by_text = dict[str, list[str]]()
+    for change in changes:
+        text = change_text(change, difference) + _parameters_beside(change, parameters)
+        motors = []
+        if change.quantity.motor:
+            motors = [_motor_name(change, difference)]
+            text = text.removeprefix(f"{motors[0]}'s ")
+        motors_by_text.setdefault(text, []).extend(motors)
+    for text, motors in motors_by_text.items():
+        yield f"{listed(motors)}'s {text}" if motors else text
 
 
 def _parameters_beside(change: QuantityChange, parameters: Sequence[ParameterChange]) -> str:

@@ -342,8 +342,8 @@ class Pages:
     def compare(self, request: HttpRequest) -> Response:
         """Answers with the comparison of two flights, whose ids are ``a`` and ``b`` in the query.
 
-        It states what changed of the vehicle, by the fleet's rows of both flights, and which gains were changed, by the
-        parameters in the index.
+        The earlier flight is A, where both have dates. The page states what changed of the vehicle, by the fleet's rows
+        of both flights, and which gains were changed, by the parameters in the index.
 
         Args:
             request: the request, with both ids in its query.
@@ -357,6 +357,9 @@ class Pages:
         self._rights.require(request, Use.READ)
         before = self._library.entry(request.query_params.get("a", ""))
         after = self._library.entry(request.query_params.get("b", ""))
+        # A is the earlier flight, so that what became worse in time is not called better.
+        if before.date and after.date and after.date < before.date:
+            before, after = after, before
         rows_before = self._rows_of_listed_vehicle(before)
         rows_after = self._rows_of_listed_vehicle(after)
         gains_before = json.loads(before.gains)

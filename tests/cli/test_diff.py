@@ -1,5 +1,6 @@
 """``mavdem diff``: two fleets, two reports, or two logs in words or as one document, and refusals with their reason."""
 
+import re
 from pathlib import Path
 
 from command_line import document_of, refused, run
@@ -115,15 +116,23 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     )
     step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
     axes = {"roll": {"rate": {"measured": step}}}
+    steady = {"margins": {"level": "good", "sentence": "Enough margin."}}
+    oscillating = {"margins": {"level": "bad", "sentence": "Roll oscillates."}}
     reviews = (
-        {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}},
-        {"axes": axes},
+        {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}, "lights": steady},
+        {"axes": axes, "lights": oscillating},
     )
     gain = ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2)
     difference = vehicle_difference(before, after)
     vehicles = Hover().telemetry(), Hover(hovering=30.0).telemetry()
     page = comparison_page(("a.bin", "b.bin"), reviews, difference, [gain], vehicles=vehicles)
-    assert "time since take-off (s)" in page
+    assert "time since take-off (s)" in page and "Mean motor output (%)" in page
+    headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
+    assert headlines[0] == "Margins: bad in B, good in A. Roll oscillates."
+    levels = re.findall(
+        r'<td class="words">margins, ([AB])</td><td class="words"><span class="rating (\w+)', page
+    )
+    assert levels == [("A", "good"), ("B", "bad")]
     assert "hase margin on roll 57 → 17°" in page
     assert ", with ATC_RAT_RLL_P 0.1 → 0.2" in page
     assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page

@@ -50,7 +50,7 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
 def flight_history_charts(
     vehicles: Mapping[str, Telemetry], names: Mapping[str, str], colours: Mapping[str, str]
 ) -> Iterator[Chart]:
-    """Yields charts of roll, pitch and height in the longest flight of each log.
+    """Yields charts of roll, pitch, height and the motors' mean output in the longest flight of each log.
 
     A quantity that no log has is left out.
 
@@ -59,7 +59,8 @@ def flight_history_charts(
         names: name of each side in the legend.
         colours: colour of each side.
     """
-    lines_by_title: dict[str, list[Line]] = {"Roll (°)": [], "Pitch (°)": [], "Height (m)": []}
+    titles = ("Roll (°)", "Pitch (°)", "Height (m)", "Mean motor output (%)")
+    lines_by_title: dict[str, list[Line]] = {title: [] for title in titles}
     for side, vehicle in vehicles.items():
         signals = Signals(vehicle)
         flight = longest_flight(signals)
@@ -72,6 +73,12 @@ def flight_history_charts(
         if signals.height is not None:
             lines_by_title["Height (m)"].append(
                 _line(names[side], colours[side], signals.height, flight)
+            )
+        collective = signals.collective
+        if collective is not None:
+            percent = TimeSeries(collective.time, collective.boot, 100 * collective.values)
+            lines_by_title["Mean motor output (%)"].append(
+                _line(names[side], colours[side], percent, flight)
             )
     for title, lines in lines_by_title.items():
         if lines:

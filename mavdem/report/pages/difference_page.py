@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import degrees, sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +27,12 @@ from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line
 from mavdem.report.charts.comparison_charts import flight_history_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import (
+    Review,
     change_text,
     difference_blocks,
     headline_blocks,
+    light_blocks,
+    light_table,
     next_blocks,
     surest_change,
 )
@@ -38,9 +41,6 @@ from mavdem.report.numbers import counted, rounded
 from mavdem.report.pages.page import Chapter, PageLink, render_document
 from mavdem.report.palette import PREDICTED, TRUTH
 from mavdem.report.templates import render_section
-
-Review = Mapping[str, Any]
-"""The document of a review, as ``report.json`` has it; any of its keys may be missing."""
 
 Reviews = Mapping[str, Review]
 """The reviews of both flights, by side: "A" and "B"."""
@@ -57,7 +57,8 @@ changed, rings are not known, dots stayed the same. All are tested together."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\
-Whiskers are the 90 % interval of each change, shared between A and B: their root sum of squares is the change's ±."""
+Where the whiskers of a motor do not overlap, it changed. They also hold by how much flights of one vehicle differ, \
+half of the change's variance each."""
 """What stands below the chart of trims."""
 
 MAX_MOTORS = 12
@@ -115,19 +116,25 @@ def comparison_page(
     for block in difference_blocks(difference, parameters, lacking):
         if not (isinstance(block, Sentence) and not block.text):
             sentences.append(block)
+    table_of_lights = light_table(sides)
     chapters = [
         Chapter("What changed", (), [] if plan is None else [changed_group]),
+        Chapter("Lights", [] if table_of_lights is None else [table_of_lights]),
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
-        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend))),
-        Chapter("Time series", (), histories),
-        _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides)),
+        Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend)), folded=True),
+        Chapter("Time series", (), histories, folded=True),
+        _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides))._replace(
+            folded=True
+        ),
         _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
         _table_chapter("Parameters", change_header, changes),
-        Chapter("In words", sentences),
+        Chapter("In words", sentences, folded=True),
     ]
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
+    lights = [] if difference.is_of_same_flight else light_blocks(sides)
     result = [
+        *[Sentence("", f"{light.lead} {light.text}") for light in lights],
         *_main_difference(names, sides, difference, parameters),
         *headline_blocks(headlines),
         *next_blocks(difference, parameters),
