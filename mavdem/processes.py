@@ -26,6 +26,12 @@ POSIX has SIGHUP for a closed terminal; Windows has SIGBREAK, for Ctrl-Break.
 MEBIBYTE = 1 << 20
 """Bytes of a MiB."""
 
+KEPT_FREE_BYTES = 128 * MEBIBYTE
+"""Freed memory at the end of the heap that is not returned to the system: a choice, several times a review's arrays."""
+
+MAX_HEAP_BLOCK_BYTES = 32 * MEBIBYTE
+"""Size from which a block of memory is mapped by itself: the largest that glibc allows."""
+
 
 class ResourceUse(NamedTuple):
     """The resources that a process has taken."""
@@ -87,6 +93,26 @@ def limit_memory(megabytes: int) -> None:
             soft_limit = min(soft_limit, hard_limit)
         with suppress(ValueError, OSError):
             resource.setrlimit(resource.RLIMIT_DATA, (soft_limit, hard_limit))
+
+
+def keep_freed_memory() -> None:
+    """Lets glibc keep freed memory for the next arrays, instead of returning it to the system; others are left alone.
+
+    By default each array of some hundred kB is taken from the system anew, page by page: one step of an identified
+    loop's search took 2.2 ms with that and 1.4 ms without. A review takes 0.93 to 0.96 of its processor time, and up to
+    13 % more memory.
+    """
+    if sys.platform != "linux":
+        return
+    # Most commands do not need it.
+    import ctypes
+
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    # Other C libraries have no such function. The numbers are those of malloc.h.
+    if mallopt is not None:
+        trim_threshold, mmap_threshold = -1, -3
+        mallopt(trim_threshold, KEPT_FREE_BYTES)
+        mallopt(mmap_threshold, MAX_HEAP_BLOCK_BYTES)
 
 
 def max_open_files() -> int:

@@ -31,6 +31,7 @@ from mavdem.cli.streams import (
     print_to_stdout,
     text_columns,
 )
+from mavdem.processes import keep_freed_memory
 from mavdem.report.review import first_lines, further_lines, review_screen
 from mavdem.report.screen import analysis_blocks, instance_blocks
 from mavdem.results import PAGE_FILE, RESULT_FILES
@@ -107,6 +108,7 @@ def review_command(
     folder = out or default_result_folder(sources[0])
     check_output_folder(folder, RESULT_FILES, *sources, params)
     start_time = perf_counter()
+    keep_freed_memory()
     log = read_sources(sources, params)
     screen = ReviewScreen(is_in_parts=sys.stdout.isatty() and not (as_json or verbose))
     assessment = assess(log, vehicle, progress=progress, show_findings=screen.show_first_lines)
