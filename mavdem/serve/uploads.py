@@ -16,7 +16,7 @@ from mavdem.facts.sources import Source
 from mavdem.ingest.contents import MAX_LOG_BYTES
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.tlog import check_beginning
-from mavdem.log_formats import Format
+from mavdem.log_formats import FORMAT_OF_ENDING, Format
 from mavdem.serve.library import Library
 from mavdem.serve.stored_files import refuse_full_disk
 
@@ -164,7 +164,13 @@ def refuse_other_files(path: Path, name: str) -> None:
     log_format = detect_format(path)[1]
     # Any binary file of another name may be a telemetry log, which its frames show.
     if log_format is Format.TLOG and not is_packed:
-        check_beginning(path)
+        try:
+            check_beginning(path)
+        except Unreadable:
+            # By its name it was meant to be another log, of which it has nothing either.
+            if FORMAT_OF_ENDING.get(Path(name.lower()).suffix) is Format.DATAFLASH:
+                raise Unreadable(Source.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
+            raise
 
 
 async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:

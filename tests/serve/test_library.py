@@ -21,6 +21,7 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
 from mavdem.facts.serve import Order, Stage, Start
+from mavdem.facts.sources import Source
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import read_rows
@@ -36,6 +37,7 @@ from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.run import ServerOptions, serve
 from mavdem.serve.search import search_condition, search_problems
 from mavdem.serve.stored_files import stored_file_name
+from mavdem.serve.uploads import refuse_other_files
 
 ALL = search_condition("")
 
@@ -45,6 +47,21 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     number, level = search_problems("wind>abc level:foo")
     assert number == "abc is not a number"
     assert level == "foo is no level: these are good, watch, bad and unknown"
+
+
+@mark.parametrize(
+    "name, code",
+    [
+        ("notalog.bin", Source.DATAFLASH_WITHOUT_MESSAGES),
+        ("notalog.tlog", Source.FORMAT_UNKNOWN),
+    ],
+)
+def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, code):
+    path = tmp_path / "incoming"
+    path.write_bytes(bytes(range(1, 200)) * 20)
+    with raises(Unreadable) as refusal:
+        refuse_other_files(path, name)
+    assert refusal.value.fact.code is code
 
 
 def received(library, said="One.", name="a.ulg", **columns):

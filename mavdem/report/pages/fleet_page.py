@@ -422,7 +422,8 @@ def _note(vehicle: VehicleFlights) -> str:
         vehicle: summary of the vehicle's flights.
     """
     if vehicle.urgency.rank < MAX_URGENT_RANK:
-        return f"{vehicle.words.conclusion} {vehicle.words.reason}".strip()
+        # The reason names the motor and the probability, which the conclusion would repeat.
+        return vehicle.words.reason or vehicle.words.conclusion
     return vehicle.last.headline
 
 

@@ -55,7 +55,7 @@ def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
     opened = [name for name, part in found.items() if " open>" in part.split("<summary>")[0]]
     assert opened == ["quad-1"]
     assert "1 of 5 vehicles needs a look." in text
-    assert "Motor 3: fault, probability of a fault 0.97." in found["quad-1"]
+    assert "<span>motor 3 works harder." in found["quad-1"]
     # That nothing is wrong is said once, at the top: the vehicle's line has nothing to add.
     assert "<span>4 flights</span><span>2026-01-08</span><span> <a href=" in found["quad-0"]
     assert "Quadrotor · ArduCopter V4.5" in found["quad-0"]
