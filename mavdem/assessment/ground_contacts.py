@@ -7,13 +7,12 @@ dive that the motors end has none of them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf
 
 import numpy as np
 
-from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
-from mavdem.assessment.attitude_losses import has_risen_by, knock_is_contact
+from mavdem.assessment.attitude_losses import has_risen_by
+from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
@@ -21,7 +20,7 @@ from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import Reported
-from mavdem.facts.witnesses import Side, Witness
+from mavdem.facts.witnesses import Witness
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
@@ -50,9 +49,6 @@ HARD_IMPACT_SPEED_CLOSED = 5.0
 TOPPLE_HEIGHT = 2.0
 """Height, m, above take-off or resting place up to which a vehicle that topples was landing."""
 
-TOPPLE_HEIGHT_CLOSED = 3.0
-"""The same, m, if the pilot closed the throttle: by then it has fallen for a moment."""
-
 MAX_LANDING_LEAN = np.radians(25.0)
 """Lean, rad, above which a vehicle near the ground is not landing."""
 
@@ -69,23 +65,8 @@ LANDING_STEP = 1.5
 TUMBLE_SECONDS = 1.5
 """Seconds by which the largest knock of a tumble may come after the first contact; on real logs 1.3."""
 
-KNOCK_SECONDS = 0.1
-"""Longest time, s, from the first large sample of a knock to its peak; a choice."""
-
-MIN_FALL_SECONDS = 0.5
-"""Seconds in which a vehicle that loses its attitude in the air falls 1.2 m. A knock that comes earlier came first."""
-
 REPORTS_OF_CRASH = (Reported.CRASH_DETECTED,)
 """Reports of the autopilot that support an impact."""
-
-IMPACT_SPEED_CHANGE = 3.0
-"""Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
-
-It takes a mean of 10 m/s² upward beside the weight, more than autopilots use to end a descent.
-"""
-
-IMPACT_SECONDS = 0.3
-"""Duration, s, over which the decrease of the speed in an impact is measured."""
 
 ESTIMATE_SECONDS = 1.0
 """Seconds around a contact in which the loss of the estimated speed belongs to that contact; a choice."""
@@ -145,12 +126,17 @@ class _Contact:
         start, _ = self.flight
         return start
 
+    @property
+    def _search(self) -> ContactSearch:
+        """The search for the moment of the contact."""
+        return ContactSearch(self.sensors, self._flight_start, self.loss)
+
     def event(self) -> Fact | None:
         """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on.
 
         1. The end of the search is when the vehicle rests; otherwise the end of the record, if that is soon after the
            loss or the flight; otherwise some seconds after the loss of attitude.
-        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`_contact_time`).
+        2. The moment of the contact is sought in the ``SEARCH_SECONDS`` before (:meth:`ContactSearch.contact_time`).
         3. At least ``MIN_SUPPORT`` independent witnesses must support that it was no landing. If no accelerometer could
            show a knock, an impact that the estimated speed shows is enough.
         """
@@ -160,7 +146,7 @@ class _Contact:
         if search_end is None:
             return None
         search_start = max(self._flight_start, search_end - SEARCH_SECONDS)
-        time = self._contact_time(search_start, search_end)
+        time = self._search.contact_time(search_start, search_end)
         if time is None:
             return None
         witnesses = self._witnesses(time, rest)
@@ -225,7 +211,7 @@ class _Contact:
         if accelerometer is not None and accelerometer.shows_knocks:
             return False
         time_around = (time - ESTIMATE_SECONDS, time + ESTIMATE_SECONDS)
-        return self._time_of_sudden_stop(time_around) is not None
+        return self._search.time_of_sudden_stop(time_around) is not None
 
     def _rest(self) -> Rest | None:
         """Returns how the vehicle came to rest after its loss, or around the end of its flight; None if it did not.
@@ -247,107 +233,6 @@ class _Contact:
         """Returns whether the record ends within ``RECOVERY_SECONDS`` of the loss, or of the end of the flight."""
         end_of_control = self._flight_end() if self.loss is None else self.loss.time or 0.0
         return record_end - end_of_control < RECOVERY_SECONDS
-
-    def _contact_time(self, start: float, end: float) -> float | None:
-        """Returns the time at which the vehicle touched the ground.
-
-        The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
-        then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
-        the moment at which the estimated speed downward was lost.
-
-        Args:
-            start: beginning of the search, s since boot.
-            end: its end, s since boot.
-
-        Returns:
-            The time, s since boot; None if no sensor shows it.
-        """
-        accelerometer = self.sensors.accelerometer
-        if accelerometer is not None and accelerometer.peak((start, end)) is not None:
-            knock = self._largest_contact_knock(start, end)
-            if knock is not None and self._exceeds_vibration(knock, start):
-                return knock.time
-            if accelerometer.shows_knocks:
-                # A contact without a knock is only that of a vehicle that topples.
-                return self._time_of_low_loss()
-        low_loss = self._time_of_low_loss()
-        if low_loss is not None:
-            return low_loss
-        return self._time_of_sudden_stop((start, end + RECOVERY_SECONDS))
-
-    def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
-        """Returns the largest knock of an interval that can be a contact.
-
-        A knock high in the air, such as that of a propeller that breaks, is none, and the search goes on after it.
-
-        Args:
-            start: beginning of the interval, s since boot.
-            end: its end, s since boot.
-
-        Returns:
-            The largest knock; None if none was felt.
-        """
-        while start < end:
-            knock = self.sensors.knock((start, end))
-            if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
-                return None
-            if knock_is_contact(self.sensors, knock.time):
-                return knock
-            start = knock.time + MIN_FALL_SECONDS
-        return None
-
-    def _time_of_low_loss(self) -> float | None:
-        """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
-        if self.loss is None or self.loss.time is None:
-            return None
-        height = self.sensors.height_at(self.loss.time)
-        is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
-        return self.loss.time if is_low else None
-
-    def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
-        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration.
-
-        Args:
-            knock: statement of the accelerometer.
-            start: beginning of the search, s since boot, up to which the flight was undisturbed.
-        """
-        accelerometer = self.sensors.accelerometer
-        assert accelerometer is not None
-        vibration = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, start))
-        if vibration is None:
-            return True
-        _, largest_vibration = vibration
-        return bool(knock.figures["acceleration"] > largest_vibration)
-
-    def _time_of_sudden_stop(self, interval: Interval) -> float | None:
-        """Returns the time at which the estimated speed downward was suddenly lost.
-
-        A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
-        ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
-
-        Args:
-            interval: start and end of the time to examine, s.
-
-        Returns:
-            The time, s; None if it was not, or no vertical speed was recorded.
-        """
-        climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
-        if climb_rate is None:
-            return None
-        time = climb_rate.time
-        speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
-        is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
-        is_sinking = climb_rate.values < -IMPACT_SPEED_CHANGE
-        candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
-        if not len(candidates):
-            return None
-        # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed in one step.
-        stop_start = candidates[0]
-        is_stop = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
-        speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
-        impact_row = int(np.argmax(np.where(is_stop, speed_steps, -inf)))
-        is_fast = -climb_rate.values[impact_row] > IMPACT_SPEED_CHANGE
-        return float(time[impact_row]) if is_fast else None
 
     def _witnesses(self, time: float, rest: Rest | None) -> Facts:
         """Collects the statements of sensors on a contact that was no landing.
@@ -424,7 +309,7 @@ class _Contact:
             The event, weighed by its witnesses; None for a slow, upright vehicle without a knock, which has landed.
         """
         onset = self._onset(time)
-        contact = self._first_knock(onset, time)
+        contact = self._search.first_knock(onset, time)
         fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
         contact_speed = self._contact_speed(contact, fall_speed)
         throttle_closing = self.sensors.throttle_closed(
@@ -473,7 +358,7 @@ class _Contact:
         loss_time = None if self.loss is None else self.loss.time
         if loss_time is None or loss_time >= time:
             return time
-        is_low = self._time_of_low_loss() is not None
+        is_low = self._search.time_of_low_loss() is not None
         is_tumble = is_low and time - loss_time < TUMBLE_SECONDS
         if is_tumble or time - loss_time < MIN_FALL_SECONDS:
             return loss_time
@@ -522,39 +407,6 @@ class _Contact:
         if "estimate" not in last_rates:
             return fall_speed
         return min(fall_speed, max(0.0, last_rates["estimate"]))
-
-    def _first_knock(self, start: float, latest: float) -> float:
-        """Returns the time of the peak of the first knock that is larger than the vibration before.
-
-        Args:
-            start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
-                contact.
-            latest: time of the largest knock, s since boot; returned if no earlier one is measured.
-
-        Returns:
-            The time, s.
-        """
-        accelerometer = self.sensors.accelerometer
-        if accelerometer is None or start >= latest:
-            return latest
-        # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
-        search_start = start - KNOCK_SECONDS
-        min_knock = accelerometer.knock_size
-        vibration = accelerometer.peak((self._flight_start + MAX_SETPOINT_DELAY, search_start))
-        if vibration is not None:
-            _, largest_vibration = vibration
-            min_knock = max(min_knock, largest_vibration)
-        is_knock = accelerometer.magnitude >= min_knock
-        is_in_search = (accelerometer.time >= search_start) & (accelerometer.time <= latest)
-        rows = np.flatnonzero(is_knock & is_in_search)
-        if not len(rows):
-            return latest
-        knock_start = float(accelerometer.time[rows[0]])
-        peak = accelerometer.peak((knock_start, min(knock_start + KNOCK_SECONDS, latest)))
-        if peak is None:
-            return knock_start
-        peak_time, _ = peak
-        return peak_time
 
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact.

@@ -1,0 +1,181 @@
+"""When a vehicle touched the ground: the knock of its accelerometer, an attitude lost near it, or a sudden stop."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.assessment.attitude_losses import knock_is_contact
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.confidence import Interval
+from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.facts import Fact
+from mavdem.facts.witnesses import Side
+from mavdem.witnesses.boot_sensors import BootSensors
+
+TOPPLE_HEIGHT_CLOSED = 3.0
+"""Height, m, above take-off or resting place up to which a vehicle that topples was landing, if the pilot closed the
+throttle: by then it has fallen for a moment."""
+
+KNOCK_SECONDS = 0.1
+"""Longest time, s, from the first large sample of a knock to its peak; a choice."""
+
+MIN_FALL_SECONDS = 0.5
+"""Seconds in which a vehicle that loses its attitude in the air falls 1.2 m. A knock that comes earlier came first."""
+
+IMPACT_SPEED_CHANGE = 3.0
+"""Decrease of the speed downward, m/s, within ``IMPACT_SECONDS`` that shows an impact; also the least speed before it.
+
+It takes a mean of 10 m/s² upward beside the weight, more than autopilots use to end a descent.
+"""
+
+IMPACT_SECONDS = 0.3
+"""Duration, s, over which the decrease of the speed in an impact is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSearch:
+    """The search for the moment at which a flight met the ground; all times are s since boot."""
+
+    sensors: BootSensors
+    """Sensors of the boot, with the take-off of this flight."""
+    flight_start: float
+    """Start of the flight, s since boot."""
+    loss: Fact | None
+    """The loss of attitude that the flight did not recover from; None if there was none."""
+
+    def contact_time(self, start: float, end: float) -> float | None:
+        """Returns the time at which the vehicle touched the ground.
+
+        The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
+        then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
+        the moment at which the estimated speed downward was lost.
+
+        Args:
+            start: beginning of the search, s since boot.
+            end: its end, s since boot.
+
+        Returns:
+            The time, s since boot; None if no sensor shows it.
+        """
+        accelerometer = self.sensors.accelerometer
+        if accelerometer is not None and accelerometer.peak((start, end)) is not None:
+            knock = self._largest_contact_knock(start, end)
+            if knock is not None and self._exceeds_vibration(knock, start):
+                return knock.time
+            if accelerometer.shows_knocks:
+                # A contact without a knock is only that of a vehicle that topples.
+                return self.time_of_low_loss()
+        low_loss = self.time_of_low_loss()
+        if low_loss is not None:
+            return low_loss
+        return self.time_of_sudden_stop((start, end + RECOVERY_SECONDS))
+
+    def first_knock(self, start: float, latest: float) -> float:
+        """Returns the time of the peak of the first knock that is larger than the vibration before.
+
+        Args:
+            start: time when the attitude was lost, s since boot. Near the ground that may be shortly before the
+                contact.
+            latest: time of the largest knock, s since boot; returned if no earlier one is measured.
+
+        Returns:
+            The time, s.
+        """
+        accelerometer = self.sensors.accelerometer
+        if accelerometer is None or start >= latest:
+            return latest
+        # A knock with its peak at the loss of attitude begins up to ``KNOCK_SECONDS`` earlier.
+        search_start = start - KNOCK_SECONDS
+        min_knock = accelerometer.knock_size
+        vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, search_start))
+        if vibration is not None:
+            _, largest_vibration = vibration
+            min_knock = max(min_knock, largest_vibration)
+        is_knock = accelerometer.magnitude >= min_knock
+        is_in_search = (accelerometer.time >= search_start) & (accelerometer.time <= latest)
+        rows = np.flatnonzero(is_knock & is_in_search)
+        if not len(rows):
+            return latest
+        knock_start = float(accelerometer.time[rows[0]])
+        peak = accelerometer.peak((knock_start, min(knock_start + KNOCK_SECONDS, latest)))
+        if peak is None:
+            return knock_start
+        peak_time, _ = peak
+        return peak_time
+
+    def time_of_low_loss(self) -> float | None:
+        """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
+        if self.loss is None or self.loss.time is None:
+            return None
+        height = self.sensors.height_at(self.loss.time)
+        is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
+        return self.loss.time if is_low else None
+
+    def time_of_sudden_stop(self, interval: Interval) -> float | None:
+        """Returns the time at which the estimated speed downward was suddenly lost.
+
+        A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
+        ``IMPACT_SECONDS``. The impact is at the largest decrease in one step after the first candidate.
+
+        Args:
+            interval: start and end of the time to examine, s.
+
+        Returns:
+            The time, s; None if it was not, or no vertical speed was recorded.
+        """
+        climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
+        if climb_rate is None:
+            return None
+        time = climb_rate.time
+        speed_later = np.interp(time + IMPACT_SECONDS, time, climb_rate.values)
+        is_braked = speed_later - climb_rate.values > IMPACT_SPEED_CHANGE
+        is_sinking = climb_rate.values < -IMPACT_SPEED_CHANGE
+        candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
+        if not len(candidates):
+            return None
+        # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed in one step.
+        stop_start = candidates[0]
+        is_stop = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
+        speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
+        impact_row = int(np.argmax(np.where(is_stop, speed_steps, -inf)))
+        is_fast = -climb_rate.values[impact_row] > IMPACT_SPEED_CHANGE
+        return float(time[impact_row]) if is_fast else None
+
+    def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
+        """Returns the largest knock of an interval that can be a contact.
+
+        A knock high in the air, such as that of a propeller that breaks, is none, and the search goes on after it.
+
+        Args:
+            start: beginning of the interval, s since boot.
+            end: its end, s since boot.
+
+        Returns:
+            The largest knock; None if none was felt.
+        """
+        while start < end:
+            knock = self.sensors.knock((start, end))
+            if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
+                return None
+            if knock_is_contact(self.sensors, knock.time):
+                return knock
+            start = knock.time + MIN_FALL_SECONDS
+        return None
+
+    def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
+        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration.
+
+        Args:
+            knock: statement of the accelerometer.
+            start: beginning of the search, s since boot, up to which the flight was undisturbed.
+        """
+        accelerometer = self.sensors.accelerometer
+        assert accelerometer is not None
+        vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, start))
+        if vibration is None:
+            return True
+        _, largest_vibration = vibration
+        return bool(knock.figures["acceleration"] > largest_vibration)
