@@ -44,7 +44,7 @@ CONTACT_SPEED_SECONDS = 0.25
 thrust brakes by at most 2.5 m/s in that time."""
 
 HARD_IMPACT_SPEED_CLOSED = 5.0
-"""The same, m/s, for a vehicle that topples after the pilot closed the throttle: it falls from 1.3 m."""
+"""``HARD_IMPACT_SPEED``, m/s, of a vehicle that topples after the pilot closed the throttle: it falls from 1.3 m."""
 
 TOPPLE_HEIGHT = 2.0
 """Height, m, above take-off or resting place up to which a vehicle that topples was landing."""

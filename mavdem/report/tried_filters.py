@@ -37,7 +37,7 @@ PX4_NOTCHES = (
 """Centre and bandwidth of PX4's static notches."""
 
 OLDER_PX4_NOTCH = ("IMU_GYRO_NF_FREQ", "IMU_GYRO_NF_BW")
-"""The same in older versions, which had one notch."""
+"""Centre and bandwidth of the one static notch that older versions of PX4 had."""
 
 
 class TriedFilter(NamedTuple):

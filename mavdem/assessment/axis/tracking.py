@@ -36,7 +36,7 @@ all would be better. So a stick that is moved on the ground is no error.
 """
 
 YAW_ERROR_LIMITS = Limits(np.radians(5.0), np.radians(15.0))
-"""The same of yaw, rad: sound vehicles have up to 3.5°, and to PX4 a heading is reached within 12° (MIS_YAW_ERR)."""
+"""RMS error of yaw, rad: sound vehicles have up to 3.5°, and to PX4 a heading is reached within 12° (MIS_YAW_ERR)."""
 
 MODES_WITHOUT_ANGLE_SETPOINT = frozenset({"Acro", "Flip", "Throw", "Turtle"})
 """ArduPilot's flight modes in which the logged setpoint of the angle is not used."""
