@@ -151,10 +151,13 @@ class FlightController:
         hover_command = body.command_for(body.hover_speed)
         # Slopes per normalised command: rad/s, N and N m.
         speed_per_command = body.speed_slope(hover_command) * body.full_command
-        a, b = body.thrust_coefficients
-        thrust_per_command = (2 * a * body.hover_speed + b) * speed_per_command
-        a, b = body.torque_coefficients
-        torque_per_command = (2 * a * body.hover_speed + b) * speed_per_command
+        # Thrust and torque are quadratic · speed² + linear · speed.
+        quadratic_thrust, linear_thrust = body.thrust_coefficients
+        thrust_per_speed = 2 * quadratic_thrust * body.hover_speed + linear_thrust
+        thrust_per_command = thrust_per_speed * speed_per_command
+        quadratic_torque, linear_torque = body.torque_coefficients
+        torque_per_speed = 2 * quadratic_torque * body.hover_speed + linear_torque
+        torque_per_command = torque_per_speed * speed_per_command
         # Sums of lever arms, m: a rotor on the right rolls the body to the left.
         frame = self._frame
         roll_arm = -fsum(

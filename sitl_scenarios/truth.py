@@ -109,6 +109,7 @@ def linearised_model(vehicle: VehicleSpec) -> LinearModel:
     dynamics = vehicle_dynamics(vehicle)
 
     def derivative(states_and_commands: Array) -> Array:
+        """Returns the derivatives (n,) of the ``STATES`` at states and commands (n + k,)."""
         # Three each of position, velocity, angles and rates, then the commands. The position has no effect.
         _, velocity, angles, rates, commands = np.split(states_and_commands, [3, 6, 9, 12])
         roll, pitch, yaw = angles

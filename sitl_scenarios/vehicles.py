@@ -149,15 +149,15 @@ class Airframe:
 
     def thrust_at(self, speed: float) -> float:
         """Returns the thrust of one rotor in still air, N, at a ``speed``, rad/s."""
-        a, b = self.thrust_coefficients
-        return (a * speed + b) * speed
+        quadratic, linear = self.thrust_coefficients
+        return (quadratic * speed + linear) * speed
 
     def speed_for(self, thrust: float) -> float:
         """Returns the speed of a rotor, rad/s, whose thrust in still air is ``thrust`` N ≥ 0."""
-        a, b = self.thrust_coefficients
-        # The positive root of a ω² + b ω = thrust.
-        root = sqrt(b * b + 4 * a * thrust)
-        return (root - b) / (2 * a)
+        quadratic, linear = self.thrust_coefficients
+        # The positive root of quadratic · ω² + linear · ω = thrust.
+        root = sqrt(linear * linear + 4 * quadratic * thrust)
+        return (root - linear) / (2 * quadratic)
 
     @property
     def hover_speed(self) -> float:

@@ -207,8 +207,9 @@ class _RecordScan:
         """
         flags = bytearray(self._flags)
         if flags:
+            # The record has 8 bytes of compatible flags, 8 of incompatible ones, and then the offsets.
             first_incompatible_flag = HEADER.size + 8
-            first_offset = HEADER.size + 16
+            first_offset = first_incompatible_flag + 8
             flags[first_incompatible_flag] &= ~APPENDED_DATA_FLAG
             flags[first_offset:] = bytes(len(flags) - first_offset)
         return bytes(flags)

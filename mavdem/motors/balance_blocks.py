@@ -107,7 +107,7 @@ class SampleRate:
         self._start = time
         self._count = 0
 
-    def is_enough(self, time: float, seconds: float) -> bool | None:
+    def add_sample(self, time: float, seconds: float) -> bool | None:
         """Counts a sample, and decides whenever so many seconds have passed whether samples come fast enough.
 
         Args:

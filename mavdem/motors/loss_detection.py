@@ -197,7 +197,7 @@ class MotorLossDetector:
             self._restart(time, heading)
         self.latest_time = time
         # None between two decisions on the rate: the obstacle then stays as it is.
-        is_rate_enough = self._sample_rate.is_enough(time, REFERENCE_SECONDS)
+        is_rate_enough = self._sample_rate.add_sample(time, REFERENCE_SECONDS)
         if is_rate_enough is not None:
             self.obstacle = None if is_rate_enough else TOO_SLOW
         alarm_count = len(self.alarms)
@@ -274,7 +274,7 @@ class MotorLossDetector:
             self._unconfirmed_loss = None
             self.weak_motors.pop(loss.motor)
             block_count = loss.blocks_since_return(balances)
-            self._record(loss.motor, block_count, log_odds, 0.0)
+            self._add_alarm(loss.motor, block_count, log_odds, 0.0)
             # From now on, flight is compared with that since the balance returned.
             self._blocks.keep_last(block_count)
         elif loss.is_over(time):
@@ -363,7 +363,7 @@ class MotorLossDetector:
             block_count = change.block_count
             size = float(np.linalg.norm(change.size * self._model.tilt_axes))
             if self._is_independent_of_heading(change):
-                self._record(None, block_count, log_odds, size)
+                self._add_alarm(None, block_count, log_odds, size)
         elif stale_change.max() >= self._threshold:
             block_count = int(windows[np.argmax(stale_change)])
         else:
@@ -425,10 +425,10 @@ class MotorLossDetector:
             )
             is_sound_again = rise < max(RISES[0], previous_rise * MAX_RECOVERED_SHARE)
             if rises[motor] < 0 and (len(moved_motors) > 1 or is_sound_again):
-                self._record(motor, block_count, log_odds, 0.0)
+                self._add_alarm(motor, block_count, log_odds, 0.0)
                 continue
             loss = self._model.thrust_loss(motor, max(lowest, 0.0), highest)
-            alarm = self._record(motor, block_count, log_odds, max(rise, RISES[0]), loss)
+            alarm = self._add_alarm(motor, block_count, log_odds, max(rise, RISES[0]), loss)
             self.weak_motors[motor] = alarm
             if previous is None:
                 self._unconfirmed_loss = LossConfirmation(
@@ -445,7 +445,7 @@ class MotorLossDetector:
         self._noise = change.changes.block_variance[change.window]
         self._freedom = min(change.changes.freedom[change.window], MAX_PRIOR_FREEDOM)
 
-    def _record(
+    def _add_alarm(
         self,
         motor: int | None,
         block_count: int,

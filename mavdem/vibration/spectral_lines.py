@@ -209,11 +209,11 @@ class _LogSpectra:
             (…, W) natural logarithms of the density, at the higher of the two bins between which the frequency lies.
         """
         # The bin below each frequency, which needs a neighbour above it.
-        bins = (frequencies / self.frequency_step).astype(int)
-        low = np.clip(bins, 0, len(self.frequency) - 2)
-        rows = np.arange(len(self.log_density))
-        density_below = self.log_density[rows, low]
-        density_above = self.log_density[rows, low + 1]
+        bin_below = (frequencies / self.frequency_step).astype(int)
+        bin_below = np.clip(bin_below, 0, len(self.frequency) - 2)
+        windows = np.arange(len(self.log_density))
+        density_below = self.log_density[windows, bin_below]
+        density_above = self.log_density[windows, bin_below + 1]
         return np.maximum(density_below, density_above)
 
     def aligned_mean(self, exponent: float) -> Array:

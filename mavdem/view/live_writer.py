@@ -480,7 +480,7 @@ class LiveWriter:
         terms = []
         actions = []
         surprises = []
-        means = []
+        energies_per_sample = []
         for row, estimate in estimates:
             if np.isfinite(estimate.seen):
                 time = estimate.seen + row.timeline_offset
@@ -493,14 +493,15 @@ class LiveWriter:
                 surprises.append(Sample(0, time, [1.0, estimate.surprise]))
             if row.learned is not None and np.isfinite(estimate.until):
                 end_time = estimate.until + row.timeline_offset
-                means.append(Sample(0, end_time, [free_energy_per_sample(row.learned)]))
+                per_sample = free_energy_per_sample(row.learned)
+                energies_per_sample.append(Sample(0, end_time, [per_sample]))
         self._draw(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)
-        runs = Lines("free_energy/1_runs", ("F̄ per sample",), (PREDICTED,), 3.0)
-        self._draw(runs, means)
+        learning_runs = Lines("free_energy/1_runs", ("F̄ per sample",), (PREDICTED,), 3.0)
+        self._draw(learning_runs, energies_per_sample)
         self._draw(Lines("free_energy_terms", TERM_NAMES, TERM_COLOURS), terms)
         self._draw(Lines("free_energy_action", ("F̄",), (PREDICTED,)), actions)
-        lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
-        self._draw(lines, surprises)
+        surprise_lines = Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED))
+        self._draw(surprise_lines, surprises)
 
 
 def axis_path(plot: str) -> str:

@@ -563,13 +563,16 @@ def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any)
 
 
 def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.inf) -> Flags:
-    """Returns between which samples values change by more than a limit (N − 1,).
+    """Finds the resets of an estimate: changes from one sample to the next that are larger than a limit.
 
     Args:
         time: stamps (N,), s.
         values: (N,) in the unit of the limit.
         limit: largest change that is no reset.
         period: period of values that are angles; the shorter way round counts as their change.
+
+    Returns:
+        For each two neighbouring samples (N − 1,), whether there is a reset between them.
     """
     changes = abs(np.diff(values)) % period
     shortest_changes = np.minimum(changes, period - changes)

@@ -105,28 +105,16 @@ def message_payloads(
     outputs[:, :rotors] = motion.outputs
     match name:
         case "HEARTBEAT":
-            status = np.where(motion.armed & (motion.landed_state != ON_GROUND), ACTIVE, STANDBY)
-            if isinstance(motion, InstrumentedMotion):
-                status = np.where(motion.is_failsafe, CRITICAL, status)
             fields = {
                 "type": VEHICLE_TYPES[rotors],
                 "autopilot": autopilot.number,
                 "base_mode": base_mode,
                 "custom_mode": custom_mode,
-                "system_status": status,
+                "system_status": _system_status(motion),
                 "mavlink_version": MAVLINK_VERSION,
             }
         case "SYS_STATUS":
-            sensors = {"present": SENSORS, "enabled": SENSORS, "health": SENSORS | FENCE}
-            fields = {f"onboard_control_sensors_{kind}": bits for kind, bits in sensors.items()}
-            fields |= {
-                "voltage_battery": np.round(1000 * FULL_BATTERY_VOLTAGE * motion.battery),
-                "current_battery": -1,
-                "battery_remaining": -1,
-            }
-            if isinstance(motion, InstrumentedMotion):
-                fields |= system_status_fields(motion, SENSORS)
-                fields["onboard_control_sensors_health"] |= FENCE
+            fields = _sensors_and_battery(motion)
         case "EXTENDED_SYS_STATE":
             fields = {"landed_state": motion.landed_state}
         case "ATTITUDE":
@@ -167,6 +155,31 @@ def message_payloads(
             controls = np.pad(commands, ((0, 0), (0, CHANNELS - rotors)))
             fields = {"time_usec": boot_microseconds, "controls": controls, "mode": base_mode}
     return filled_payloads(name, len(boot_microseconds), **fields)
+
+
+def _system_status(motion: Motion) -> NDArray[Any]:
+    """Returns the ``system_status`` of HEARTBEAT (N,): a failsafe is critical, else a vehicle off the ground active."""
+    status = np.where(motion.armed & (motion.landed_state != ON_GROUND), ACTIVE, STANDBY)
+    if isinstance(motion, InstrumentedMotion):
+        status = np.where(motion.is_failsafe, CRITICAL, status)
+    return status
+
+
+def _sensors_and_battery(motion: Motion) -> dict[str, Any]:
+    """Returns the fields of SYS_STATUS; without instruments the current and what remains of the battery are unknown."""
+    fields: dict[str, Any] = {
+        "onboard_control_sensors_present": SENSORS,
+        "onboard_control_sensors_enabled": SENSORS,
+        "onboard_control_sensors_health": SENSORS | FENCE,
+        "voltage_battery": np.round(1000 * FULL_BATTERY_VOLTAGE * motion.battery),
+        # MAVLink's value of an unknown current, and of an unknown charge.
+        "current_battery": -1,
+        "battery_remaining": -1,
+    }
+    if isinstance(motion, InstrumentedMotion):
+        fields |= system_status_fields(motion, SENSORS)
+        fields["onboard_control_sensors_health"] |= FENCE
+    return fields
 
 
 def _stick_channels(motion: Motion) -> dict[str, Any]:

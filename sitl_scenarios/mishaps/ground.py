@@ -99,25 +99,27 @@ class GroundContact:
             self.is_toppling = False
             self.impact = TOPPLE_IMPACT
 
-    def state(self, state: State) -> State:
+    def state_on_ground(self, former_state: State) -> State:
         """Computes the state of the vehicle on the ground from the present lean and its rate.
 
         Args:
-            state: Former state, of which position and rotor speeds are kept.
+            former_state: Former state, of which position and rotor speeds are kept.
 
         Returns:
             The state, with the velocity 0.
         """
-        half = self.lean / 2
-        north, east = self.axis
-        tilt = (cos(half), sin(half) * north, sin(half) * east, 0.0)
+        half_lean = self.lean / 2
+        axis_north, axis_east = self.axis
+        tilt = (cos(half_lean), sin(half_lean) * axis_north, sin(half_lean) * axis_east, 0.0)
         attitude = normalised(quaternion_product(tilt, self.heading))
-        rows = rotation_matrix(attitude)
+        # The rate of the lean about its horizontal axis, turned into body axes.
+        body_axes_north, body_axes_east, _ = rotation_matrix(attitude)
         rates = tuple(
-            self.rate * (north * x + east * y) for x, y in zip(rows[0], rows[1], strict=True)
+            self.rate * (axis_north * north + axis_east * east)
+            for north, east in zip(body_axes_north, body_axes_east, strict=True)
         )
-        position = (state.position[0], state.position[1], 0.0)
-        return State(position, attitude=attitude, rates=rates, rotors=state.rotors)
+        position = (former_state.position[0], former_state.position[1], 0.0)
+        return State(position, attitude=attitude, rates=rates, rotors=former_state.rotors)
 
 
 def quaternion_product(a: Quaternion, b: Quaternion) -> Quaternion:

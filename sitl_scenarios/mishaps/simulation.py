@@ -244,7 +244,7 @@ class InstrumentedSimulation(Simulation):
             return
         self._contact = impact(self._state)
         self._on_ground = True
-        self._state = self._contact.state(self._state)
+        self._state = self._contact.state_on_ground(self._state)
 
     def _spin_on_ground(self, settled_speeds: Vector4) -> None:
         """Turns the rotors for one cycle on the ground.
@@ -268,7 +268,7 @@ class InstrumentedSimulation(Simulation):
         if self._contact is not None:
             self._on_ground = True
             self._contact.advance(self.cycle)
-            self._state = self._contact.state(self._state)
+            self._state = self._contact.state_on_ground(self._state)
             self._gyro.raw_rates = self._gyro.filtered_rates = self._state.rates
         else:
             self._gyro.raw_rates = self._gyro.filtered_rates = NO_ROTATION

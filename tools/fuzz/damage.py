@@ -48,6 +48,18 @@ HUGE_NUMBERS = (
 )
 """What stands in the place of numbers: lengths of gigabytes, and values that are none."""
 
+CHECKSUMS_SHARE = 0.5
+"""Share of the damaged telemetry logs whose frames get correct checksums, so that their content is read."""
+
+OTHER_ENDING_SHARE = 0.1
+"""Share of the damaged logs that get another ending."""
+
+MAX_ADDED_SECONDS = 1.0
+"""Seconds by which a damaged log may last longer than the sound one."""
+
+SHOWN_CHARACTERS = 1500
+"""Characters of a failure that are shown: the last ones, where a traceback has its reason."""
+
 OTHER_ENDINGS = (".tlog", ".bin", ".ulg", ".mcap", ".log", ".zip", ".json", "")
 """Endings under which a log may be given."""
 
@@ -211,6 +223,29 @@ def attempt(path: Path, command: str) -> Attempt:
     return Attempt(time.process_time() - start, failure, figures)
 
 
+def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, is_timeless: bool) -> str:
+    """Compares what came of a damaged log with what came of the sound one.
+
+    Args:
+        damaged: The attempt with the damaged log.
+        sound: The attempt with the sound log.
+        limit: Seconds of processor time that damage may cost.
+        is_timeless: Whether the damage cannot have brought in stamps of another time.
+
+    Returns:
+        What is wrong; empty where nothing is.
+    """
+    if damaged.failure:
+        return damaged.failure
+    if damaged.seconds > sound.seconds + limit:
+        return f"takes {damaged.seconds:.1f} s, {sound.seconds:.1f} s when sound"
+    if is_timeless and damaged.figures and sound.figures:
+        lasts_longer = damaged.figures.duration > sound.figures.duration + MAX_ADDED_SECONDS
+        if lasts_longer or damaged.figures.boots > sound.figures.boots:
+            return f"{damaged.figures}, sound {sound.figures}"
+    return ""
+
+
 @click.command(help=__doc__)
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
 @click.option("--count", default=30)
@@ -236,25 +271,19 @@ def main(
             chance = random.Random(f"{seed} {number} {log.name}")
             damage = chance.choice(DAMAGES)
             other = contents[chance.choice(logs)]
-            damaged = damage(content, chance, other)
+            damaged_content = damage(content, chance, other)
             is_timeless = damage in TIMELESS_DAMAGES
-            if log.suffix == ".tlog" and chance.random() < 0.5:
-                damaged = with_checksums(bytearray(damaged))
+            if log.suffix == ".tlog" and chance.random() < CHECKSUMS_SHARE:
+                damaged_content = with_checksums(bytearray(damaged_content))
                 is_timeless = False
-            ending = chance.choice(OTHER_ENDINGS) if chance.random() < 0.1 else log.suffix
+            other_ending = chance.random() < OTHER_ENDING_SHARE
+            ending = chance.choice(OTHER_ENDINGS) if other_ending else log.suffix
             path = keep / f"{log.stem[:20]} {number}{ending}"
-            path.write_bytes(damaged)
-            made = attempt(path, command)
-            failure = made.failure
-            if not failure and made.seconds > sound.seconds + limit:
-                failure = f"takes {made.seconds:.1f} s, {sound.seconds:.1f} s when sound"
-            if not failure and is_timeless and made.figures and sound.figures:
-                lasts_longer = made.figures.duration > sound.figures.duration + 1.0
-                if lasts_longer or made.figures.boots > sound.figures.boots:
-                    failure = f"{made.figures}, sound {sound.figures}"
+            path.write_bytes(damaged_content)
+            failure = failure_by_damage(attempt(path, command), sound, limit, is_timeless)
             if failure:
                 failures += 1
-                print(f"--- {path}, {damage.__name__}\n{failure[-1500:]}", flush=True)
+                print(f"--- {path}, {damage.__name__}\n{failure[-SHOWN_CHARACTERS:]}", flush=True)
             else:
                 path.unlink()
     print(f"{failures} failures of {count * len(logs)}")

@@ -548,6 +548,9 @@ def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
     Args:
         imus: the rows of VIBE by IMU, N of each.
         number: number of the IMU, from 0.
+
+    Returns:
+        The number of clips so far (N,), for each row of the first IMU.
     """
     if "Clip" in imus[0]:
         # Each IMU's messages have its own counter.
