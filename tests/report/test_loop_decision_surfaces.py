@@ -100,7 +100,14 @@ def injected(crossover):
 
 def tracked(axis, code=TrackingLight.FOLLOWS_SETPOINT, level=Level.GOOD, **figures):
     """How an axis follows its setpoint."""
-    known = {"angle_error": 0.01, "offset_angle": 0.0, "delay": 0.1, "rate_error": 0.1, **figures}
+    known = {
+        "angle_error": 0.01,
+        "error_limit": 0.17,
+        "offset_angle": 0.0,
+        "delay": 0.1,
+        "rate_error": 0.1,
+        **figures,
+    }
     return Fact(code, level, axis=axis, **known)
 
 
