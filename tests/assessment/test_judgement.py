@@ -110,7 +110,7 @@ def test_the_next_step_says_do_not_fly_once():
     saturated = Fact(InFlight.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0)
     step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(vibration, saturated))
     assert str(step).count("Do not fly") == 1
-    assert " Also balance the propellers" in str(step)
+    assert " Also balance the propellers and mount the autopilot softly. " in str(step)
     assert " Nor fly before motor 3," in str(step)
 
 

@@ -243,7 +243,9 @@ def test_the_axis_nearest_to_bad_is_named():
             other_vehicle=None,
             condition=Condition(60.0),
         )
-        assert tracking_light(found).figures["axis"] == named
+        light = tracking_light(found)
+        assert light.figures["axis"] == named
+        assert ("bad from 15°" if named == "yaw" else "bad from 10°") in light.sentence
 
 
 @mark.parametrize("rate", [10.0, 20.0])

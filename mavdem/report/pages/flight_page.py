@@ -116,6 +116,7 @@ MAX_WATCHED_CHAPTERS = 2
 
 TRACKING_FIGURES = {
     "angle_error": "angle error (RMS)",
+    "error_limit": "bad from",
     "delay": "delay",
     "rate_error": "rate error (RMS)",
 }
