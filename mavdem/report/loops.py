@@ -13,7 +13,7 @@ from mavdem.assessment.axis.loop_decision import (
 from mavdem.assessment.axis.tuning import Tuning
 from mavdem.assessment.judgement import Judgement
 from mavdem.containers import group_by
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import Gains, Loops
@@ -291,8 +291,8 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
 def tuning_result(tuning: Tuning) -> Fact:
     """Returns the fact that heads the report of ``mavdem tune``.
 
-    It is the headline of the judgement if that is bad or about control loops, and otherwise the rating of the margins
-    of the axis whose gains change, or of the first one.
+    It is the rating of the margins of the axis that is rated worst, if all axes have a rating that nothing speaks
+    against, and the headline of the judgement is neither bad nor about control loops. Otherwise it is that headline.
 
     Args:
         tuning: advice for each axis, with the judgement of the flight.
@@ -300,10 +300,17 @@ def tuning_result(tuning: Tuning) -> Fact:
     headline = tuning.judgement.headline
     if headline.is_bad or is_of_loops(headline, tuning.judgement):
         return headline
-    changed = [advice for advice in tuning.advice if advice.parameters]
-    decisive_advice = [*changed, *tuning.advice][0]
-    rating = decisive_advice.rating
-    return rating.replace(subject=f"{decisive_advice.before.axis} {rating.subject}")
+    ratings = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:
+            return headline
+        for rating in _rating_as_decided(advice, tuning.judgement.loop_decisions.get(axis)):
+            ratings.append(rating.replace(subject=f"{axis} {rating.subject}"))
+    for level in (Level.BAD, Level.WATCH, Level.GOOD):
+        for rating in ratings:
+            if rating.level is level:
+                return rating
+    return headline
 
 
 def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:

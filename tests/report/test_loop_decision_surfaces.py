@@ -45,7 +45,7 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import margin_overview, margin_tables, tune_blocks
+from mavdem.report.loops import margin_overview, margin_tables, tune_blocks, tuning_result
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.review import review_screen
@@ -426,6 +426,17 @@ def test_the_tune_page_opens_with_gains_steps_and_margins(assessments, tunings, 
     assert chapters[0][1] == "Step response"
     assert page.index('<th class="words">gain</th>') < page.index("Step response</h2>")
     assert margin_overview(tunings[name]).rows[0][0] == "roll rate, now"
+
+
+def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings):
+    tuning = tunings["sound"]
+    good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    tuning = tuning._replace(judgement=replace(tuning.judgement, headline=good))
+    known = {axis: advice for axis, advice in tuning.axes.items() if not isinstance(advice, Fact)}
+    assert tuning_result(tuning._replace(axes=known)).code is Loops.MARGIN_RATING
+    doubted = tuning._replace(axes=known, doubtful_axes=frozenset(known))
+    unknown = tuning._replace(axes=known | {"yaw": Fact(Loops.NO_LOOP, reasons=(good,))})
+    assert tuning_result(doubted) == tuning_result(unknown) == good
 
 
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
