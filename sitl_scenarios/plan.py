@@ -118,7 +118,7 @@ def flight_times(scenario: Scenario) -> FlightTimes:
     descent = max(MIN_DESCENT_SECONDS, scenario.height / MAX_MEAN_CLIMB_SPEED)
     moves = scenario.excitation.moves if isinstance(scenario.excitation, Course) else ()
     timings = [move_timing(move) for move in moves]
-    course = fsum(timing.moving + timing.hover for timing in timings)
+    course = fsum(timing.move_seconds + timing.hover_seconds for timing in timings)
     excitation = max(course, MIN_EXCITATION_SECONDS)
     shortest = SPIN_UP_SECONDS + climb + excitation + 2 * SETTLE_SECONDS + descent + AFTER_SECONDS
     if scenario.duration < shortest:
@@ -268,11 +268,11 @@ class MoveTiming(NamedTuple):
 
     max_speed: float
     """Largest speed along the leg, m/s."""
-    leg: float
+    leg_seconds: float
     """Duration of the leg, s; 0 for a move that only turns."""
-    moving: float
+    move_seconds: float
     """Duration of the leg and the turn, which begin together, s."""
-    hover: float
+    hover_seconds: float
     """Duration of the hover after them, s."""
 
 
@@ -327,14 +327,14 @@ def _move_rows(move: Move, start: Array, cycle: float) -> Array:
     """
     displacement = np.array([move.north, move.east, move.up])
     timing = move_timing(move)
-    cycles = round((timing.moving + timing.hover) / cycle)
+    cycles = round((timing.move_seconds + timing.hover_seconds) / cycle)
     time = cycle * np.arange(cycles)
     length = hypot(*displacement)
     # The speed rises evenly during the ramp, stays, and falls evenly during a ramp before the leg's end.
     ramp = timing.max_speed / MOVE_ACCELERATION
     accelerating = np.minimum(time, ramp)
-    decelerating = np.clip(time - timing.leg + ramp, 0.0, ramp)
-    after_ramp = np.clip(time - ramp, 0.0, timing.leg - ramp)
+    decelerating = np.clip(time - timing.leg_seconds + ramp, 0.0, ramp)
+    after_ramp = np.clip(time - ramp, 0.0, timing.leg_seconds - ramp)
     distance = (
         MOVE_ACCELERATION / 2 * (accelerating**2 - decelerating**2) + timing.max_speed * after_ramp
     )

@@ -399,22 +399,23 @@ def _agree(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
     begins there, its clock begins near zero, or by UTC it began after the end of the first.
 
     Args:
-        chain, kept: The chains: runs of messages, each of which continues the clock of the one before.
+        chain, kept_chain: The chains: runs of messages, each of which continues the clock of the one before.
         rules: Limits of what the clock may do.
     """
-    first, second = sorted((chain, kept_chain), key=lambda either: either.runs[0].first)
-    if first.runs[-1].first > second.runs[0].first:
+    earlier, later = sorted((chain, kept_chain), key=lambda either: either.runs[0].first)
+    if earlier.runs[-1].first > later.runs[0].first:
         return False
-    later_begins = second.runs[0].start_time
-    if second.runs[0].begins_log:
+    if later.runs[0].begins_log:
         return True
-    goes_on = later_begins >= first.end_time - rules.max_fall
-    is_near_zero = later_begins <= MAX_RESTART_TIME
-    if first.utc_at_boot is None or second.utc_at_boot is None:
-        return goes_on or is_near_zero
-    boot_difference = second.utc_at_boot - first.utc_at_boot
-    if goes_on and abs(boot_difference) <= rules.max_utc_difference:
+    later_start = later.runs[0].start_time
+    continues_time = later_start >= earlier.end_time - rules.max_fall
+    starts_near_zero = later_start <= MAX_RESTART_TIME
+    if earlier.utc_at_boot is None or later.utc_at_boot is None:
+        return continues_time or starts_near_zero
+    boot_difference = later.utc_at_boot - earlier.utc_at_boot
+    if continues_time and abs(boot_difference) <= rules.max_utc_difference:
         return True
-    if is_near_zero and not rules.restarts_need_utc:
+    if starts_near_zero and not rules.restarts_need_utc:
         return True
-    return boot_difference >= first.end_time - MAX_UTC_DIFFERENCE
+    # Another boot: by UTC it began after the end of the earlier one.
+    return boot_difference >= earlier.end_time - MAX_UTC_DIFFERENCE

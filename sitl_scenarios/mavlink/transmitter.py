@@ -317,8 +317,8 @@ class Transmitter:
     def _block_frames(self, motion: Motion) -> list[TimedFrame]:
         """Returns the frames that are sent during some rows of the flight in which no fault happens.
 
-        Replies that wait go out in the first row, before the scheduled messages of that row. Each frame gets the next
-        sequence number, by which a receiver finds lost frames.
+        Replies that wait go out in the first row, before the scheduled messages of that row, and wait no longer. Each
+        frame gets the next sequence number, by which a receiver finds lost frames. The clock moves to the last row.
 
         Args:
             motion: Rows of the flight; there may be none.

@@ -184,7 +184,8 @@ class Instruments:
         """Returns what the instruments measure in this cycle, by the names of the fields of ``InstrumentedMotion``.
 
         All follow from how hard the rotors work, relative to hover. Thrust, and the imbalance that shakes the frame, go
-        with the square of the rotor speeds; the power, and so the current, goes with their cube.
+        with the square of the rotor speeds; the power, and so the current, goes with their cube. It must be called once
+        per cycle, since the noise and the count of clipped samples go on from the cycle before.
 
         Args:
             time: Seconds after arming.

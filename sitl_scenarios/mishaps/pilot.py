@@ -81,6 +81,9 @@ BENCH_STICK_TILT = radians(12)
 BENCH_ROLL_PERIOD, BENCH_PITCH_PERIOD = 3.1, 4.3
 """Periods of the roll and the pitch stick on a bench, s: without a common multiple in a run; choices."""
 
+DESCENT_STICK = 0.8
+"""Throttle stick of a slow descent by hand, as a fraction of that in hover; a choice."""
+
 
 @dataclass
 class Pilot:
@@ -113,10 +116,16 @@ class Pilot:
     def reference(self, time: float, estimate: State, planned: Reference) -> Reference:
         """Returns the setpoints that are flown: the plan's, but for a landing without a position.
 
+        It is called first in each cycle, and sets ``mode`` and ``throttle_stick`` to those of these setpoints;
+        :meth:`control` may then change them.
+
         Args:
             time: Seconds after arming.
             estimate: State as the autopilot estimates it.
             planned: Setpoints of the flight plan.
+
+        Returns:
+            The setpoints.
         """
         self.mode = "plan"
         self.throttle_stick = MIDDLE_STICK
@@ -139,12 +148,12 @@ class Pilot:
         )
 
     def control(self, time: float, estimate: State, reference: Reference) -> ControlOutput | None:
-        """Returns the output of the pilot or the failsafe, if one of them flies.
+        """Returns the output of the pilot or the failsafe, if one of them flies, and sets mode and throttle stick.
 
         Args:
             time: Seconds after arming.
             estimate: State as the autopilot estimates it.
-            reference: Setpoints of this cycle.
+            reference: Setpoints of this cycle, as :meth:`reference` returned them.
 
         Returns:
             The output; None if the plan is flown.
@@ -164,7 +173,7 @@ class Pilot:
                 self.mode = "stabilize"
                 self.throttle_stick = self.hover_stick
                 if reference.landed_state == LANDING:
-                    self.throttle_stick = 0.8 * self.hover_stick
+                    self.throttle_stick = DESCENT_STICK * self.hover_stick
         return None
 
     def set_disarmed_stick(self, time: float) -> None:

@@ -73,6 +73,9 @@ class FrameReader:
 
         Args:
             piece: the next bytes of the stream, of any number.
+
+        Returns:
+            The frames. Those without a matching checksum are counted in ``undecoded_frames``, too.
         """
         data = self._pending + piece
         # All bytes before this offset belong to frames that were returned, or to none.
