@@ -199,7 +199,7 @@
   const height = (figure, data) => {
     if (!data.lines.length) return 26;
     const isFlat = figure.dataset.flat != null, isBare = figure.dataset.bare != null, isForPaper = root.classList.contains("printing");
-    return isForPaper ? (isFlat ? 60 : 95) + (isBare ? 0 : 26) : (isFlat ? 92 : 160) + (isBare ? 0 : 34);
+    return isForPaper ? (isFlat ? 60 : 95) + (isBare ? 0 : 26) : (isFlat ? 80 : 160) + (isBare ? 0 : 34);
   };
 
   const draw = figure => {
