@@ -59,6 +59,16 @@ class ClockSpeed:
         self._slow_since: float | None = None
         self._is_reported = False
 
+    def real_seconds(self, vehicle_seconds: float) -> float:
+        """Converts a time of the vehicle's clock to one of this computer's, s.
+
+        A clock that is neither slow nor fast runs in real time: its measured speed differs from 1 by the jitter of
+        arrivals.
+        """
+        if MIN_REAL_TIME_SPEED <= self.speed <= 1 / MIN_REAL_TIME_SPEED:
+            return vehicle_seconds
+        return vehicle_seconds / self.speed
+
     def update(self, now: float, vehicle_time: float) -> None:
         """Takes the present reading of both clocks, and measures the speed if the vehicle's clock has advanced.
 

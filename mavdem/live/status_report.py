@@ -130,7 +130,7 @@ class StatusReport:
             motion_time=self.silence.motion_time,
             learned_rows=self.learning.learned_rows,
             # The account is of this computer's time, and rows are steps of the vehicle's.
-            dt=0.0 if row_format is None else row_format.dt / self.clock_speed.speed,
+            dt=0.0 if row_format is None else self.clock_speed.real_seconds(row_format.dt),
             status=self.stream.status(),
         )
         return self.time_account.update(now, state)

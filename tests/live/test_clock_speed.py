@@ -24,6 +24,7 @@ def test_the_speed_is_measured_and_a_slow_clock_is_reported_once(speed):
     now = np.arange(0.0, 60.0, 0.02)
     clock_speed, facts = measured(now, 30.0 + speed * now)
     assert clock_speed.speed == approx(speed)
+    assert clock_speed.real_seconds(speed) == approx(1.0)
     assert [fact.code for fact in facts] == [RateFact.VEHICLE_CLOCK_SLOW] * (speed < 0.8)
     for fact in facts:
         assert f"runs at {speed} times the speed" in fact.sentence
