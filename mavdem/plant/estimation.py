@@ -268,6 +268,8 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     relative[1, r] = 1 / damping
     relative[2, r + 1] = 1 / lag
     likelihood_sd = np.sqrt(np.diag(relative @ covariance @ relative.T))
+    refinement_values = model.refinement_values(theta).tolist()
+    refinements = dict(zip(model.refinements, refinement_values, strict=True))
     relative_sd = OmissionErrors.likelihood_factor * likelihood_sd
     figures = IdentifiabilityFigures(
         wind_share=_wind_share(fit, windows),
@@ -277,6 +279,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
         lag=np.exp(theta[model.lag_index]),
         dt=windows.dt,
         unpredicted_share=windows.unpredicted_share,
+        thrust_curve=refinements.get(Refinement.THRUST_CURVE, 0.0),
     )
     status, reasons = identifiability(figures)
     bias = 0.0
@@ -293,7 +296,6 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = np.sqrt(np.mean(fit.levels**2))
     sizes = level * model.wind_sizes(theta)
-    refinements = model.refinement_values(theta).tolist()
     estimate = Physical(
         effect=effect / windows.unit,
         damping=damping,
@@ -308,7 +310,7 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
             map(WindComponent, model.wind, sizes.tolist(), model.wind_times(theta).tolist())
         ),
         noise=level * float(model.noise(theta)),
-        refinements=dict(zip(model.refinements, refinements, strict=True)),
+        refinements=refinements,
         windows=len(windows.rate),
     )
     return freeze(estimate)
@@ -356,6 +358,7 @@ def with_omission_errors(
     spectrum_variance = np.pi * np.square(spectrum_range / 3)
     common_variance = spectrum_variance[0] + errors.effect**2 + bias**2
     common_variance += (errors.unpredicted_effect * figures.unpredicted_share) ** 2
+    common_variance += (errors.thrust_curve * figures.thrust_curve) ** 2
     if effect_unknown:
         common_variance += errors.unidentified_effect**2
     covariance[:r, :r] += np.outer(effect, effect) * common_variance

@@ -115,6 +115,13 @@ class OmissionErrors:
     unpredicted_delay = 0.02
     """Error of the delay for each unit of that share, s."""
 
+    thrust_curve = 3**-0.5
+    """Error common to the effects for each unit of their relative change over one standard deviation of the commands.
+
+    An effect that changes with the command is known for the commands of the flight. At which of them it is meant, one
+    fit cannot tell: anywhere within one standard deviation, as likely at each, which has 1/√3 standard deviations.
+    """
+
     unidentified_effect = 0.4
     """Error of an effect that is not identifiable, relative to the effect."""
 
@@ -173,6 +180,9 @@ class IdentifiabilityFigures(NamedTuple):
 
     unpredicted_share: float = 0.0
     """Share of the commands' variance that the samples before do not predict."""
+
+    thrust_curve: float = 0.0
+    """Relative change of the effect for one standard deviation of the inputs; 0 where the model has none."""
 
     @property
     def lag_unresolved(self) -> bool:

@@ -5,6 +5,8 @@ A loop is hot where its gains are several times those that suit the vehicle. The
 motors from one cycle of the controller to the next, more quickly than a log has samples. Each scenario of
 ``SCENARIOS`` is flown with each multiple of the rate loop's gain, and with several seeds of wind and noise.
 
+Further flights are steered by doublets so hard that motors reach their limits: the effect changes with the command.
+
 The flights are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
 
 Usage: tools/validation/parameter_coverage.py [--seeds N] [--jobs N]
@@ -28,6 +30,7 @@ from mavdem.experiments.paper.flights import write_log
 from mavdem.facts.identifiability import Status
 from mavdem.plant import NotIdentifiable, Physical, physical
 from sitl_scenarios.files import load as load_scenario
+from sitl_scenarios.files import scenario_of
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
@@ -44,6 +47,16 @@ SCENARIOS = (
 GAINS = (1.0, 3.0, 5.0)
 """Multiples of the rate loop's gain that suits the vehicle; at 5 the loop has little margin, and is still stable."""
 
+HARD_DOUBLETS = {
+    "iris, hard doublets": "iris",
+    "ardrone2, hard doublets": "ardrone2",
+    "crazyflie, hard doublets": "crazyflie",
+}
+"""Vehicles that are steered by ``DOUBLETS``, by the name of the case."""
+
+DOUBLETS = {"kind": "doublets", "axis": "all", "amplitude": 14.0, "width": 0.1, "period": 1.2}
+"""Doublets that drive motors to their limits."""
+
 FLIGHT_SECONDS = 45.0
 """Duration of each flight, s."""
 
@@ -55,7 +68,7 @@ class Case(NamedTuple):
     """A simulated flight whose parameters are estimated."""
 
     scenario: str
-    """Name of the scenario."""
+    """Name of the scenario, or of a case of ``HARD_DOUBLETS``."""
 
     gain: float
     """Multiple of the rate loop's gain that suits the vehicle."""
@@ -71,14 +84,25 @@ class Case(NamedTuple):
 
     def flown_scenario(self) -> Scenario:
         """Returns the scenario with this gain and seed, shortened to ``FLIGHT_SECONDS``."""
+        changes = {"seed": self.seed, "duration": FLIGHT_SECONDS}
+        if self.scenario in HARD_DOUBLETS:
+            vehicle = {"model": HARD_DOUBLETS[self.scenario]}
+            steered = load_scenario("iris_doublets").model_dump(mode="json")
+            return scenario_of(steered | changes | {"vehicle": vehicle, "excitation": DOUBLETS})
         scenario = load_scenario(self.scenario)
-        vehicle = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
-        changes = {"vehicle": vehicle, "seed": self.seed, "duration": FLIGHT_SECONDS}
-        return scenario.model_copy(update=changes)
+        gained = scenario.vehicle.model_copy(update={"rate_gain": self.gain})
+        return scenario.model_copy(update={**changes, "vehicle": gained})
 
 
 def cases(seeds: int) -> Iterator[Case]:
-    """Yields all flights: each scenario with each gain and each of ``seeds`` seeds."""
+    """Yields all flights: each scenario with each gain and each of ``seeds`` seeds, and as many hard steered ones.
+
+    Args:
+        seeds: number of flights of each scenario with each gain; of each hard steered vehicle it is three times that.
+    """
+    for name in HARD_DOUBLETS:
+        for number in range(len(GAINS) * seeds):
+            yield Case(name, 1.0, FIRST_SEED + number)
     for name in SCENARIOS:
         for gain in GAINS:
             for number in range(seeds):
@@ -177,11 +201,25 @@ def main(seeds: int, jobs: int) -> None:
         jobs: number of processes.
     """
     rows = evaluate_flights(evaluate_case, cases(seeds), jobs)
+    is_hard_steered = rows["scenario"].isin(HARD_DOUBLETS)
+    print_coverage("Intervals that hold the truth", rows[~is_hard_steered], "gain")
+    click.echo()
+    print_coverage("The same with motors at their limits", rows[is_hard_steered], "scenario")
+
+
+def print_coverage(title: str, rows: Any, kind: str) -> None:
+    """Prints a table with the coverage of each parameter and of all.
+
+    Args:
+        title: title of the table.
+        rows: rows of :func:`evaluate_case`.
+        kind: column of the rows whose values have lines of their own, "gain" or "scenario".
+    """
     flights = rows[["scenario", "gain", "seed"]].drop_duplicates()
-    lines = rows.groupby(["gain", "parameter"], sort=False).apply(table_row)
-    total = rows.assign(gain="all", parameter="all").groupby(["gain", "parameter"])
+    lines = rows.groupby([kind, "parameter"], sort=False).apply(table_row)
+    total = rows.assign(**{kind: "all"}, parameter="all").groupby([kind, "parameter"])
     table = pd.concat([lines, total.apply(table_row)]).reset_index()
-    print_table(f"**Intervals that hold the truth**, {len(flights)} flights", table)
+    print_table(f"**{title}**, {len(flights)} flights", table)
 
 
 if __name__ == "__main__":
