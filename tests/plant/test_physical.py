@@ -359,6 +359,27 @@ def test_what_the_model_leaves_out_adds_its_variances():
     assert_allclose(covariance[2:, 2:], np.diag(others))
 
 
+def test_an_effect_that_changes_with_the_command_has_a_wider_interval():
+    """It is that of a command within one standard deviation, as likely at each: of 18 % change, 18/√3 % are its error."""
+    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
+    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
+    straight, curved = (
+        with_omission_errors(
+            np.zeros((5, 5)),
+            values,
+            np.full(2, 0.5),
+            np.zeros(3),
+            0.0,
+            False,
+            figures._replace(thrust_curve=curve),
+        )
+        for curve in (0.0, -0.18)
+    )
+    added = np.zeros((5, 5))
+    added[:2, :2] = np.outer(values[:2], values[:2]) * 0.18**2 / 3
+    assert_allclose(curved - straight, added, atol=1e-12)
+
+
 def test_commands_that_nothing_predicts_widen_the_intervals():
     """Of 10 % of the commands' variance nobody knows how long they last: added to all that the model leaves out."""
     values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
