@@ -488,7 +488,7 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
         "parameters say where the motors are, and come when they are asked for"
     )
     assert sum(account.values()) == approx(74.0, abs=0.5)
-    # Learned from is the time that the samples span, of 0.02 s each on the vehicle's clock, not that in which some came.
+    # Learned from is the time that the samples span, 0.02 s each by the vehicle's clock, not that in which some came.
     assert (
         account["learned"] == approx(session.status.learned_rows / 50.0, rel=0.01)
         and account["learned"] > 26.0

@@ -360,7 +360,7 @@ def test_what_the_model_leaves_out_adds_its_variances():
 
 
 def test_an_effect_that_changes_with_the_command_has_a_wider_interval():
-    """It is that of a command within one standard deviation, as likely at each: of 18 % change, 18/√3 % are its error."""
+    """It is meant at a command within one standard deviation, as likely at each: a change of 18 % errs by 18/√3 %."""
     values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
     figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
     straight, curved = (
