@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.axis.margins import AxisMargins, axes_with_doubtful_loop, margins_of
-from mavdem.assessment.axis.overrides import overrides_of
+from mavdem.assessment.axis.overrides import flight_overrides
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import loss_onset, settled_flight
@@ -136,7 +136,7 @@ class Evidence:
         """
         if self.not_flown is not None:
             return ()
-        reasons = [self.ending, *overrides_of(self.condition, ())]
+        reasons = [self.ending, *flight_overrides(self.condition, ())]
         if self.condition.hover is None:
             reasons += self.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP])
         return tuple(reason for reason in reasons if reason is not None)

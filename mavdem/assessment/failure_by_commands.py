@@ -104,14 +104,20 @@ class _LossCommands:
 def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact | None:
     """Returns the fact on what failed first, by the commands of the motors; None if they show nothing.
 
-    The commands in the time of trouble are compared with the usual ones before. They show, in this order: that all
-    motors were switched off, that all thrust was in use, that one motor is too weak (:func:`weak_motor`), or that the
-    output of one is frozen.
+    The commands in the time of trouble are compared with the usual ones before. The first of these that they show is
+    returned:
+
+    1. All motors were switched off.
+    2. The mean command of all motors was near the highest: all thrust was in use.
+    3. Before an impact without a loss of attitude, the vehicle sank at full throttle with a motor at its limit: all
+       thrust was in use then too.
+    4. One motor was too weak (:func:`weak_motor`).
+    5. The output of one motor was frozen.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        trouble: while the attitude left its setpoint or the vehicle fell.
+        trouble: the time in which the attitude left its setpoint, or before an impact.
     """
     commands = _commands_around(signals, boot, trouble.interval)
     if commands is None:
@@ -119,14 +125,18 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
     cause_of_all = _all_off(commands) or _thrust_spent(commands, trouble)
     if cause_of_all is not None:
         return cause_of_all
-    if trouble.fall_direction is None:
+    is_attitude_lost = trouble.fall_direction is not None
+    if not is_attitude_lost:
+        # Then the time of trouble ends with an impact. Where the attitude was lost the thrust points sideways, so that
+        # sinking does not show that all of it was in use.
         _, impact = trouble.interval
         sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
         if sinking is not None:
             return sinking
     weak = weak_motor(commands.motors, commands.change, trouble.fall_direction)
     if weak is None:
-        # A vehicle that fights for long drives all motors to and fro: what its controller did first shows the motor.
+        # A controller that fights for long drives all motors to and fro, so that their mean over the time of trouble
+        # hides the weak one. What the controller did first shows it.
         is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
         first_change = commands.now[is_first].mean(axis=0) - commands.usual
         weak = weak_motor(commands.motors, first_change, trouble.fall_direction)

@@ -159,10 +159,10 @@ class _Contact:
         return self._weighed_contact(time, rest, witnesses)
 
     def _search_end(self, rest: Rest | None, record_end: float) -> float | None:
-        """Returns the end of the time in which the contact is sought.
+        """Returns the end of the ``SEARCH_SECONDS`` in which the contact with the ground is sought.
 
         Args:
-            rest: rest of the vehicle afterwards; None if it did not come to rest.
+            rest: when and how the vehicle came to lie still after the flight; None if it did not.
             record_end: time of the last attitude of the boot, s since boot.
 
         Returns:
@@ -173,8 +173,10 @@ class _Contact:
         if self._ends_soon(record_end):
             return record_end
         if self.loss is not None and self.loss.time is not None:
-            # A vehicle that was lost may lie with its motors running. They shake it, so that it shows no rest.
-            return min(record_end, self.loss.time + SEARCH_SECONDS - MAX_SETPOINT_DELAY)
+            # After it lost its attitude, a vehicle may lie on the ground with its motors running, which shake it. Then
+            # the search begins MAX_SETPOINT_DELAY before that loss, and ends SEARCH_SECONDS after its beginning.
+            search_start = self.loss.time - MAX_SETPOINT_DELAY
+            return min(record_end, search_start + SEARCH_SECONDS)
         return None
 
     def _aftermath(self, time: float, rest: Rest | None, record_end: float) -> Facts:

@@ -204,7 +204,7 @@ def _standstill(
     witnesses = (
         no_rotation,
         *_counted_errors(controller, sensors.boot, recorded),
-        *_command_statements(command, recorded),
+        *_reaction_of_command(command, recorded),
         *_attitude_statements(error, recorded),
         *reports_on_motor(reports, sensors.boot, name, recorded),
     )
@@ -220,15 +220,19 @@ def _standstill(
     return weighed_event(event, witnesses)
 
 
-def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
-    """Returns whether the command of a motor rose to make up for its lost thrust, as a witness for or against the loss.
+def _reaction_of_command(command: TimeSeries, interval: Interval) -> Facts:
+    """Returns whether the command of a motor rose while its measured speed was zero.
+
+    If the motor really stood still, its thrust was missing, and the flight controller raised the command to make up for
+    it. If the command stayed as it was, the thrust was there, and the measured speed is wrong.
 
     Args:
         command: command of the motor in the boot (N,), as shares of the range.
-        interval: time when the motor stood still, s since boot.
+        interval: start and end of the time when its speed was zero, s since boot.
 
     Returns:
-        One statement; none without a command in the interval, or in twice ``RECOVERY_SECONDS`` before it.
+        One fact: ``COMMAND_ROSE`` supports that the motor stood still, ``COMMAND_UNCHANGED`` contradicts it. Empty if
+        no command was recorded in the interval, or in twice ``RECOVERY_SECONDS`` before it.
     """
     change = command_change(command.time, command.values, interval, HIGHEST_COMMAND_QUANTILE)
     if change is None:
@@ -236,8 +240,9 @@ def _command_statements(command: TimeSeries, interval: Interval) -> Facts:
     if change.rise > MIN_COMMAND_RISE:
         return (rise_statement(change, interval),)
     start, end = interval
+    usual_command = change.before
     unchanged = contradicting_statement(
-        Witness.COMMAND_UNCHANGED, share=change.before, time=start, until=end
+        Witness.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
     )
     return (unchanged,)
 
@@ -263,7 +268,7 @@ def command_change(
 
 
 def rise_statement(change: CommandChange, interval: Interval) -> Fact:
-    """Returns the witness that the command of a motor rose, which supports that it lost thrust.
+    """Returns the fact that the command of a motor rose, which supports that the motor lost thrust.
 
     Args:
         change: its commands before and in the interval.
@@ -280,7 +285,7 @@ def rise_statement(change: CommandChange, interval: Interval) -> Fact:
 
 
 def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
-    """Returns whether the attitude left its setpoint while a motor stood still, as a witness for or against its loss.
+    """Returns whether the attitude left its setpoint while a motor stood still, as a vehicle without its thrust would.
 
     Args:
         error: error of the attitude in the boot.

@@ -55,7 +55,7 @@ def position_losses(
     if has_position is None:
         return
     for start, end in _long_losses(has_position, flight):
-        reactions = _reactions(sensors, (start, end), reports)
+        reactions = _autopilot_reactions(sensors, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
         invalid: Facts = ()
         if validity is not None:
@@ -100,16 +100,19 @@ def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interva
             yield start, end
 
 
-def _reactions(sensors: BootSensors, interval: Interval, reports: Sequence[Fact]) -> Facts:
+def _autopilot_reactions(
+    sensors: BootSensors, interval: Interval, reports: Sequence[Fact]
+) -> Facts:
     """Returns the reactions of the autopilot to a lost position: failsafes, and changes to modes that need no position.
 
     Args:
-        sensors: sensors of the boot.
+        sensors: sensors of the boot, with the changes of the flight mode.
         interval: start and end of the time without a position, s since boot.
-        reports: events that the autopilot reports.
+        reports: events that the autopilot reports, of all boots.
 
     Returns:
-        One statement for each failsafe and each change of the mode.
+        A fact for each reaction, which supports that the position was lost: ``AUTOPILOT_REPORTED`` with the report of
+        a failsafe as its cause, or ``MODE_CHANGED`` with name and time of the new mode.
     """
     loss_time, end = interval
     # The estimator may report the loss later than the autopilot reacts to it.

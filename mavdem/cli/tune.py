@@ -102,7 +102,14 @@ def tune_command(
     assessment, evidence = assess_without_model(source, vehicle, params, inputs, start)
     axes = AXES if axis == ALL_AXES else (axis,)
     with progress("Choosing gains", measured=False):
-        tuning = tuned(assessment, axes, margins, more=more, filters=filters, is_written=bool(out))
+        tuning = tuned(
+            assessment,
+            axes,
+            margins,
+            is_written=bool(out),
+            raises_sound_gains=more,
+            filters=filters,
+        )
     if out:
         _write_tuning(out, source, tuning, assessment, evidence)
     if as_json:

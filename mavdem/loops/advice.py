@@ -149,13 +149,17 @@ def advised_parameters(advice_by_axis: AdviceByAxis) -> Parameters:
 
 
 def advise(
-    loop: Loop, tune: str = "default", doubts: Sequence[Fact] = (), *, more: bool = False
+    loop: Loop,
+    tune: str = "default",
+    doubts: Sequence[Fact] = (),
+    *,
+    raises_sound_gains: bool = False,
 ) -> Advice:
     """Returns gains of one axis for the next flight, on the way to the fastest loops that have given margins.
 
-    A loop whose estimate has these margins keeps its gains unless ``more`` is true. So gains that were advised once and
-    have been flown since are not changed again. The stage follows from the loops alone: while the rate loop lacks
-    margin it is tuned, then the attitude loop.
+    A loop whose estimate has these margins keeps its gains unless ``raises_sound_gains``. So gains that were advised
+    once and have been flown since are not changed again. The stage follows from the loops alone: while the rate loop
+    lacks margin it is tuned, then the attitude loop.
 
     There is no advice where gains must not follow from this flight: because of ``doubts`` about it, or for one of the
     :func:`reasons_for_no_gains`.
@@ -167,15 +171,17 @@ def advise(
         loop: rate and attitude loop of one axis, with N draws of the plant.
         tune: name of the margins to have, a key of ``MARGIN_TARGETS``.
         doubts: reasons not to trust the flight; with any of them no gains are advised.
-        more: whether gains are changed even though the loop has its margins.
+        raises_sound_gains: whether the gains of a loop that has its margins are raised, to make it faster.
 
     Returns:
         The gains to set, or the reasons for none, with the loops before and after.
     """
     target = MARGIN_TARGETS[tune]
     rating = margin_rating(loop, target)
-    may_change = more or rating.is_bad
-    refusals = tuple(doubts) or reasons_for_no_gains(loop, raises=more and not rating.is_bad)
+    may_change = raises_sound_gains or rating.is_bad
+    refusals = tuple(doubts) or reasons_for_no_gains(
+        loop, raises=raises_sound_gains and not rating.is_bad
+    )
     gains: dict[str, float] = {}
     step = NO_STEP
     if not refusals:

@@ -51,7 +51,7 @@ def share_with_margins(loop, target):
 @mark.slow
 @mark.parametrize("factor", [0.5, 4.5])
 def test_a_step_changes_rate_gains_together_by_half_at_most(factor):
-    advice = advise(made_up(factor), more=True)
+    advice = advise(made_up(factor), raises_sound_gains=True)
     assert advice.stage is Stage.RATE
     gains = advice.gains
     for gain in gains.values():
@@ -79,7 +79,7 @@ def test_the_design_has_the_margins_in_90_percent_of_models(factor, tune):
 
 @mark.slow
 def test_the_share_of_models_is_that_of_draws_that_chose_nothing():
-    advice = advise(before := made_up(0.5), more=True)
+    advice = advise(before := made_up(0.5), raises_sound_gains=True)
     half = len(before.effectiveness) // 2
     assert_array_equal(advice.after.effectiveness[1:], before.effectiveness[half:])
     assert share_with_margins(advice.after, advice.target) >= advice.sure >= 0.9
@@ -104,12 +104,12 @@ def test_steps_lead_to_the_margins_and_end_there():
 def test_more_ends_with_the_angles_gain_at_its_bound():
     loop = made_up(1.0)
     stages = []
-    advice = advise(loop, more=True)
+    advice = advise(loop, raises_sound_gains=True)
     while advice.parameters:
         stages.append(advice.stage)
         assert advice.sure >= 0.9
         loop = loop.with_parameters(advice.parameters)
-        advice = advise(loop, more=True)
+        advice = advise(loop, raises_sound_gains=True)
     assert stages == sorted(stages) and stages[-1] is Stage.ANGLE
     assert loop.controller.angle_gain == MAX_ANGLE_GAIN["roll"]
     assert loop.lean_in_wind < made_up(1.0).lean_in_wind
@@ -136,14 +136,14 @@ def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
     loop = made_up(1.0)
     search = GainSearch(loop, MARGIN_TARGETS["default"])
     assert search.margin_score(search.all_models.rate) >= 1
-    advice = advise(loop, more=True)
+    advice = advise(loop, raises_sound_gains=True)
     assert advice.after.rate.bandwidth > 0.8 * loop.rate.bandwidth
 
 
 @mark.slow
 def test_more_is_first_the_margins_at_all_effectivenesses():
     # The estimate has the margins, hardly any other model has them.
-    advice = advise(made_up(1.7), more=True)
+    advice = advise(made_up(1.7), raises_sound_gains=True)
     low, high = advice.sentence.figures["bandwidth"][::-1]
     assert advice.stage is Stage.RATE and low < high
 
@@ -218,7 +218,9 @@ def test_models_that_no_gains_help_do_not_lower_the_design():
 def test_a_gain_of_0_stays_0():
     loop = made_up()
     known = {**loop.record.parameters, "MC_ROLLRATE_D": 0.0}
-    advice = advise(loop_from_plant(loop.plant, replace(loop.record, parameters=known)), more=True)
+    advice = advise(
+        loop_from_plant(loop.plant, replace(loop.record, parameters=known)), raises_sound_gains=True
+    )
     assert "MC_ROLLRATE_D" not in advice.gains
     assert advice.parameters.keys() == {"MC_ROLLRATE_P", "MC_ROLLRATE_I"}
 

@@ -223,10 +223,10 @@ def searches_once():
     """Gains are searched once for the same loop and doubts: a search takes seconds."""
     known = {}
 
-    def advise_once(loop, margins, doubts=(), *, more=False):
-        key = (loop, margins, bool(doubts), more)
+    def advise_once(loop, margins, doubts=(), *, raises_sound_gains=False):
+        key = (loop, margins, bool(doubts), raises_sound_gains)
         if doubts or key not in known:
-            known[key] = advise(loop, margins, doubts, more=more)
+            known[key] = advise(loop, margins, doubts, raises_sound_gains=raises_sound_gains)
         return known[key]
 
     with MonkeyPatch.context() as patch:

@@ -73,7 +73,9 @@ def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
     """
     gains: Parameters = {}
     for _ in range(MAX_FLIGHTS):
-        advice = advise(loop.with_parameters(gains) if gains else loop, margins, more=True)
+        advice = advise(
+            loop.with_parameters(gains) if gains else loop, margins, raises_sound_gains=True
+        )
         if advice.refusals:
             return
         gains = {**gains, **advice.parameters}

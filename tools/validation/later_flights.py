@@ -176,7 +176,7 @@ def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, 
     changes: dict[str, float] = {}
     for loop in loops:
         if isinstance(loop, Loop):
-            changes.update(advise(loop, margins, more=True).parameters)
+            changes.update(advise(loop, margins, raises_sound_gains=True).parameters)
     return changes
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from math import isfinite, nan
 from typing import NamedTuple
 
-from mavdem.assessment.axis.overrides import overrides_of
+from mavdem.assessment.axis.overrides import flight_overrides
 from mavdem.assessment.axis.residuals import residuals
 from mavdem.assessment.condition import Condition
 from mavdem.confidence import coverage_factor
@@ -120,8 +120,8 @@ def findings_of(
     """
     if learned is None:
         # Whether rates and angles agree matters to a model only.
-        return Findings(overrides_of(condition, alarms, None, trim), (), ())
-    overrides = overrides_of(condition, alarms, consistency, trim)
+        return Findings(flight_overrides(condition, alarms, None, trim), (), ())
+    overrides = flight_overrides(condition, alarms, consistency, trim)
     purposes = _purpose_findings(learned, held_out)
     if overrides:
         purposes = [_overridden(finding, overrides[0]) for finding in purposes]

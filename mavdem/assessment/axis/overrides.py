@@ -43,23 +43,28 @@ class LimitedMotors(NamedTuple):
         )
 
 
-def overrides_of(
+def flight_overrides(
     condition: Condition | None,
     alarms: Sequence[MotorAlarm],
     consistency: float | None = None,
     trim: Fact | None = None,
 ) -> Facts:
-    """Collects the facts that make a flight itself doubtful, whatever a model of it is good for.
+    """Collects the faults of a flight that override the grades of any model learned from it.
 
-    There are five kinds. Of the first four only the worst is returned, since each explains those after it: a limit
-    cycle; motors that lost thrust; a motor at its upper limit in the hover; and an uneven trim. The fifth, recorded
-    rates that do not match the angles, is a fault of the data and independent of the others.
+    There are five kinds. Of the first four only the worst is returned, since each explains those after it:
+
+    1. A limit cycle (``Override.OSCILLATION``).
+    2. Motors that lost thrust, with a fact for each (``Override.MOTORS``).
+    3. A motor at its upper limit in the hover (``Override.SATURATION``).
+    4. Motors whose commands in the hover differ much from their mean (``Override.TRIM``).
+    5. Recorded body rates that do not match the angles (``Override.DATA``): a fault of the data, which is independent
+       of the others.
 
     Args:
-        condition: condition of the vehicle; None if it is not known.
+        condition: condition of the vehicle, with its limit cycle and its hover; None if it is not known.
         alarms: lasting changes of the motors' balance.
-        consistency: share of the angle's changes that the recorded rates explain; None if it is not known.
-        trim: deviations of the motors' commands from their mean; None if they are not known.
+        consistency: share of the angle's changes that the recorded rates explain (R²); None if it is not known.
+        trim: fact on the deviations of the motors' commands from their mean; None if they are not known.
 
     Returns:
         The facts, the worst first; empty for a sound flight.

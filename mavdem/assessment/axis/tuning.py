@@ -94,7 +94,7 @@ def tuned(
     margins: str = "default",
     *,
     is_written: bool,
-    more: bool = False,
+    raises_sound_gains: bool = False,
     filters: bool = False,
 ) -> Tuning:
     """Returns the gains to set for some axes of an assessed vehicle.
@@ -108,7 +108,7 @@ def tuned(
         axes: "roll", "pitch" and "yaw".
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
         is_written: whether a file will have the gains.
-        more: whether to raise gains of loops that have enough margin.
+        raises_sound_gains: whether the gains of loops that have enough margin are raised, to make them faster.
         filters: whether to set a notch filter too.
 
     Raises:
@@ -135,7 +135,12 @@ def tuned(
             loop_doubts = vehicle_doubts if decision is None else decision.doubts
             is_too_slow = decision is not None and decision.is_too_slow
             advice = _advice_on_loop(
-                loop, margins, loop_doubts, notch_parameters, more=more, is_too_slow=is_too_slow
+                loop,
+                margins,
+                loop_doubts,
+                notch_parameters,
+                raises_sound_gains=raises_sound_gains,
+                is_too_slow=is_too_slow,
             )
             advice_by_axis[axis] = advice
             advice_on_loops.append(advice)
@@ -246,38 +251,45 @@ def _step_without_gains(
 
 
 def _advice_on_loop(
-    loop: Loop,
+    flown_loop: Loop,
     margins: str,
     doubts: Facts,
     notch_parameters: Parameters,
     *,
-    more: bool,
+    raises_sound_gains: bool,
     is_too_slow: bool,
 ) -> Advice:
     """Returns the advice on the gains of one identified loop, with a notch filter if one is to be set.
 
+    The gains are advised up to three times, and the last advice counts:
+
+    1. For the loop with the gains at the end of the log, which are those of the next flight. An axis that is too slow
+       needs a faster rate loop, so its gains are raised even if the loop is sound.
+    2. Without raising sound gains, if that advice for a slow axis is to raise the angle gain.
+    3. With the notch filter, whose phase lag costs margin, if gains may be advised at all.
+
     Args:
-        loop: rate and attitude loop of the axis, with the gains that flew.
+        flown_loop: rate and attitude loop of the axis, with the gains that flew.
         margins: name of the margins to have, in ``MARGIN_TARGETS``.
-        doubts: reason why gains must not be computed from the loop; empty if they may be.
+        doubts: reasons why gains must not be computed from the loop; empty if they may be.
         notch_parameters: parameters that set the notch filter; empty without one.
-        more: whether to raise gains of a loop that has enough margin.
-        is_too_slow: whether the axis is too slow, so that the rate loop's gains are raised even without ``more``.
+        raises_sound_gains: whether the gains of a loop that has enough margin are raised.
+        is_too_slow: whether the axis follows its setpoint too slowly.
     """
-    raises_gains = more or is_too_slow
-    flown_loop = loop
     loop = loop_at_end_of_log(flown_loop)
     if loop is not flown_loop:
-        # What was measured in flight, which may refute the loop, belongs to the gains that flew.
+        # What was measured in flight, and may refute the identified loop, was measured with the gains that flew.
         doubts = (*doubts, *reasons_for_no_gains(flown_loop))
-    advice = advise(loop, margins, doubts, more=raises_gains)
-    if is_too_slow and not more and advice.stage is Stage.ANGLE:
-        # A higher angle gain only asks more of a rate loop that is too slow.
+    raises_gains = raises_sound_gains or is_too_slow
+    advice = advise(loop, margins, doubts, raises_sound_gains=raises_gains)
+    if is_too_slow and not raises_sound_gains and advice.stage is Stage.ANGLE:
+        # A higher angle gain only demands more of a rate loop that is too slow already.
         raises_gains = False
         advice = advise(loop, margins, doubts)
-    # The notch costs phase, so that gains which may be advised at all are advised again for the loop with it.
     if notch_parameters and not advice.refusals:
-        advice = advise(loop.with_parameters(notch_parameters), margins, more=raises_gains)
+        # Nothing was refused, so there are no doubts to pass on.
+        loop_with_notch = loop.with_parameters(notch_parameters)
+        advice = advise(loop_with_notch, margins, raises_sound_gains=raises_gains)
     return advice
 
 

@@ -101,27 +101,31 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
-    """Returns the rate at which the attitude itself was recorded between outages.
+    """Returns the rate at which the log has measured angles, without those that were computed between them.
 
-    The attitude that models use has the stamps of the body rates, where those were logged more often: its angles are
-    interpolated between those that were logged (PX4), or integrated from the rates (ArduPilot's PID_TUNING).
+    Where body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between
+    the logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).
 
     Args:
         telemetry: messages and repairs of the vehicle.
         attitude: attitude of an axis, as models use it.
 
     Returns:
-        The rate, Hz.
+        The rate between outages, Hz.
     """
     rates = [rate_between_outages(attitude)]
-    # Any other attitude is the one that was sent: hours of flight are not decoded again for its rate.
+    # An attitude that was not integrated comes from the attitude messages, which need not be decoded a second time.
     if attitude.message == TUNING_MESSAGE:
-        sent = attitude_from_messages(telemetry, TILT_AXES[0])
-        if sent is not None:
-            rates.append(rate_between_outages(sent))
+        # Each attitude message has the angles of all axes, so any axis shows the rate of the messages.
+        any_axis = TILT_AXES[0]
+        logged_attitude = attitude_from_messages(telemetry, any_axis)
+        if logged_attitude is not None:
+            rates.append(rate_between_outages(logged_attitude))
     for repair in telemetry.repairs:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
-            rates.append(repair.figures["attitude_rate"])
+            logged_rate = repair.figures["attitude_rate"]
+            rates.append(logged_rate)
+    # Computed angles only come in addition to the logged ones, whose rate is the lowest.
     return min(rates)
 
 
