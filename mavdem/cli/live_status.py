@@ -14,7 +14,7 @@ from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Figure
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
-from mavdem.report.live import watched_quantities
+from mavdem.report.live import watched_quantities_text
 from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
@@ -57,14 +57,15 @@ class StatusLines:
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal, two sentences are updated in place: one on the learning, and one on everything else, which is red
-        while an alarm lasts. Elsewhere, as in a file, only what is new is printed.
+        On a terminal, two lines are updated in place: one on the learning, and one on problems and on the quantities
+        that are watched without a model, such as the battery. The second is red while an alarm lasts. Elsewhere, as in
+        a file, only what is new is printed.
 
         Args:
             session: The session.
         """
         status = session.status
-        self._report_watch_changes(status.watch_facts)
+        self._print_watch_changes(status.watch_facts)
         sentences = [
             escape_unprintable(sentence.text)
             for sentence in render_section("live_status", status=status)
@@ -72,22 +73,25 @@ class StatusLines:
         if self._terminal_text is None:
             self._print_new(status, sentences)
             return
-        # The first sentence is on the learning. The others, on problems and on what is watched, share a line.
-        remarks = [*sentences[1:], watched_quantities(status.watch_facts, status.obstacle)]
-        remark_line = Text(" ".join(remarks), _style(*status.active_alarms))
-        self._terminal_text.update(Group(sentences[0], remark_line), refresh=True)
+        learning_line = sentences[0]
+        problems = sentences[1:]
+        # The obstacle to learning is stated in the sentences above: it is not repeated as the reason for not watching.
+        watched = watched_quantities_text(status.watch_facts, status.obstacle)
+        second_line = Text(" ".join([*problems, watched]), _style(*status.active_alarms))
+        self._terminal_text.update(Group(learning_line, second_line), refresh=True)
 
-    def _report_watch_changes(self, watch_facts: Facts) -> None:
+    def _print_watch_changes(self, watch_facts: Facts) -> None:
         """Prints the quantities whose watching has begun or ended since the last call, and why.
 
         Args:
-            watch_facts: Fact for each quantity that it is monitored, or why it is not.
+            watch_facts: A fact for each quantity that is watched without a model, such as the battery: since when, or
+                why it is not.
         """
         former_meanings = self._watch_meanings
         self._watch_meanings = {_meaning(fact) for fact in watch_facts}
         changed_facts = [fact for fact in watch_facts if _meaning(fact) not in former_meanings]
         if changed_facts:
-            print_to_stderr(timed(watched_quantities(changed_facts)))
+            print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
     def _print_new(self, status: SessionStatus, sentences: list[str]) -> None:
         """Prints a line where the state is another one than in the last line, or that was printed long ago.

@@ -336,10 +336,12 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
 
 
 def _fit(data: BlackBoxData, order: int) -> Iterate:
-    """Fits a black-box model with a given number of states: maximises F̄ by rounds of DEM and a quasi-Newton search.
+    """Fits a black-box model with a given number of states: maximises F̄ over the parameters and the noise precisions.
 
-    It starts from θ by regressions (:func:`theta_from_data`), since the free energy has many maxima, and from the prior
-    means of the noise precisions. Rounds alone converge slowly here, where the outputs show few of the states.
+    The free energy has many maxima. So the fit starts from θ by regressions (:func:`theta_from_data`) and from the
+    prior means of the log noise precisions λ, and the first states are estimated as if both were exact. A few rounds
+    of DEM follow, and then a quasi-Newton search (:func:`maximise_by_quasi_newton`): rounds alone converge slowly where
+    the outputs show few of the states.
 
     Args:
         data: the generalized data.
@@ -353,11 +355,12 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
     """
     model = data.generative_model(order)
     prior = model.prior
+    exact_lambda = np.zeros_like(prior.lambda_precision)
     start = initial_iterate(
         model,
         data.effective_statistics,
         start=(theta_from_data(data, order), prior.lambda_mean),
-        lambda_covariance=np.zeros_like(prior.lambda_precision),
+        lambda_covariance=exact_lambda,
     )
     return maximise_by_quasi_newton(start, MAX_EVALUATIONS)
 

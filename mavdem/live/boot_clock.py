@@ -68,8 +68,8 @@ class BootClock:
         # Successive attitude stamps that continue each other, but not the clock, s.
         self._stamps_of_new_clock: list[float] = []
         # When the latest message was received, and when the clock read 0 by the latest attitude, UNIX s.
-        self._reception = nan
-        self._reception_at_boot = nan
+        self._reception_time = nan
+        self._boot_time = nan
         # Mean step of the attitude stamps, s.
         self._mean_step = MIN_RESET_STEP
 
@@ -86,12 +86,12 @@ class BootClock:
         Returns:
             The message; None if it has no time and is dropped.
         """
-        self._reception = reception
+        self._reception_time = reception
         has_own_stamp = message.stamp > 0
         if not has_own_stamp:
             time = None if isnan(self._latest_time) else self._latest_time
         elif message.name in ATTITUDE_MESSAGES:
-            time = self._attitude_time(message)
+            time = self._advance_to_attitude(message)
         else:
             time = self._time_near_now(message)
         if time is None:
@@ -99,23 +99,27 @@ class BootClock:
         self._latest_time = time
         return TimedMessage(message, time, self.boot, has_own_stamp)
 
-    def _attitude_time(self, message: Message) -> float | None:
-        """Places an attitude on the clock, which it moves: across wraps of the stamp, and after a reboot or a jump.
+    def _advance_to_attitude(self, message: Message) -> float | None:
+        """Returns the time of an attitude on the boot clock, and advances the clock to it.
 
-        A single stamp that does not fit may be damaged, so the clock changes only after some that continue each other
-        (``_is_new_clock``). The first of them is then the beginning of the new clock.
+        There are two cases:
+
+        1. The stamp, with the wraps of its counter added, continues the clock.
+        2. It does not: the vehicle may have rebooted, its clock may have jumped, or this stamp is damaged. Such stamps
+           are collected as long as they continue each other, and their messages are dropped. When they prove that there
+           is a new clock (:meth:`_is_new_clock`), the clock restarts at the first of them. A stamp that continues the
+           present clock proves that this clock is still in use, and the collected ones are forgotten.
 
         Args:
-            message: an attitude with a stamp, s, that wraps after ``wrap_period``, s.
+            message: an attitude with a stamp, s, whose counter begins again after ``wrap_period``, s.
 
         Returns:
-            The time, s of the boot clock; None if the stamp neither continues the clock nor shows yet that the clock
-            has changed.
+            The time, s of the boot clock; None if the stamp does not continue the clock, and no new clock is proven.
         """
         time = self._unwrapped_time(message)
-        if self._has_come_back(message.stamp) or not _continues(time, self.now):
-            # The stamp may be of the clock of another boot, which has not wrapped. It is collected until such stamps
-            # prove that; the message is dropped until then.
+        continues_clock = _continues(time, self.now)
+        if not continues_clock or self._restarted_clock_has_caught_up(message.stamp):
+            # A new clock has not wrapped yet.
             time = message.stamp
             stamps = self._stamps_of_new_clock
             if stamps and _continues(time, stamps[-1]):
@@ -133,7 +137,7 @@ class BootClock:
             step = min(time - self.now, MIN_RESET_STEP)
             self._mean_step += (step - self._mean_step) / STEP_MEMORY
             self.now = time
-        self._reception_at_boot = self._reception - time
+        self._boot_time = self._reception_time - time
         self._stamps_of_new_clock.clear()
         return time
 
@@ -153,10 +157,12 @@ class BootClock:
             time += message.wrap_period
         return time
 
-    def _has_come_back(self, stamp: float) -> bool:
-        """Returns whether a clock that restarted shortly after its first start reaches where it was before.
+    def _restarted_clock_has_caught_up(self, stamp: float) -> bool:
+        """Returns whether a clock that restarted near zero has now reached the latest time of the former clock.
 
-        Its steady rise distinguishes it from a second link that is late, as in a log (``rises_steadily``).
+        That happens if the vehicle reboots shortly after its first start. From there on its stamps continue the former
+        clock by chance. Such a clock rises steadily since its restart, unlike the stamps of a second, late link
+        (``rises_steadily``).
 
         Args:
             stamp: the next attitude stamp, s.
@@ -174,8 +180,8 @@ class BootClock:
     def _is_new_clock(self, stamps: list[float]) -> bool:
         """Returns whether successive stamps prove that the vehicle's clock has changed.
 
-        A stamp of the former clock empties the list. So delayed messages of the same vehicle, or another vehicle with
-        the same ids, do not fill it while the former clock continues.
+        They were collected since the last stamp that continued the former clock (:meth:`_advance_to_attitude`). So
+        delayed messages, or those of another vehicle with the same ids, prove nothing while the former clock continues.
 
         ``MIN_RESET_STAMPS`` suffice if the clock jumped ahead, or fell far to a time near zero, as in a restart.
         Otherwise the stamps may come from a second link with a delay. Then they must continue for ``MAX_LATE_SECONDS``,
@@ -186,7 +192,7 @@ class BootClock:
         """
         if len(stamps) < MIN_RESET_STAMPS:
             return False
-        if self._has_come_back(stamps[-1]):
+        if self._restarted_clock_has_caught_up(stamps[-1]):
             return True
         first_stamp = stamps[0]
         fell_far = first_stamp < self.now - MAX_LATE_SECONDS
@@ -213,8 +219,8 @@ class BootClock:
         if first_stamp < former_now:
             self.boot += 1
             # Both are times of reception, UNIX s: when the new clock read 0, and when the former one was heard last.
-            boot_time = self._reception - self._stamps_of_new_clock[-1]
-            last_former_reception = self._reception_at_boot + former_now
+            boot_time = self._reception_time - self._stamps_of_new_clock[-1]
+            last_former_reception = self._boot_time + former_now
             booted_unheard = boot_time >= last_former_reception - MAX_UTC_DIFFERENCE
             if first_stamp <= MAX_RESTART_TIME or booted_unheard:
                 self._report(Fact(VehicleFact.VEHICLE_REBOOTED, clock=former_now))

@@ -46,7 +46,9 @@ class Milestones:
         self._reported_rows = 0
 
     def note_first_model(self, learning: FlightLearning, now: float, takeoff_time: float) -> None:
-        """Reports the first model, as soon as it is there.
+        """Reports the first model with its time, and how long after the take-off it was learned.
+
+        Nothing is reported before there is a model, and after the first report.
 
         Args:
             learning: learning that has the latest model.
@@ -55,18 +57,14 @@ class Milestones:
                 seen.
         """
         learner = learning.learner
-        if self._has_model or learner is None or learner.learned is None:
+        model = None if learner is None else learner.learned
+        if self._has_model or model is None:
             return
         self._has_model = True
-        seconds = now - takeoff_time
-        self._log(
-            Fact(
-                Session.FIRST_MODEL,
-                clock=now,
-                axis=self._axis,
-                duration=seconds if isfinite(seconds) else None,
-            )
-        )
+        seconds_since_takeoff = now - takeoff_time
+        duration = seconds_since_takeoff if isfinite(seconds_since_takeoff) else None
+        first_model = Fact(Session.FIRST_MODEL, clock=now, axis=self._axis, duration=duration)
+        self._log(first_model)
 
     def update(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
         """Reports two milestones as they are reached; it is called once in a status period.

@@ -262,14 +262,16 @@ def _window_deviations(residuals: Array, whitening: Array) -> Array:
 
 
 def _hat_convolutions(windows: Array, knots: Array) -> Array:
-    """Returns the convolutions of a signal with the hat functions of the nodes: the regressors of the response.
+    """Returns the convolutions of a signal with the hat functions of the inner knots: the regressors of the response.
 
-    The signal is linear between its samples. Its double integral, delayed by the knots, is its convolution with
-    (lag − knot)₊, and the hats are combined of these.
+    A hat is a weighted sum of the ramps max(lag − knot, 0) of three neighbouring knots (:func:`second_differences`).
+    The convolution of the signal with such a ramp is the signal's double integral, delayed by the knot. So the signal,
+    which is taken as linear between its samples, is integrated twice, delayed by each knot, and the delayed integrals
+    are summed with the weights of the hats.
 
     Args:
-        windows: samples of each window (W, B + taps).
-        knots: lags (K + 2,) from 0 to ``taps``, in samples.
+        windows: samples of each window (W, B + D), where D is the duration of the response, in samples.
+        knots: lags (K + 2,) in samples, from 0 to D: all but the first and the last are inner knots.
 
     Returns:
         The convolutions with each of the K hats, for the last B samples of each window (K, W, B).
@@ -282,25 +284,28 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
     integral = np.hstack([zeros, np.cumsum(sample + slope / 2, axis=1)])[:, :-1]
     increments = integral + sample / 2 + slope / 6
     double_integral = np.hstack([zeros, np.cumsum(increments, axis=1)])
-    taps = int(knots[-1])
+    duration = int(knots[-1])
     size = windows.shape[1]
-    delayed = np.empty((len(knots), len(windows), size - taps))
+    # The convolution with the ramp of each knot.
+    ramp_convolutions = np.empty((len(knots), len(windows), size - duration))
     for index, lag in enumerate(knots.tolist()):
-        # The time of a delayed sample is a whole sample and a part of the interval after it.
+        # A lag that is no whole number of samples reaches back to a time between two samples: to a fraction of the
+        # interval after the earlier one. There the double integral follows from the polynomial of that interval.
         whole_samples = ceil(lag)
-        part = whole_samples - lag
-        rows = slice(taps - whole_samples, size - whole_samples)
-        value = double_integral[:, rows]
-        if part:
-            value = (
-                value
-                + part * integral[:, rows]
-                + part**2 / 2 * sample[:, rows]
-                + part**3 / 6 * slope[:, rows]
+        fraction = whole_samples - lag
+        earlier = slice(duration - whole_samples, size - whole_samples)
+        delayed = double_integral[:, earlier]
+        if fraction:
+            delayed = (
+                delayed
+                + fraction * integral[:, earlier]
+                + fraction**2 / 2 * sample[:, earlier]
+                + fraction**3 / 6 * slope[:, earlier]
             )
-        delayed[index] = value
-    # The product with ``second_differences``, whose columns have three weights only, by differences of neighbours.
-    slopes = np.diff(delayed, axis=0)
+        ramp_convolutions[index] = delayed
+    # The same as the product with ``second_differences``. Each hat has three weights only, so that differences of
+    # neighbours, divided by the spacing of the knots, are quicker.
+    slopes = np.diff(ramp_convolutions, axis=0)
     slopes /= np.diff(knots)[:, None, None]
     return np.diff(slopes, axis=0)
 

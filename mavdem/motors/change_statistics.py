@@ -27,6 +27,9 @@ BATCH_LENGTHS = (1, 2, 4, 8)
 PRIOR_FREEDOM = 5.0
 """Degrees of freedom of the prior of the variance, before the flight has shown its own; a choice."""
 
+PRIOR_BLOCKS_PER_FREEDOM = 2
+"""Number of blocks that the prior of the long-run variance weighs as much as, for each degree of freedom: a choice."""
+
 BLOCKS_PER_FREEDOM = 4
 """Number of blocks that count as one more degree of freedom of the variance, since blocks are correlated."""
 
@@ -104,24 +107,25 @@ def long_run_variance(
 ) -> Array:
     """Estimates the long-run variance of blocks: n times the variance of the mean of n blocks.
 
-    Blocks are correlated, so this is more than the variance of a block. The method of batch means takes n times the
-    variance of the means of n neighbouring blocks, with overlapping batches. How long the correlation lasts is not
-    known: so several lengths (``BATCH_LENGTHS``) are tried, each estimate is pooled with the prior by its degrees of
-    freedom, and the largest counts.
+    Blocks are correlated, so this is more than the variance of a block. The method of overlapping batch means takes n
+    times the variance of the means of n neighbouring blocks, a batch. How long the correlation lasts is not known: so
+    several lengths n (``BATCH_LENGTHS``) are tried. Each estimate is averaged with the prior, weighted by numbers of
+    independent batches, and the largest counts.
 
     Args:
-        blocks: (N, a) blocks.
+        blocks: (N, a) means of successive blocks of flight on a axes.
         selection: (w, N) which blocks count, a run without gaps for each of w windows.
         mean: (w, a) mean of those blocks.
-        prior_variance: (a,) or (w, a) prior of the variance.
-        prior_freedom: Degrees of freedom of the prior.
+        prior_variance: (a,) or (w, a) prior of the long-run variance.
+        prior_freedom: Degrees of freedom of the prior; each weighs as much as ``PRIOR_BLOCKS_PER_FREEDOM`` blocks.
 
     Returns:
-        (w, a) variances.
+        (w, a) long-run variances; at least the prior.
     """
     # Sums of any run of blocks are differences of cumulative sums.
     cumulative = np.vstack([np.zeros_like(blocks[:1]), np.cumsum(blocks, axis=0)])
-    selected_blocks = selection.sum(axis=1, keepdims=True)
+    block_count = selection.sum(axis=1, keepdims=True)
+    prior_block_count = PRIOR_BLOCKS_PER_FREEDOM * prior_freedom
     variance = prior_variance
     for length in BATCH_LENGTHS:
         if length > len(blocks):
@@ -129,17 +133,17 @@ def long_run_variance(
         batch_means = (cumulative[length:] - cumulative[:-length]) / length
         # The selection has no gaps: a batch is in it if its first and last block are.
         is_batch_selected = selection[:, : len(batch_means)] & selection[:, length - 1 :]
-        batches = is_batch_selected.sum(axis=1, keepdims=True)
+        batch_count = is_batch_selected.sum(axis=1, keepdims=True)
         # The sum of the squared deviations from the mean, expanded so that no array of shape (w, N, a) is made.
         squares_about_zero = is_batch_selected @ batch_means**2
         cross_terms = 2 * mean * (is_batch_selected @ batch_means)
-        squares = squares_about_zero - cross_terms + batches * mean**2
-        # Batches overlap: as many are independent as fit one after the other.
-        independent = np.where(batches > length, selected_blocks / length, 0.0)
-        prior_weight = 2 * prior_freedom / length
-        sample_total = independent * length * squares / np.maximum(batches, 1)
-        prior_total = prior_weight * prior_variance
-        pooled_variance = (prior_total + sample_total) / (prior_weight + independent)
+        squares = squares_about_zero - cross_terms + batch_count * mean**2
+        # Batches overlap: as many are independent as fit one after the other. The blocks of the prior count likewise.
+        independent_count = np.where(batch_count > length, block_count / length, 0.0)
+        prior_count = prior_block_count / length
+        sample_total = independent_count * length * squares / np.maximum(batch_count, 1)
+        prior_total = prior_count * prior_variance
+        pooled_variance = (prior_total + sample_total) / (prior_count + independent_count)
         variance = np.maximum(variance, pooled_variance)
     return variance
 

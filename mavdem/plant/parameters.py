@@ -214,21 +214,26 @@ def parameter_vector(physical: Physical) -> Array:
 
 
 def wind_torque_density(physical: Physical, frequency: Array) -> Array:
-    """Returns the one-sided spectral density of the modelled wind torque.
+    """Returns the one-sided spectral density of the modelled wind torque, as the angular acceleration that it causes.
+
+    The angular acceleration is the torque divided by the moment of inertia about the axis.
 
     Args:
         physical: physical parameters, with the components of the wind torque.
         frequency: (F,) in Hz.
 
     Returns:
-        (F,) density, (rad/s²)²/Hz.
+        (F,) density of the angular acceleration, (rad/s²)²/Hz.
     """
-    omega = 2 * np.pi * frequency
-    densities = [
-        component.colour.density(omega, component.size, component.time)
-        for component in physical.components
-    ]
-    return 2 * np.sum(densities, axis=0)
+    angular_frequency = 2 * np.pi * frequency
+    two_sided_densities = []
+    for component in physical.components:
+        standard_deviation, time_scale = component.size, component.time
+        two_sided_densities.append(
+            component.colour.density(angular_frequency, standard_deviation, time_scale)
+        )
+    # A one-sided density has the power of the negative frequencies at the positive ones as well.
+    return 2 * np.sum(two_sided_densities, axis=0)
 
 
 def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: Array) -> Array:

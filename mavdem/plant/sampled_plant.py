@@ -56,7 +56,7 @@ class WindComponent(NamedTuple):
     """Spectrum of the component, up to scale."""
 
     size: float
-    """Standard deviation of the component, rad/s²."""
+    """Standard deviation of the component, as angular acceleration (torque per moment of inertia), rad/s²."""
 
     time: float
     """Time scale of the component, s."""
@@ -141,21 +141,22 @@ Four states are enough for the part of the spectrum that has power.
 
 
 def with_early_jumps(inputs: Array, lead: float) -> Array:
-    """Moves jumps between two samples of inputs that are interpolated linearly towards the earlier sample.
+    """Changes inputs so that their linear interpolation acts like inputs that jump early in a sampling step.
+
+    An input may change at once, somewhere in the step between two samples. Linear interpolation makes a ramp over the
+    step of that jump, as if it came in the middle of the step. A jump that comes earlier by ``lead`` of a
+    step adds an impulse, of ``lead`` · jump · step. The same impulse is added by raising the sample at the end of the
+    step by ``lead`` · jump, since the interpolation of one raised sample is a triangle two steps wide.
 
     A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
     the direction reverses, all of the change is a jump.
 
-    Linear interpolation turns a jump into a ramp over the step, as if it came in the middle of it. A jump that comes
-    ``lead`` steps earlier adds an impulse of ``lead`` · jump · step. The same impulse is added by raising the sample at
-    the end of the step by ``lead`` · jump, since its interpolation is a triangle two steps wide.
-
     Args:
-        inputs: W windows of inputs (W, N, r).
+        inputs: W windows of r inputs (W, N, r).
         lead: time by which a jump comes before the middle of its step, as a fraction of the step.
 
     Returns:
-        Inputs (W, N, r) whose linear interpolation acts like the earlier jumps.
+        Changed inputs (W, N, r).
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)

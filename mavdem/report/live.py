@@ -13,7 +13,7 @@ from mavdem.report.numbers import display_unit, name_with_unit
 from mavdem.report.templates import as_clause, capitalize_first, render_section
 
 
-def watched_quantities(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
+def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
     """Returns in one line what is watched without a model and since when, and why the rest is not watched.
 
     Args:

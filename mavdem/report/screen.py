@@ -244,12 +244,13 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
 
 
 def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:
-    """Returns the title of a report: name of the log, axis, duration, segments and rate.
+    """Returns the title of a report: name of the log, axis, duration, number of segments and sampling rate.
 
     Args:
-        flights: settled flight of one log and axis, at least one.
-        simulated: a fact that says so if the flight was simulated.
+        flights: segments of settled flight of one log, with the data of one axis each; at least one.
+        simulated: the fact that the flight was simulated, which the title then states; None for a real flight.
     """
+    # A flight that was made from arrays has no file.
     source = flights[0].provenance.get("source") or "Arrays"
     name = Path(str(source)).name
     (title,) = render_section("title", flights=flights, name=name, simulated=simulated)

@@ -17,7 +17,7 @@ from mavdem.live.display import DisplayRow
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.plant.online_wind_torque import is_torque_resolved
 from mavdem.report.blocks import markdown
-from mavdem.report.live import watched_quantities
+from mavdem.report.live import watched_quantities_text
 from mavdem.report.numbers import (
     TORQUE_UNIT,
     display_unit,
@@ -185,7 +185,7 @@ def figures(
     cards = render_section(
         "live_cards",
         status=status,
-        watched=watched_quantities(status.watch_facts),
+        watched=watched_quantities_text(status.watch_facts),
         row=row,
         channels=channels,
         until=trained_until,

@@ -32,7 +32,7 @@ from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
 from mavdem.live.watchdog import ALARMING_SHARE, CALM_SECONDS, DECISION_SECONDS
 from mavdem.live.wind import WindEstimate
-from mavdem.report.live import watched_quantities
+from mavdem.report.live import watched_quantities_text
 
 
 @dataclass(frozen=True)
@@ -223,10 +223,10 @@ def test_what_is_watched_is_always_shown():
         what for what, fact in found.items() if fact.code is Watch.WATCHED
     } - {Watched.MOTOR_LIMITS}
     assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
-    assert "loss of thrust (" in watched_quantities(
+    assert "loss of thrust (" in watched_quantities_text(
         status.watch_facts
-    ) and "battery" in watched_quantities(status.watch_facts)
-    assert not watched_quantities([])
+    ) and "battery" in watched_quantities_text(status.watch_facts)
+    assert not watched_quantities_text([])
 
 
 @mark.parametrize(
@@ -325,7 +325,7 @@ def test_every_vehicle_on_a_link_is_watched():
     found = said(made, Watch.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
     assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
-    assert "vehicle 2:1 watched: " in watched_quantities(made.stream.status().watch_facts)
+    assert "vehicle 2:1 watched: " in watched_quantities_text(made.stream.status().watch_facts)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")
     found = said(made, Watch.OTHER_VEHICLE_ALARM)

@@ -146,7 +146,7 @@ class SampleFreeEnergy:
             The function, with all factors that do not depend on the sample.
         """
         model = posterior.model
-        totals = _terms_without_errors(posterior)
+        totals = _terms_without_sample_errors(posterior)
         totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
         # Every sample has an equal share of what belongs to the training data as a whole.
         sample_count = posterior.samples.sample_count
@@ -250,7 +250,7 @@ def _error_weights(posterior: Posterior) -> Array:
     expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
     # Errors that λ leaves alone have the index −1, which picks the 0 appended at the end.
     added_shares = np.append(expected_precisions / np.exp(posterior.lambda_) - 1.0, 0.0)
-    rows = _rows_by_term(model)
+    rows = _error_rows_by_term(model)
     weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
     for column, term in enumerate(SAMPLE_TERMS):
         if term is Term.MEAN_FIELD:
@@ -318,10 +318,14 @@ def lambda_curvature(posterior: Posterior) -> Array:
 
 
 def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
-    """Computes the terms of the free action at optimal covariances, F̄ᵒ, Eq. ``F_action_opt``.
+    """Computes the terms of the free energy action at optimal covariances, F̄ᵒ.
 
-    Each is the sum over the training samples of the term of :class:`SampleFreeEnergy` of the same name, computed from
-    the second moments of the data. The mean-field term is zero at optimal covariances, and is left out.
+    It is Eq. ``F_action_opt`` of the paper (docs/mathematics.md).
+
+    Three terms are weighted squares of the samples' prediction errors, −½ Σ ε̃ᵀ Π̃ ε̃, of outputs, inputs and states.
+    The others, entropies and priors, do not depend on these errors. The mean-field term is zero at optimal covariances,
+    and is left out. Each term is the sum over the training samples of the term of :class:`SampleFreeEnergy` of the same
+    name, but computed from the second moments of the data, without a loop over samples.
 
     Args:
         posterior: a posterior whose covariances are the inverses of the negative curvatures, as
@@ -331,17 +335,17 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
         The terms by name, nats.
     """
     model = posterior.model
+    error_precision = model.error_precision(np.exp(posterior.lambda_))
+    error_moments = posterior.moments.error_moments(posterior.theta)
     # Π̃ times Σ ε̃ε̃ᵀ, entry by entry: the sum over the block of one kind of errors is their Σ ε̃ᵀ Π̃ ε̃.
-    weighted_squares = model.error_precision(
-        np.exp(posterior.lambda_)
-    ) * posterior.moments.error_moments(posterior.theta)
-    terms = _terms_without_errors(posterior)
-    for term, rows in _rows_by_term(model).items():
+    weighted_squares = error_precision * error_moments
+    terms = _terms_without_sample_errors(posterior)
+    for term, rows in _error_rows_by_term(model).items():
         terms[term] = -0.5 * weighted_squares[rows, rows].sum()
     return {term: terms[term] for term in Term if term is not Term.MEAN_FIELD}
 
 
-def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
+def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
     The error of a prior of x, which follows those of the states, is counted among them.
@@ -360,7 +364,7 @@ def _rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     }
 
 
-def _terms_without_errors(posterior: Posterior) -> dict[Term, float]:
+def _terms_without_sample_errors(posterior: Posterior) -> dict[Term, float]:
     """Returns the terms of F̄ that do not depend on the errors of samples, summed over the training data.
 
     Args:

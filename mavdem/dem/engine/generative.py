@@ -240,17 +240,24 @@ class GenerativeModel:
         return self.hidden_columns.start + self.n * (self.p + 1) + self.r * (self.d + 1)
 
     def error_operator(self, theta: Array) -> Array:
-        """Returns the matrix E that maps data and hidden states to the prediction errors, ε̃ = E [ỹ; η̃; x̃; ṽ].
+        """Returns the matrix E that maps data and hidden states to the prediction errors, ε̃ = E [ỹ; η̃; X].
 
-        The errors are those below Eq. ``free_E``: ỹ − C̃x̃ of the outputs, ṽ − η̃ of the inputs, Dx̃ − Ãx̃ − B̃ṽ of the
-        states and, where x has a prior, x itself.
+        With X = [x̃; ṽ] the errors are ỹ − C̃x̃ of the outputs, ṽ − η̃ of the inputs, Dx̃ − Ãx̃ − B̃ṽ of the states and,
+        only where x has a prior, x itself. So the blocks of E are:
+
+            rows        ỹ    η̃    x̃       ṽ
+            outputs     I    0    −C̃      0
+            inputs      0   −I    0       I
+            states      0    0    D − Ã   −B̃
+            prior       0    0    [I 0]   0
 
         Args:
             theta: (k,) parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)].
 
         Returns:
-            E, (dim ε̃, dim [ỹ; η̃; X]): a constant matrix, but for the blocks −C̃, −Ã and −B̃, whose entries are −θ.
+            E, (dim ε̃, dim [ỹ; η̃; X]).
         """
+        # Only the entries of −C̃, −Ã and −B̃ depend on θ: each of them is minus one parameter.
         structure = self._operator_structure
         operator = structure.constant.copy()
         operator[structure.rows, structure.columns] = -theta[structure.parameters]
@@ -260,15 +267,8 @@ class GenerativeModel:
     def _operator_structure(self) -> OperatorStructure:
         """Where the blocks −C̃, −Ã and −B̃ put the parameters into the error operator E, and its constant part.
 
-        It depends on the sizes and embedding orders only, and is computed once; for each θ, :meth:`error_operator` then
-        only fills in the parameters. E has a row for each prediction error and a column for each entry of [ỹ; η̃; X].
-        With X = [x̃; ṽ] its blocks are, the last row only where x has a prior:
-
-            rows        ỹ    η̃    x̃       ṽ
-            outputs     I    0    −C̃      0
-            inputs      0   −I    0       I
-            states      0    0    D − Ã   −B̃
-            prior       0    0    [I 0]   0
+        It depends on the sizes and embedding orders only, and is computed once; for each θ, :meth:`error_operator`,
+        which shows the blocks of E, then only fills in the parameters.
 
         First the constant blocks are filled. Then a matrix of the same shape gets the number of the parameter that
         stands in each entry, and its nonzero entries are listed.
