@@ -11,9 +11,10 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
-from mavdem.assessment.axis.analysis import ShowStep, analyse_without_model, show_nothing
+from mavdem.assessment.axis.analysis import analyse_without_model
 from mavdem.assessment.axis.figures import ALL_AXES, AxisFigures
 from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_axis
+from mavdem.assessment.axis.options import ShowStep, show_nothing
 from mavdem.assessment.ending import ending_of, weighed_reports
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset

@@ -594,6 +594,9 @@ def _is_too_fast(time: Array, steps: Array, message_interval: float) -> bool:
         time: times after the step (K,), s.
         steps: step responses of the identified loop (N, K), that of the estimate first.
         message_interval: time between two messages, s.
+
+    Returns:
+        Whether the estimate's rise from 10 to 90 % takes fewer than ``MIN_RISE_MESSAGES`` intervals.
     """
     rise_time = rise_times(time, steps[:1])[0]
     return bool(rise_time < MIN_RISE_MESSAGES * message_interval)

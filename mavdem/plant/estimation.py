@@ -5,6 +5,7 @@ window's own. Method and limits: docs/physical.md.
 """
 
 from contextlib import suppress
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -268,18 +269,23 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
     relative[1, r] = 1 / damping
     relative[2, r + 1] = 1 / lag
     likelihood_sd = np.sqrt(np.diag(relative @ covariance @ relative.T))
+    relative_sd = dict(
+        zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
+    )
     refinement_values = model.refinement_values(theta).tolist()
     refinements = dict(zip(model.refinements, refinement_values, strict=True))
-    relative_sd = OmissionErrors.likelihood_factor * likelihood_sd
+    thrust_curve = refinements.get(Refinement.THRUST_CURVE, 0.0)
+    thrust_curve_sd = OmissionErrors.thrust_curve_damping * thrust_curve / damping
+    relative_sd["damping"] = hypot(relative_sd["damping"], thrust_curve_sd)
     figures = IdentifiabilityFigures(
         wind_share=_wind_share(fit, windows),
         alias_share=_alias_share(fit, windows),
-        sd=dict(zip(PARAMETERS, relative_sd.tolist(), strict=True)),
+        sd=relative_sd,
         spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
         lag=np.exp(theta[model.lag_index]),
         dt=windows.dt,
         unpredicted_share=windows.unpredicted_share,
-        thrust_curve=refinements.get(Refinement.THRUST_CURVE, 0.0),
+        thrust_curve=thrust_curve,
     )
     status, reasons = identifiability(figures)
     bias = 0.0
@@ -366,11 +372,13 @@ def with_omission_errors(
     damping_error = errors.damping
     if figures.lag_unresolved:
         damping_error = errors.unresolved_lag_damping
+    damping_variance = spectrum_variance[1] * damping**2 + damping_error**2
+    damping_variance += (errors.thrust_curve_damping * figures.thrust_curve) ** 2
     lag_variance = spectrum_variance[2] + errors.lag**2
     lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
     separate_variances = [
         *(effect * errors.motor) ** 2,
-        damping**2 * spectrum_variance[1] + damping_error**2,
+        damping_variance,
         lag**2 * lag_variance,
         errors.delay**2 + (errors.unpredicted_delay * figures.unpredicted_share) ** 2,
     ]

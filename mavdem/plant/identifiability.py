@@ -122,6 +122,13 @@ class OmissionErrors:
     fit cannot tell: anywhere within one standard deviation, as likely at each, which has 1/√3 standard deviations.
     """
 
+    thrust_curve_damping = 11.0
+    """Error of the damping for each unit of that change of the effect, 1/s.
+
+    An effect that changes with the command turns quick commands into slow torque, which a fit takes for damping. The
+    figure was chosen on half A of the flights with motors at their limits of ``tools/validation/parameter_coverage.py``.
+    """
+
     unidentified_effect = 0.4
     """Error of an effect that is not identifiable, relative to the effect."""
 
@@ -167,7 +174,10 @@ class IdentifiabilityFigures(NamedTuple):
     """Share of the commands' variance above half of the Nyquist frequency."""
 
     sd: dict[str, float]
-    """Relative standard deviation of each estimate, with ``OmissionErrors.likelihood_factor``."""
+    """Relative standard deviation of each estimate, with ``OmissionErrors.likelihood_factor``.
+
+    That of the damping has its error by the thrust curve, too.
+    """
 
     spectrum_range: dict[str, float]
     """Range of the logarithm of each estimate over the assumed spectra of the wind torque."""

@@ -243,6 +243,7 @@ class SinkThread(threading.Thread):
         self._listed_events.appendleft(event)
         text = events_text(self._listed_events)
         recording.log("events", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        # A fact may state another one as its cause, here possibly the change of a motor.
         cause = event.fact.figures.get("because", event.fact)
         if self._writer is not None and isinstance(cause, Fact):
             if cause.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):

@@ -196,8 +196,8 @@ class BootSensors:
             time: s since boot.
 
         Returns:
-            Statements of barometer and estimate, as far as they were recorded, for or against a flight. None if the
-            take-off was before the log: then the height above it is not known.
+            Statements of barometer and estimate, as far as they were recorded, for or against a flight; empty if the
+            take-off was before the log, since then the height above it is not known.
         """
         if isinf(self.take_off):
             return ()

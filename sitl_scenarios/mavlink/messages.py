@@ -37,6 +37,7 @@ from sitl_scenarios.rotors import (
     CIRCLES,
     MAX_PULSE,
     MIN_PULSE,
+    Shape,
     pulse_width,
     rotor_count,
 )
@@ -67,6 +68,12 @@ UNUSED = np.iinfo(np.uint16).max
 
 UNKNOWN_RSSI = np.iinfo(np.uint8).max
 """Value of a signal strength that is not known, by the definition of RC_CHANNELS."""
+
+ARDUPILOT_MOTOR_OFFSET = 32
+"""SERVOn_FUNCTION of motor m is 32 + m (for motors 1 to 8)."""
+
+PX4_MOTOR_OFFSET = 100
+"""PWM_MAIN_FUNCn of motor m is 100 + m."""
 
 CHANNELS: int = definitions_by_name()["HIL_ACTUATOR_CONTROLS"].wire["controls"].shape[0]
 """Number of channels in each message of motor outputs."""
@@ -291,26 +298,49 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     Returns:
         The parameters with their types, in alphabetical order.
     """
-    system = scenario.stream.system
-    layout = scenario.vehicle.layout
-    frame_type = int(layout == "x")
-    autostart = PX4_X_AIRFRAME if layout == "x" else PX4_PLUS_AIRFRAME
-    if layout in CIRCLES:
-        frame_type = CIRCLES[layout].frame_type
-        autostart = CIRCLES[layout].px4_airframe
-    rotors = rotor_count(layout)
-    more_rotors = range(5, rotors + 1)
-    identity = {"MAV_SYSID": system, "FRAME_TYPE": frame_type}
-    # SERVOn_FUNCTION 33 and on are motors 1 and on; PWM_MAIN_FUNCn has 101 and on.
-    identity |= {f"SERVO{motor}_FUNCTION": 32 + motor for motor in more_rotors}
     if autopilot.name == "px4":
-        identity = {"MAV_SYS_ID": system, "SYS_AUTOSTART": autostart}
-        identity |= {f"PWM_MAIN_FUNC{motor}": 100 + motor for motor in more_rotors}
-        identity |= {"MAV_TYPE": VEHICLE_TYPES[rotors]}
-    kinds = {name: kind for kind, parameters in autopilot.parameters.items() for name in parameters}
+        vehicle_parameters = _px4_vehicle_parameters(scenario)
+    else:
+        vehicle_parameters = _ardupilot_vehicle_parameters(scenario)
     values: dict[str, float] = {}
-    for parameters in (*autopilot.parameters.values(), identity, control_parameters(scenario)):
-        values |= parameters
+    kinds: dict[str, int] = {}
+    for kind, fixed_parameters in autopilot.parameters.items():
+        values |= fixed_parameters
+        kinds |= dict.fromkeys(fixed_parameters, kind)
+    values |= vehicle_parameters
+    values |= control_parameters(scenario)
     return [
         Parameter(name, kinds.get(name, REAL32), float(values[name])) for name in sorted(values)
     ]
+
+
+def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
+    """Returns ArduPilot's parameters of the system id, the frame and the motors after the fourth, by name."""
+    layout = scenario.vehicle.layout
+    frame_type = CIRCLES[layout].frame_type if layout in CIRCLES else int(layout == "x")
+    values = {"MAV_SYSID": scenario.stream.system, "FRAME_TYPE": frame_type}
+    for motor in _motors_beyond_four(layout):
+        values[f"SERVO{motor}_FUNCTION"] = ARDUPILOT_MOTOR_OFFSET + motor
+    return values
+
+
+def _px4_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
+    """Returns PX4's parameters of the system id, the frame and the motors after the fourth, by name."""
+    layout = scenario.vehicle.layout
+    if layout in CIRCLES:
+        airframe = CIRCLES[layout].px4_airframe
+    else:
+        airframe = PX4_X_AIRFRAME if layout == "x" else PX4_PLUS_AIRFRAME
+    values = {
+        "MAV_SYS_ID": scenario.stream.system,
+        "MAV_TYPE": VEHICLE_TYPES[rotor_count(layout)],
+        "SYS_AUTOSTART": airframe,
+    }
+    for motor in _motors_beyond_four(layout):
+        values[f"PWM_MAIN_FUNC{motor}"] = PX4_MOTOR_OFFSET + motor
+    return values
+
+
+def _motors_beyond_four(layout: Shape) -> range:
+    """Returns the numbers of the motors after the fourth. Those up to it are in the autopilot's fixed parameters."""
+    return range(5, rotor_count(layout) + 1)

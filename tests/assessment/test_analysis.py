@@ -11,8 +11,8 @@ from recorded_flights import FLIGHT, short_flight
 
 import mavdem
 from mavdem.assessment.assess import assess
-from mavdem.assessment.axis.analysis import MAX_SLOW_ERROR_RATIO, slow_motion_refusal
 from mavdem.assessment.axis.figures import model_figures
+from mavdem.assessment.axis.training import MAX_SLOW_ERROR_RATIO, slow_motion_refusal
 from mavdem.dem import parallel
 from mavdem.facts.assessment import Caveat, NoModel
 from mavdem.facts.model import NoPhysical

@@ -95,23 +95,32 @@ def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     assert known[Light.VIBRATION] in following.figures["also"]
 
 
+BAD_VIBRATION = Fact(
+    VibrationLight.VIBRATION_MEASURED,
+    Level.BAD,
+    subject="IMU 1",
+    vibration=40.0,
+    acceptable_vibration=30.0,
+    axis="",
+    clips=0,
+    is_settled=True,
+)
+
+
 def test_the_next_step_says_do_not_fly_once():
     limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
-    vibration = Fact(
-        VibrationLight.VIBRATION_MEASURED,
-        Level.BAD,
-        subject="IMU 1",
-        vibration=40.0,
-        acceptable_vibration=30.0,
-        axis="",
-        clips=0,
-        is_settled=True,
-    )
     saturated = Fact(InFlight.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0)
-    step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(vibration, saturated))
+    step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(BAD_VIBRATION, saturated))
     assert str(step).count("Do not fly") == 1
     assert " Also balance the propellers and mount the autopilot softly. " in str(step)
     assert " Nor fly before motor 3," in str(step)
+
+
+def test_the_next_step_says_do_not_fly_where_the_headline_does_not():
+    toppled = Fact(Ending.TOPPLED_AT_LANDING, time=9.0, height=0.0, cause=None, word=None)
+    assert "Do not fly" not in toppled.remedy
+    step = Fact(NextStep.DO_AS_ADVISED, because=toppled, also=(BAD_VIBRATION,))
+    assert " Do not fly: balance the propellers" in str(step)
 
 
 @mark.parametrize("code", [Ending.CONTROL_LOST, Ending.CRASHED])

@@ -151,7 +151,7 @@ def test_a_flight_too_slow_for_a_model_gives_condition_reason_and_remedy(tmp_pat
 @mark.usefixtures("without_pages")
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
     breaks_down = Mock(side_effect=np.linalg.LinAlgError("Singular matrix"))
-    monkeypatch.setattr("mavdem.assessment.axis.analysis.learn", breaks_down)
+    monkeypatch.setattr("mavdem.assessment.axis.training.learn", breaks_down)
     assert run("learn", short_flight(tmp_path), "--train", "400", "--out", tmp_path / "out") == 1
     assert "Singular matrix" in capsys.readouterr().out
     assert names(tmp_path / "out") == {"report.json", "report.html"}

@@ -6,7 +6,7 @@ from pytest import mark
 from refusals import refused
 from simulated import simulated
 
-from mavdem.assessment.axis.analysis import flights_after_start
+from mavdem.assessment.axis.training import flights_after_start
 from mavdem.experiments.window import no_test_window, too_short
 from mavdem.facts.forecasts import Forecasts
 

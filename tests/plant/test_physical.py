@@ -359,8 +359,11 @@ def test_what_the_model_leaves_out_adds_its_variances():
     assert_allclose(covariance[2:, 2:], np.diag(others))
 
 
-def test_an_effect_that_changes_with_the_command_has_a_wider_interval():
-    """It is meant at a command within one standard deviation, as likely at each: a change of 18 % errs by 18/√3 %."""
+def test_an_effect_that_changes_with_the_command_widens_intervals():
+    """It is meant at a command within one standard deviation, as likely at each: a change of 18 % errs by 18/√3 %.
+
+    And slow torque by quick commands is taken for damping.
+    """
     values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
     figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
     straight, curved = (
@@ -377,6 +380,7 @@ def test_an_effect_that_changes_with_the_command_has_a_wider_interval():
     )
     added = np.zeros((5, 5))
     added[:2, :2] = np.outer(values[:2], values[:2]) * 0.18**2 / 3
+    added[2, 2] = (0.18 * limits.OmissionErrors.thrust_curve_damping) ** 2
     assert_allclose(curved - straight, added, atol=1e-12)
 
 

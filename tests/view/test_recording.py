@@ -12,7 +12,7 @@ from rerun_file import chunks, drawn, views
 
 import mavdem
 from mavdem.assessment.assess import assess
-from mavdem.assessment.axis.analysis import Options
+from mavdem.assessment.axis.options import Options
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.facts import Fact, Level

@@ -34,7 +34,7 @@ STAGES = {
         "assessment.motion:motion_events",
         "assessment.ending:ending_of",
     ],
-    "model, held-out windows": ["assessment.axis.analysis:_train_and_test"],
+    "model, held-out windows": ["assessment.axis.training:train_and_test"],
     "physical parameters of the axes": ["assessment.axis.figures:physical_parameters"],
     "wind torque": ["plant.wind_torque:estimate_wind_torque"],
     "loops, lights": ["assessment.axis.loops:loops_of_axes", "assessment.judgement:judge"],

@@ -5,10 +5,8 @@ model was trained on, and graded by the findings. A model of the slow motion is 
 baselines.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,11 +19,13 @@ from mavdem.assessment.axis.figures import (
     physical_parameters,
 )
 from mavdem.assessment.axis.findings import with_oscillation_torque_marked
+from mavdem.assessment.axis.options import Options, ShowStep, show_nothing
+from mavdem.assessment.axis.training import train_and_test
 from mavdem.assessment.condition import condition_of
 from mavdem.assessment.identity import identity_of
 from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
-from mavdem.dataset.flights import flights_of_longest_boot, usable_segments
+from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.intervals import Intervals, in_intervals
 from mavdem.dataset.learnability import Learnability, learnability_of
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -33,25 +33,13 @@ from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.steady_flight import tracked_headings
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.dem import Learned, Settings, learn
-from mavdem.dem.learning import MIN_SAMPLES, prepared_training
-from mavdem.errors import NotLearnable, fact_from_error
-from mavdem.experiments.held_out import (
-    BASELINES,
-    FOLDS,
-    HeldOut,
-    Progress,
-    held_out_test,
-    held_out_windows,
-)
-from mavdem.experiments.paired_test import SIGNIFICANCE, paired
+from mavdem.dem import Learned
+from mavdem.errors import NotLearnable
 from mavdem.experiments.truth import compare_with_truth, truth_of
-from mavdem.experiments.window import Length, TooFewSamples, no_test_window, part_samples, too_short
+from mavdem.experiments.window import TooFewSamples
 from mavdem.facts import Fact
 from mavdem.facts.assessment import Caveat, NoModel
-from mavdem.facts.forecasts import Forecasts, TestResult
-from mavdem.files import PathName
-from mavdem.flight import Flight, Flights
+from mavdem.flight import Flights
 from mavdem.immutable import ReadOnlyDict
 from mavdem.ingest import Log
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -62,21 +50,6 @@ from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
-MAX_SLOW_ERROR_RATIO = 0.9
-"""Squared error of a model of the slow motion, over that of each baseline, up to which the model is worth having."""
-
-ShowStep = Callable[..., AbstractContextManager[Progress]]
-"""Shows a step of the work, given its ``title`` and whether it is ``measured``.
-
-It returns a context, which yields a function. A measured step calls that with the share of the work that is done.
-"""
-
-
-def show_nothing(title: str, measured: bool = True) -> AbstractContextManager[Progress]:
-    """Shows no step of the work: the default of :func:`analyse`, whose parameters those of :data:`ShowStep` are."""
-    return nullcontext(lambda share: None)
-
-
 FiguresOfAxes = Callable[[], Mapping[str, AxisFigures]]
 """Returns figures of some axes by name, when they are there."""
 
@@ -84,33 +57,6 @@ FiguresOfAxes = Callable[[], Mapping[str, AxisFigures]]
 def no_figures() -> Mapping[str, AxisFigures]:
     """Returns the figures of no axis: the default of :func:`analyse`."""
     return {}
-
-
-@dataclass(frozen=True)
-class Options:
-    """What of a log is analysed, and how a model is learned."""
-
-    inputs: str | None = None
-    """Inputs of the model, as for :func:`mavdem.read_flight`."""
-    settings: Settings = field(default_factory=Settings)
-    """Settings of the fits."""
-    start: float = 0.0
-    """Time at the beginning of the settled flight that is left out, s."""
-    train: Length | None = None
-    """Length of the training data; None to train on all of the flight, and to test by cross-validation."""
-    test: Length | None = None
-    """Length of a test window; None for the default."""
-    truth: PathName | None = None
-    """Truth file of a simulated flight."""
-    with_model: bool = True
-    """Whether to learn the model. Without it only a model of the slow motion is learned, since its test decides whether
-    there is one."""
-    with_motors: bool = True
-    """Whether to search the flight for weak motors and oscillations, and to align all its segments.
-
-    Without it, and without a model, only that is computed which decides whether a model can be learned. Of hours of
-    flight this takes a small part of the time.
-    """
 
 
 def analyse(
@@ -163,7 +109,7 @@ def analyse(
     if not segments or not (options.with_model or is_slow):
         return analysis
     try:
-        trained = _train_and_test(segments, options, progress, is_slow)
+        trained = train_and_test(segments, options, progress, is_slow)
     except NotLearnable as error:
         has_chosen_lengths = options.start or options.train or options.test
         if isinstance(error, TooFewSamples) and has_chosen_lengths:
@@ -465,167 +411,3 @@ def _gradual_losses(
         if loss is not None:
             losses.append(loss)
     return losses
-
-
-class _TestedModel(NamedTuple):
-    """A model with the data of its training and test."""
-
-    flights: Flights
-    """What the model was trained on."""
-    learned: Learned
-    """The model."""
-    held_out: HeldOut
-    """Forecasts of windows that no model was trained on."""
-
-
-def _train_and_test(
-    segments: Flights, options: Options, progress: ShowStep, is_slow: bool
-) -> _TestedModel:
-    """Trains a model and tests it on windows that it was not trained on.
-
-    There are three ways. With a given length of the training data, the model is trained on so much of the longest
-    segment and tested once on what follows. Otherwise it is trained on all flights, and judged by cross-validation: by
-    models that are each trained without one part of the flights. For a model of the slow motion this comes first, and
-    the model is learned only if it is worth having.
-
-    Args:
-        segments: segments of settled flight.
-        options: choices of the user, with the lengths of training data and test windows.
-        progress: shows the steps of the work.
-        is_slow: whether it is a model of the slow motion. Then the test decides before the model is learned.
-
-    Raises:
-        NotLearnable: no model can be learned, or one of the slow motion that predicts too badly.
-    """
-    settings = options.settings
-    if options.train is not None:
-        longest = max(segments, key=len)
-        training, following = training_and_test(longest, options.start, options.train, options.test)
-        with _learning_step(progress):
-            learned = learn(training, settings)
-        return _TestedModel((training,), learned, held_out_test(training, following, learned))
-    flights = flights_after_start(segments, options.start)
-    first_learned = None
-    with _learning_step(progress):
-        if is_slow:
-            # It raises an error for data that no model can be learned from.
-            prepared_training(flights, settings)
-        else:
-            first_learned = learn(flights, settings)
-    dt = flights[0].dt
-    _, window_samples = part_samples(dt, None, options.test)
-    try:
-        with progress("Judging by held-out windows") as show_share:
-            held_out = held_out_windows(flights, settings, window_samples, show_share)
-    except ValueError as error:
-        raise no_test_window(sum(map(len, flights)), dt, window_samples, FOLDS) from error
-    if first_learned is not None:
-        return _TestedModel(flights, first_learned, held_out)
-    refusal = slow_motion_refusal(held_out)
-    if refusal is not None:
-        raise NotLearnable(refusal)
-    return _TestedModel(flights, learn(flights, settings), held_out)
-
-
-@contextmanager
-def _learning_step(progress: ShowStep) -> Iterator[None]:
-    """Returns a context in which a model is learned: it shows the step, and turns a failure into a refusal.
-
-    Args:
-        progress: shows the name of a step while it runs.
-
-    Raises:
-        NotLearnable: learning raised a ``ValueError``, whose reason becomes that of the refusal.
-    """
-    try:
-        with progress("Learning", measured=False):
-            yield
-    except ValueError as error:
-        raise NotLearnable(NoModel.NOT_LEARNED, because=fact_from_error(error)) from error
-
-
-def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
-    """Returns the reason to refuse a model that was learned from a slow stream, if it does not forecast well enough.
-
-    A stream too slow to show rotation still shows slow motion, but a model of that may be no better than a trivial
-    forecast. Two conditions must hold for each of two baselines, the mean of the training data and the last sample. The
-    model's error on held-out windows is at most ``MAX_SLOW_ERROR_RATIO`` times that of the baseline. And a paired test
-    over the windows shows that the model's error is significantly lower.
-
-    Args:
-        held_out: forecasts of windows that the model was not trained on, with those of the baselines.
-
-    Returns:
-        The fact with the first baseline that fails: with the p-value and its limit if only the test failed, otherwise
-        with the ratio of errors and its limit. None if both conditions hold.
-    """
-    for baseline in BASELINES:
-        error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-        # The ratios of each window are compared with 1, that of a forecast which is no better than the baseline.
-        significance_test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
-        # The ratio may be NaN, which is no improvement.
-        is_better = error_ratio <= MAX_SLOW_ERROR_RATIO
-        if not is_better or significance_test.result != TestResult.LOWER:
-            return Fact(
-                NoModel.SLOW_MODEL_TOO_WEAK,
-                name=baseline,
-                windows=len(held_out),
-                ratio=error_ratio,
-                p_value=significance_test.p_value if is_better else None,
-                limit=SIGNIFICANCE if is_better else MAX_SLOW_ERROR_RATIO,
-            )
-    return None
-
-
-def flights_after_start(segments: Flights, start: float) -> Flights:
-    """Returns the flights that remain if training begins some time after the start, as the option ``--start`` asks.
-
-    Only the boot of the longest segment counts: other boots have clocks that cannot be compared.
-
-    Args:
-        segments: flights of all boots.
-        start: time after the first sample of that boot's flights, s.
-
-    Returns:
-        The flights of that boot, cut at the start; flights that are too short to learn from are left out.
-
-    Raises:
-        TooFewSamples: no flight has enough samples left to learn from.
-    """
-    flights = flights_of_longest_boot(segments)
-    start_time = flights[0].time[0] + start
-    remaining_flights = []
-    for flight in flights:
-        # Half a step of tolerance, since stamps are rounded.
-        first_sample = int(np.searchsorted(flight.time, start_time - flight.dt / 2))
-        if len(flight) - first_sample >= MIN_SAMPLES:
-            remaining_flights.append(flight[first_sample:] if first_sample else flight)
-    if not remaining_flights:
-        raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
-    return tuple(remaining_flights)
-
-
-def training_and_test(
-    flight: Flight, start: float, train: Length, test: Length | None
-) -> tuple[Flight, Flight]:
-    """Splits a flight into training data from ``start`` s on and the test data after it.
-
-    Args:
-        flight: the flight.
-        start: time from its first sample, s.
-        train, test: lengths of the two; None for the default.
-
-    Returns:
-        Training data, and test data that begin where these end.
-
-    Raises:
-        TooFewSamples: the flight is too short.
-    """
-    # A start beyond the end of the flight leaves no sample, which is an error below.
-    training_start = round(min(start / flight.dt, len(flight)))
-    training_samples, test_samples = part_samples(flight.dt, train, test)
-    test_start = training_start + training_samples
-    test_end = test_start + test_samples
-    if len(flight) < test_end:
-        raise too_short(flight, start, training_samples, test_samples, MIN_SAMPLES)
-    return flight[training_start:test_start], flight[test_start:test_end]

@@ -5,7 +5,6 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.assessment.axis.analysis import flights_after_start
 from mavdem.assessment.axis.figures import AxisFigures, figures_of_axis
 from mavdem.assessment.axis.gains import (
     autotune_fact,
@@ -13,6 +12,7 @@ from mavdem.assessment.axis.gains import (
     margin_ratings,
     parts_with_one_gain_set,
 )
+from mavdem.assessment.axis.training import flights_after_start
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals

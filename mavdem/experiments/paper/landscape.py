@@ -222,7 +222,11 @@ def end_spread(ascents: list[list[Posterior]]) -> float:
     Args:
         ascents: posterior after each iteration, for each prior. The first ascent gives the posterior standard
             deviation.
+
+    Returns:
+        The larger one of two ratios: standard deviation of the ends by the posterior's.
     """
+    # The first two of the three parameters are A and B.
     ends = np.array([posteriors[-1].theta[:2] for posteriors in ascents])
     posterior_sd = np.sqrt(np.diag(ascents[0][-1].theta_covariance)[:2])
     return float((ends.std(axis=0) / posterior_sd).max())

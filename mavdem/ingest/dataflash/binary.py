@@ -250,7 +250,7 @@ def read_binary(content: FileContent) -> DataflashRecording:
             return EMPTY_TABLE
         return _message_table(data, definition_of_name[name], starts_of_name[name])
 
-    counts = {name: len(starts) for name, starts in starts_of_name.items()}
+    counts = {name: len(its_starts) for name, its_starts in starts_of_name.items()}
     skipped_bytes = scan.skipped()
     undefined_messages = 0
     # Where most bytes belong to no message, the definitions of the messages may be lost: their markers are counted.
