@@ -183,9 +183,13 @@ def _cautions(loop: Loop) -> list[Fact]:
 
 def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     """Returns the refusal of a loop that crosses over above the highest frequency, Hz, that its record shows."""
+    crossover = loop.rate.crossover
+    _, highest_crossover = loop.rate.crossover_interval
     return NotLearnable(
         Loops.CROSSOVER_UNSEEN,
-        crossover=loop.rate.crossover,
+        crossover=crossover,
+        # Where the estimate itself would be seen, the upper end of its interval is the reason.
+        high=highest_crossover if crossover < highest_frequency else None,
         rate=1 / loop.record.dt,
         frequency=highest_frequency,
     )

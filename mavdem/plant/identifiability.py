@@ -125,8 +125,8 @@ class OmissionErrors:
     thrust_curve_damping = 11.0
     """Error of the damping for each unit of that change of the effect, 1/s.
 
-    An effect that changes with the command turns quick commands into slow torque, which a fit takes for damping. The
-    figure was chosen on half A of the flights with motors at their limits of ``tools/validation/parameter_coverage.py``.
+    An effect that changes with the command turns quick commands into slow torque, which a fit takes for damping. This
+    was chosen on half A of the flights of ``tools/validation/parameter_coverage.py`` with motors at their limits.
     """
 
     unidentified_effect = 0.4

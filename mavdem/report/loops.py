@@ -197,7 +197,7 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     """Returns the rating of an axis' margins, unless the decision on the axis contradicts it.
 
     If a measurement contradicts the identified loop, its margins are wrong, and there is no rating. If the axis does
-    not follow its setpoint, the rating says so, since good margins alone are not enough then.
+    not follow its setpoint, the rating says so and is at best to be watched: good margins alone are not enough then.
 
     Args:
         advice: advice on the axis, with the rating.
@@ -212,7 +212,8 @@ def _rating_as_decided(advice: Advice, decision: LoopDecision | None) -> list[Fa
     if advice.refusals and not is_decided_by_margins:
         return []
     if decision.verdict is LoopVerdict.FOLLOWS_BADLY:
-        return [advice.rating.replace(follows=False)]
+        level = Level.BAD if advice.rating.is_bad else Level.WATCH
+        return [advice.rating.replace(level, follows=False)]
     return [advice.rating]
 
 

@@ -109,15 +109,24 @@ def search_problems(text: str) -> list[str]:
         if term is None:
             continue
         name, operator, value = term.groups()
-        is_order = operator in ("<", ">", "<=", ">=")
-        if name in NUMBER_COLUMNS and (is_order or name not in LEVEL_COLUMNS):
-            with suppress(ValueError):
-                float(value)
-                continue
+        column = name.lower()
+        if _is_number(value) or column not in {*NUMBER_COLUMNS, *LEVEL_COLUMNS}:
+            continue
+        asks_for_level = column in LEVEL_COLUMNS and operator in (":", "=")
+        if not asks_for_level:
             problems.append(f"{value} is not a number")
-        elif name in LEVEL_COLUMNS and value.lower() not in LEVELS:
+        elif value.lower() not in LEVELS:
             problems.append(f"{value} is no level: these are {listed(LEVELS)}")
     return problems
+
+
+def _is_number(text: str) -> bool:
+    """Returns whether a text is that of a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:

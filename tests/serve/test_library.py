@@ -43,7 +43,8 @@ ALL = search_condition("")
 
 
 def test_a_search_says_which_value_is_no_number_and_which_no_level():
-    assert search_problems("quad wind>5 wind:bad motors:watch motor:3 MC_ROLL_P<6") == []
+    assert search_problems("quad wind>5 Wind:5 wind:bad motors:watch motor:3 MC_ROLL_P<6") == []
+    assert search_problems("Wind>x") == ["x is not a number"]
     number, level = search_problems("wind>abc level:foo")
     assert number == "abc is not a number"
     assert level == "foo is no level: these are good, watch, bad and unknown"

@@ -57,8 +57,8 @@ changed, rings are not known, dots stayed the same. All are tested together."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\
-Where the whiskers of a motor do not overlap, it changed. They also hold by how much flights of one vehicle differ, \
-half of the change's variance each."""
+Whiskers that do not overlap suggest a change of that motor; the verdict above also allows for how many are compared. \
+They hold by how much flights of one vehicle differ, too, half of the change's variance each."""
 """What stands below the chart of trims."""
 
 MAX_MOTORS = 12

@@ -22,7 +22,9 @@ from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import ParameterValue
 
-SUBTITLE = "The wind of the longest flight, from lean and velocity over ground, with 90 % bands."
+SUBTITLE = (
+    "The wind of the longest flight, from lean and velocity over ground; its bands hold 90 %."
+)
 """What stands below the title."""
 
 MIN_AIRSPEED_SAMPLES = 2
@@ -95,9 +97,13 @@ def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline
     if history.wind is None:
         return timeline
     height = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
-    airspeed = _airspeed_chart(history.wind.estimate, assessment)
+    estimate = history.wind.estimate
+    wind_charts = timeline.wind_charts
+    if estimate.speed_identifiable:
+        # The speed through the air follows from the speed of the wind.
+        wind_charts = (*wind_charts, _airspeed_chart(estimate, assessment))
     return timeline._replace(
-        flight_charts=height, wind_charts=(*timeline.wind_charts, airspeed), events=()
+        flight_charts=height, axis_charts={}, wind_charts=wind_charts, events=()
     )
 
 
@@ -118,7 +124,10 @@ def _airspeed_chart(wind: WindVelocity, assessment: Assessment) -> Chart:
 
 
 def _autopilot_airspeed(wind: WindVelocity, assessment: Assessment) -> Iterator[Line]:
-    """Yields the autopilot's airspeed (VFR_HUD) over the time of the wind; nothing if it was not logged, or is 0."""
+    """Yields the autopilot's airspeed over the time of the wind; nothing if it was not logged, or is 0.
+
+    The line has the message's name, since without a sensor of airspeed ArduPilot sends an estimate in its place.
+    """
     assert assessment.evidence is not None
     series = recorded_series(assessment.evidence.signals.telemetry, "VFR_HUD", "airspeed")
     if series is None:
@@ -126,4 +135,4 @@ def _autopilot_airspeed(wind: WindVelocity, assessment: Assessment) -> Iterator[
     rows = series.boot == wind.boot
     rows &= (series.time >= wind.time[0]) & (series.time <= wind.time[-1])
     if rows.sum() >= MIN_AIRSPEED_SAMPLES and np.any(series.values[rows]):
-        yield Line("autopilot's airspeed", BASELINE, series.time[rows], series.values[rows])
+        yield Line("VFR_HUD.airspeed", BASELINE, series.time[rows], series.values[rows])
