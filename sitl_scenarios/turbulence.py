@@ -171,11 +171,15 @@ def dryden_longitudinal(time_constant: float, dt: float, samples: int, noise: Ge
 def dryden_transverse(time_constant: float, dt: float, samples: int, noise: Generator) -> Array:
     """Draws Dryden's process across the wind and down, of variance 1, by an exact solution of its filter.
 
-    H_v(s) = √T (1 + √3 Ts) / (1 + Ts)², whose autocorrelation is (1 − τ/2T) exp(−τ/T). With x₁ = n/(1 + Ts) and
-    x₂ = x₁/(1 + Ts) it is √3 x₁ + (1 − √3) x₂. In units of T, states in a stationary state have the covariance
-    [[1/2, 1/4], [1/4, 1/4]]; after a = dt/T the old ones count e^(−a) [[1, 0], [a, 1]], and what the noise adds has the
-    covariance Q = ∫₀ᵃ [1, u; u, u²] e^(−2u) du (C. Van Loan, "Computing integrals involving the matrix exponential",
-    1978): incomplete gamma functions, which lose no digits at small a.
+    The filter is H_v(s) = √T (1 + √3 Ts) / (1 + Ts)², driven by white noise n; the autocorrelation of its output is
+    (1 − τ/2T) exp(−τ/T). With the states x₁ = n/(1 + Ts) and x₂ = x₁/(1 + Ts), the output is √3 x₁ + (1 − √3) x₂. All
+    of this is in units of T:
+
+    - The stationary covariance of the states is [[1/2, 1/4], [1/4, 1/4]].
+    - In a step of a = dt/T the states are multiplied by e^(−a) [[1, 0], [a, 1]].
+    - The noise of the step adds the covariance Q = ∫₀ᵃ [1, u; u, u²] e^(−2u) du (C. Van Loan, "Computing integrals
+      involving the matrix exponential", 1978). Its entries are incomplete gamma functions, which lose no digits at
+      small a.
 
     ``tests/scenarios/test_wind.py`` tests the autocorrelation of the draws.
 

@@ -144,25 +144,32 @@ def _faults_of_boot(
     signals: Signals,
     span: Segment,
     problems: Sequence[Fact],
-    states_of_faults: Sequence[FaultSignal],
+    fault_states: Sequence[FaultSignal],
 ) -> list[Fact]:
-    """Returns what went wrong in one boot by the autopilot's reports, in no particular order.
+    """Returns the faults of one boot that the autopilot reports, in no particular order.
+
+    They are restarts in flight, changes of the estimator, faults that last for a time, and problems that texts and
+    error codes report.
 
     Args:
         signals: signals of the vehicle.
         span: the recorded part of the boot.
-        problems: what texts and codes report, of all boots.
-        states_of_faults: what messages may report for a time, of all boots.
+        problems: facts on what texts and error codes report, of all boots.
+        fault_states: messages that report a fault for as long as it lasts, of all boots.
+
+    Returns:
+        A fact for each fault. A restart by the watchdog is stated once.
     """
     restarts_of_boot = list(restarts(signals, span))
+    problems_of_boot = [problem for problem in problems if problem.figures["boot"] == span.boot]
     faults = [
         *restarts_of_boot,
         *_estimator_changes(signals, span),
-        *_lasting_faults(signals, span, states_of_faults),
-        *(problem for problem in problems if problem.figures["boot"] == span.boot),
+        *_lasting_faults(signals, span, fault_states),
+        *problems_of_boot,
     ]
     if any(restart.figures.get("watchdog") for restart in restarts_of_boot):
-        # The restart states the watchdog already.
+        # The fact on the restart names the watchdog as its cause already.
         return [fault for fault in faults if not _is_watchdog_report(fault)]
     return faults
 

@@ -254,18 +254,18 @@ class _IntegratedRates(NamedTuple):
 
 
 def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRates:
-    """Integrates a body rate to an Euler angle, and holds it to the attitude that was sent.
+    """Integrates a fast body rate to an Euler angle, and corrects its drift by the slower attitude messages.
 
-    The integral alone would drift away from the angle. So the difference between the sent and the integrated angle is
-    taken at each attitude message, interpolated between the messages, and added: the angle then has the detail of the
-    fast rate, and agrees with the slow messages.
+    The difference between the angle of a message and the integral is taken at each attitude message, interpolated
+    between the messages, and added. The angle then has the detail of the fast rate, and agrees with the messages.
 
     Args:
-        attitude: Attitude as it was sent.
-        tuning: Body rate and its setpoint (N, 2), rad/s.
+        attitude: Attitude of the axis, from the attitude messages.
+        tuning: Body rate of the axis and its setpoint (N, 2), rad/s, from PID_TUNING.
 
     Returns:
-        Angle and its derivative at the N stamps of the body rate, each boot by itself.
+        Angle and its derivative at the N stamps of the body rate, each boot by itself; the angle is NaN where
+        it is not between two messages, or in an outage of the messages.
     """
     rate = tuning.values[:, 0]
     angle = np.full_like(rate, np.nan)

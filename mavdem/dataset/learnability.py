@@ -170,15 +170,17 @@ def segment_learnabilities(
                 yield judge.learnability(segment, best.flight.dt)
 
 
-def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact]:
+def segment_cautions(signals: Signals, quality: QualityFigures) -> Iterator[Fact]:
     """Yields cautions: facts on what makes a model of a segment less reliable.
 
     Args:
         signals: Signals of the vehicle for an axis.
-        figures: Quality of the segment.
+        quality: Quality of the segment.
 
     Yields:
-        Facts (``Caution``) on messages that could not be used, on assumptions, on resolution and consistency.
+        Facts (``Caution``): on impossible attitudes and other messages that could not be used; on the controller's
+        demand in the place of motor outputs; on an assumed vehicle or mixer; on rounded angles and rates; and on body
+        rates that do not match the angles.
     """
     axis = signals.axis
     telemetry = signals.telemetry
@@ -205,16 +207,20 @@ def segment_cautions(signals: Signals, figures: QualityFigures) -> Iterator[Fact
         yield Fact(Caution.VEHICLE_ASSUMED)
     if inputs.geometry.assumed:
         yield Fact(Caution.MIXER_ASSUMED, basis=inputs.geometry.basis)
-    if figures.output_snr is not None and figures.output_snr < MIN_TRUSTED_SNR:
+    if quality.output_snr is not None and quality.output_snr < MIN_TRUSTED_SNR:
+        # Noise in a regressor shrinks its coefficient by the noise's share of the regressor's variance (attenuation
+        # bias), noise / (signal + noise). An estimated signal variance below 0 would make it more than all.
+        noise_share = min(1.0, 1 / (1 + quality.output_snr))
         yield Fact(
             Caution.NEAR_RESOLUTION,
             axis=axis,
-            angle_step=figures.angle_step,
-            rate_step=figures.rate_step,
-            share=min(1.0, 1 / (1 + figures.output_snr)),
+            angle_step=quality.angle_step,
+            rate_step=quality.rate_step,
+            share=noise_share,
         )
-    if figures.consistency is not None and figures.consistency < MIN_TRUSTED_CONSISTENCY:
-        yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=figures.consistency)
+    if quality.consistency is not None and quality.consistency < MIN_TRUSTED_CONSISTENCY:
+        # The integral of the recorded body rates explains too little of the changes of the angle.
+        yield Fact(Caution.RATE_EXPLAINS_LITTLE, consistency=quality.consistency)
 
 
 def slower_stream_rate(figures: QualityFigures) -> float:

@@ -394,9 +394,9 @@ def min_airborne_command(motors: MotorOutputs) -> float:
 
 
 def max_collective(signals: Signals) -> float:
-    """Returns the highest collective (mean output of all motors) of a log, by its moving average.
+    """Returns the highest collective, the mean output of all motors, that a log shows for some time.
 
-    The average leaves out short peaks, which lift no vehicle.
+    It is the highest moving average over ``AVERAGING_SECONDS``, since a short peak lifts no vehicle.
 
     Args:
         signals: signals of the vehicle.
@@ -407,10 +407,10 @@ def max_collective(signals: Signals) -> float:
     collective = signals.collective
     if collective is None:
         return 0.0
-    highest = []
+    highest_of_boots = []
     for boot in np.unique(collective.boot):
-        highest.append(moving_average(collective.of_boot(boot)).max())
-    return max(highest)
+        highest_of_boots.append(moving_average(collective.of_boot(boot)).max())
+    return max(highest_of_boots)
 
 
 def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:

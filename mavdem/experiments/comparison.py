@@ -405,29 +405,32 @@ class Comparison:
         return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
     def summaries(self, flight: str, question: Question = KNOWN) -> tuple[JsonValues, ...]:
-        """Returns each method's summary over the windows of one flight, the lowest median error first.
+        """Returns a summary of each method over the windows of one flight, the lowest median error ratio first.
 
-        Error ratios are the squared error over that of the constant mean, on the whole test part unless stated
-        otherwise.
+        The error ratio of a forecast is its mean squared error over that of the constant mean (NMSE), on the whole test
+        part of a window unless stated otherwise.
 
         Args:
             flight: name of the flight.
             question: kind of forecast: which data it may use.
 
         Returns:
-            Plain values by name:
+            For each method a dictionary with these keys:
 
             - ``method``: name of the method.
-            - ``windows``, ``failed``, ``diverged``, ``unstable``, ``worse_than_constant``: numbers of all windows, of
-              those without a forecast, with an infinite error in spite of one, with an unstable model, and with an
-              error ratio above 1.
-            - ``failure``: why the first of the failed windows has no forecast; None if none failed.
+            - ``windows``: number of windows.
+            - ``failed``: number of windows without a forecast.
+            - ``failure``: why the first of these has none; None if none failed.
+            - ``diverged``: number of windows with a forecast of infinite error.
+            - ``unstable``: number of windows in which the trained model is unstable.
+            - ``worse_than_constant``: number of windows with an error ratio above 1.
             - ``mspe``, ``mspe_total``: mean squared error per output and in total, means over windows, as in the paper.
-            - ``relative``, ``worst``: median and largest error ratio.
+            - ``relative``, ``worst``: median and largest error ratio over the windows.
             - ``seconds``: median processor time of the training, s.
-            - ``horizons``: for each horizon, the last that of the whole test part: its ``steps``; the median error
-              ratio ``relative``; ``inside``, the mean share of samples in the 90 % band or None; and ``reference``, the
-              first method compared with this one (:class:`mavdem.evaluate.Paired`).
+            - ``horizons``: a dictionary for each horizon, the last for the whole test part: its length in ``steps``;
+              ``relative``, the median error ratio; ``inside``, the mean share of samples in the 90 % band, None without
+              one; and ``reference``, the paired test of the first method against this one
+              (:class:`mavdem.evaluate.Paired`).
         """
         return self._summaries[flight, question]
 

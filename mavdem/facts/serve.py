@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Request(Code):
+class RefusalReason(Code):
     """Why a request to the server is refused."""
 
     NO_RIGHT = "no_right"

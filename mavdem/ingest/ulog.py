@@ -206,12 +206,12 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 
 
-def _parsed_by_pyulog(content: bytes, source: str) -> ULog:
+def _parsed_by_pyulog(content: bytes, path: str) -> ULog:
     """Parses the records of a file that are not logged data, such as parameters and texts, with pyulog.
 
     Args:
         content: A ULog file that contains only these records.
-        source: Path of the log, for the error.
+        path: Path of the log, which the error states.
 
     Returns:
         The parsed log.
@@ -224,10 +224,11 @@ def _parsed_by_pyulog(content: bytes, source: str) -> ULog:
         with redirect_stdout(io.StringIO()):
             return ULog(io.BytesIO(content))
     except ULogIncompatibleFlagException:
-        raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=source) from None
+        raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=path) from None
     except Exception:
-        # Damaged definitions may make the library raise any exception.
-        raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True) from None
+        # Damaged definitions may make the library raise any exception. The error lists the topics that the log has,
+        # of which none is known here.
+        raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=path, names=(), damaged=True) from None
 
 
 def _parameter_settings(

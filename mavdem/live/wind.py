@@ -462,13 +462,14 @@ class LiveWind:
     def _update_mean(self, estimate: WindEstimate) -> None:
         """Adds an estimate to the running mean of the flight.
 
-        The band of the mean is the mean band, not one that shrinks with the number of estimates: drag and lean err
-        alike in all of them, so that the mean is known no better than each.
+        The 90 % band of the mean is the mean of the bands, and does not shrink with the number of estimates: errors of
+        the drag and of the level are the same in all of them, so that the mean is no more certain than one estimate.
 
         Args:
             estimate: the latest estimate.
         """
         self._estimate_count += 1
+        # The first estimate is its own mean.
         mean = self.mean or estimate
         velocity = mean.velocity + (estimate.velocity - mean.velocity) / self._estimate_count
         band = mean.band + (estimate.band - mean.band) / self._estimate_count

@@ -89,14 +89,17 @@ def gyro_noise(loop: Loop) -> GyroNoise:
 
 
 def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
-    """Returns the noise of the gyro in the demand, with the logged gains and with new ones.
+    """Returns how much noise the gyro adds to the controller's torque demand, with the logged gains and with new ones.
+
+    It shows what new gains cost: the noise of the demand drives the motors to and fro, and heats them.
 
     Args:
         loop: loops with the logged gains, and with the record that contains the noise.
         new_controller: controller with the gains to set.
 
     Returns:
-        The noise in the demand; None if the log is too slow to measure that of the gyro.
+        The standard deviations of the demand before and after the change; None if the log is too slow to measure the
+        noise of the gyro.
     """
     noise = gyro_noise(loop)
     if not noise.is_measured:

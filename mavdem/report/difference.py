@@ -390,9 +390,11 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """Yields a text for each kind of quantity, such as "relative trim of motor 1 and motor 2 (± 2 %)".
 
+    The uncertainty is the widest half width of the 90 % intervals of one kind, so that the text holds for each of its
+    quantities.
+
     Args:
-        changes: changes of quantities that stayed the same. Those of one kind share a text, with the widest half width
-            of their 90 % intervals, so that it holds for each.
+        changes: changes of quantities that stayed the same within their uncertainty.
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():
@@ -402,12 +404,13 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
             # Quantities of an axis have the motor 0.
             motor = change.quantity.motor
             names.append(f"motor {motor}" if motor else change.quantity.axis)
-        widest = max(change.half_width for change in changes_of_kind)
+        widest_half_width = max(change.half_width for change in changes_of_kind)
         if kind in LOGARITHMIC_KINDS:
-            width = f"{rounded(100 * widest)} %"
+            # The half width of a logarithm is that of a ratio.
+            uncertainty = f"{rounded(100 * widest_half_width)} %"
         else:
-            width = f"{rounded(form.scale * widest)} {form.unit}"
-        yield f"{form.name} of {listed(names)} (± {width})"
+            uncertainty = f"{rounded(form.scale * widest_half_width)} {form.unit}"
+        yield f"{form.name} of {listed(names)} (± {uncertainty})"
 
 
 def _signed(number: str) -> str:

@@ -3,8 +3,8 @@
 No other module has prose about a flight. Two folders beside this module hold the templates:
 
 - ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
-  its ``remedy``. A ``headline`` is a shorter sentence. A table with ``is_flown`` advises to fly: that part is left out
-  for a fact that is ``is_grounded``, because its vehicle must not fly.
+  its ``remedy``. A ``headline`` is a shorter sentence. A table with ``advises_flight`` advises to fly: that part is
+  left out for a fact with the figure ``is_grounded``, whose vehicle must not fly.
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
 A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
@@ -184,11 +184,12 @@ def sentence_templates() -> dict[str, dict[str, str]]:
 
 
 def _render(fact: Fact, part: str) -> str:
-    """Fills a template of a fact with its figures.
+    """Renders one part of a fact: fills its template with the figures of the fact.
 
-    Some facts advise to fly again, for example to record more; their templates are marked by ``is_flown``. If a vehicle
-    must not fly, its facts have the figure ``is_grounded``, and such advice is left out. The advice is the remedy or,
-    where a fact has no remedy because it is one itself, the sentence.
+    Advice to fly, for example to record more, is left out for a vehicle that must not fly. The table of a fact that
+    gives such advice is marked by ``advises_flight``. The advice is in the remedy; a fact without a remedy, such as a
+    next step, is advice itself, in its sentence. Facts of a vehicle that must not fly have the figure ``is_grounded``
+    (:attr:`mavdem.facts.Fact.grounded`).
 
     Args:
         fact: The fact.
@@ -199,8 +200,9 @@ def _render(fact: Fact, part: str) -> str:
         fact has no such part.
     """
     templates = sentence_templates()[fact.code]
-    advice_part = "remedy" if "remedy" in templates else "sentence"
-    if part == advice_part and "is_flown" in templates and "is_grounded" in fact.figures:
+    part_with_advice = "remedy" if "remedy" in templates else "sentence"
+    must_not_fly = "is_grounded" in fact.figures
+    if part == part_with_advice and "advises_flight" in templates and must_not_fly:
         return ""
     figures = {
         "remedy": "",

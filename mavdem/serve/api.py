@@ -27,7 +27,7 @@ from mavdem.documents.library import (
 )
 from mavdem.errors import Refusal
 from mavdem.export.fields import extremes_of_intervals, samples_between
-from mavdem.facts.serve import Crowd, Request, Sharing, Stage, Use
+from mavdem.facts.serve import Crowd, RefusalReason, Sharing, Stage, Use
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
 from mavdem.serve.field_store import FieldRequest, FieldStore
@@ -98,7 +98,7 @@ class Api:
             open_recording: opens a recording in a viewer and returns its address; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """
-        self._visible = visible
+        self._visible_library = visible
         self._library = visible.library
         self._rights = visible.rights
         self._log_added = log_added
@@ -135,9 +135,9 @@ class Api:
             self._library.find, "stage = ?", [Stage.WAITING], 0
         )
         if self._uploads >= MAX_UPLOADS:
-            raise Refusal(Request.UPLOADS_TOO_MANY, count=self._uploads, name=Crowd.UPLOADS)
+            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=self._uploads, name=Crowd.UPLOADS)
         if waiting_logs >= MAX_WAITING_LOGS:
-            raise Refusal(Request.UPLOADS_TOO_MANY, count=waiting_logs, name=Crowd.LOGS)
+            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=waiting_logs, name=Crowd.LOGS)
         self._uploads += 1
         try:
             form = await receive_form(request, self._library)
@@ -181,7 +181,7 @@ class Api:
                     flights.append(entry)
                 except Refusal as error:
                     # A full disk or a deleted flight concerns the whole request, not this file.
-                    if isinstance(error.fact.code, Request):
+                    if isinstance(error.fact.code, RefusalReason):
                         raise
                     refused.append((name, error.fact.replace(path=name)))
         finally:
@@ -199,15 +199,17 @@ class Api:
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the flights that a search finds, ``limit`` of them from ``offset``."""
         limit = min(query_number(request, "limit", FLIGHTS_PER_PAGE), MAX_FILES)
-        result = self._visible.search(request, limit)
-        flights = self._visible.documents(result.entries)
+        result = self._visible_library.search(request, limit)
+        flights = self._visible_library.documents(result.entries)
         return _json(Flights(total=result.total, flights=flights))
 
     def flight(self, request: HttpRequest) -> Response:
         """Answers with a flight and the document of its review."""
-        entry = self._visible.entry(request, request.path_params["id"])
-        (flight,) = self._visible.documents([entry])
-        return JSONResponse({"flight": flight.as_dict(), "review": self._visible.review(entry)})
+        entry = self._visible_library.entry(request, request.path_params["id"])
+        (flight,) = self._visible_library.documents([entry])
+        return JSONResponse(
+            {"flight": flight.as_dict(), "review": self._visible_library.review(entry)}
+        )
 
     async def change_flight(self, request: HttpRequest) -> Response:
         """Changes the name, sharing, note or tags of a flight, and answers with the changed flight."""
@@ -220,7 +222,7 @@ class Api:
         entry = await run_in_threadpool(self._library.change, request.path_params["id"], **columns)
         if given_name is not None:
             await run_in_threadpool(self._library.name_flight, entry, given_name)
-        (flight,) = await run_in_threadpool(self._visible.documents, [entry])
+        (flight,) = await run_in_threadpool(self._visible_library.documents, [entry])
         return _json(flight)
 
     def delete_flight(self, request: HttpRequest) -> Response:
@@ -244,15 +246,15 @@ class Api:
 
     def recordings(self, request: HttpRequest) -> Response:
         """Answers with how far the recordings of a flight are."""
-        entry = self._visible.entry(request, request.path_params["id"])
-        return _json(self._visible.recordings(entry))
+        entry = self._visible_library.entry(request, request.path_params["id"])
+        return _json(self._visible_library.recordings(entry))
 
     def make_recordings(self, request: HttpRequest) -> Response:
         """Has the recordings of a flight made, unless they exist or are being made; answers with how far they are."""
-        entry = self._visible.entry(request, request.path_params["id"])
+        entry = self._visible_library.entry(request, request.path_params["id"])
         entry = RecordingRequests(self._library).request(entry)
         self._log_added()
-        return recordings_answer(self._visible.recordings(entry))
+        return recordings_answer(self._visible_library.recordings(entry))
 
     def fields(self, request: HttpRequest) -> Response:
         """Answers with the messages of a flight's log, their fields and instances, all of which can be plotted."""
@@ -318,10 +320,10 @@ class Api:
         Raises:
             Refusal: the sender may not have the log, or its file is missing.
         """
-        entry = self._visible.entry(request, request.path_params["id"])
-        log = self._visible.log_path(request, entry)
+        entry = self._visible_library.entry(request, request.path_params["id"])
+        log = self._visible_library.log_path(request, entry)
         if not log.is_file():
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return entry, log
 
     def _document_of_page(self, entry: Entry) -> Path | None:
@@ -343,9 +345,9 @@ class Api:
             Refusal: the sender may not start programs here, there is no such flight, or it has no recording.
         """
         self._rights.require(request, Use.WRITE)
-        entry = self._visible.entry(request, request.path_params["id"])
+        entry = self._visible_library.entry(request, request.path_params["id"])
         if self._open_recording is None or RECORDING_FILE not in entry.file_names:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         recording = self._library.results_folder(entry) / RECORDING_FILE
         if not recording.is_file():
             return self.make_recordings(request)
@@ -386,11 +388,11 @@ class Api:
             condition = SqlCondition(UNFINISHED_SQL)
         else:
             # This also checks that the sender may see the flight.
-            entry = await run_in_threadpool(self._visible.entry, request, id)
+            entry = await run_in_threadpool(self._visible_library.entry, request, id)
             condition = SqlCondition("id = ?", (entry.id,))
         if self._progress_streams >= MAX_PROGRESS_STREAMS:
             count = self._progress_streams
-            raise Refusal(Request.UPLOADS_TOO_MANY, count=count, name=Crowd.WATCHERS)
+            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=count, name=Crowd.WATCHERS)
         events = self._progress_events(request, condition)
         return StreamingResponse(events, media_type="text/event-stream")
 

@@ -19,7 +19,7 @@ from starlette.routing import Route
 from mavdem.documents import complete_document
 from mavdem.errors import Refusal
 from mavdem.facts import Fact
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.report.pages.library_page import refusal_page, script_hashes
 from mavdem.serve.api import Api
 from mavdem.serve.field_store import FieldStore
@@ -87,10 +87,12 @@ class Server:
         self._rights = rights
         self._reading = reading
         self._monitor = monitor
-        self._visible = VisibleLibrary(library, rights)
-        self._pages = Pages(self._visible, reading.notify, sample_log, open_recording, monitor)
+        self._visible_library = VisibleLibrary(library, rights)
+        self._pages = Pages(
+            self._visible_library, reading.notify, sample_log, open_recording, monitor
+        )
         self._fields = fields or FieldStore()
-        self._api = Api(self._visible, reading.notify, open_recording, self._fields)
+        self._api = Api(self._visible_library, reading.notify, open_recording, self._fields)
 
     @cached_property
     def app(self) -> Starlette:
@@ -215,7 +217,7 @@ class Server:
         Returns:
             A response with the status 500 and the headers of all responses.
         """
-        fact = Fact(Request.ANSWER_FAILED, because=type(error).__name__)
+        fact = Fact(RefusalReason.ANSWER_FAILED, because=type(error).__name__)
         response = self._answer_to_refusal(request, fact)
         response.headers.update(_response_headers())
         return response
@@ -235,7 +237,7 @@ class Server:
         """
         # Codes of other enumerations come from reading an uploaded file that is no log.
         default_status = HTTPStatus.UNSUPPORTED_MEDIA_TYPE
-        if isinstance(fact.code, Request):
+        if isinstance(fact.code, RefusalReason):
             default_status = HTTPStatus.BAD_REQUEST
         status = STATUS_BY_REFUSAL.get(fact.code, default_status)
         headers = RETRY_HEADERS if status == HTTPStatus.SERVICE_UNAVAILABLE else None
@@ -245,8 +247,8 @@ class Server:
             return JSONResponse(
                 complete_document("error", {"error": error_values(fact)}), status, headers
             )
-        asks_for_token = fact.code is Request.NO_RIGHT
-        html = refusal_page(fact, asks_for_token, **self._visible.visitor_values(request))
+        asks_for_token = fact.code is RefusalReason.NO_RIGHT
+        html = refusal_page(fact, asks_for_token, **self._visible_library.visitor_values(request))
         return HTMLResponse(html, status, headers)
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
 from mavdem.export.fields import FieldSamples, samples_of
-from mavdem.facts.serve import Crowd, Request
+from mavdem.facts.serve import Crowd, RefusalReason
 from mavdem.fleet.workers import Job, JobLimits, JobOutcome, LogReader, ReadLog
 from mavdem.serve.stored_columns import StoredLog, open_columns, write_columns
 from mavdem.serve.stored_files import ServerLock, is_locked, register_server
@@ -173,7 +173,7 @@ class FieldStore:
                     telemetry, request.message, request.field, request.instance, request.boot
                 )
             except ValueError as error:
-                raise Refusal(Request.NO_SUCH_FIELD, because=str(error)) from None
+                raise Refusal(RefusalReason.NO_SUCH_FIELD, because=str(error)) from None
 
     def remove(self, log: Path) -> None:
         """Removes the stored columns of a log, such as one that is deleted.
@@ -220,7 +220,7 @@ class FieldStore:
         try:
             status = log.stat()
         except OSError:
-            raise Refusal(Request.NO_SUCH_FLIGHT) from None
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT) from None
         version = LogVersion(log, status.st_size, status.st_mtime_ns)
         with self._lock:
             kept_log = self._logs.setdefault(version, KeptLog())
@@ -276,7 +276,9 @@ class FieldStore:
             Refusal: it cannot be read, the server is ending, or too many requests wait.
         """
         if not self._waiting.acquire(blocking=False):
-            raise Refusal(Request.UPLOADS_TOO_MANY, count=MAX_WAITING_REQUESTS, name=Crowd.FIELDS)
+            raise Refusal(
+                RefusalReason.UPLOADS_TOO_MANY, count=MAX_WAITING_REQUESTS, name=Crowd.FIELDS
+            )
         try:
             with kept_log.reading:
                 # Another request may have had it read while this one waited for the lock. A log that cannot be read
@@ -285,7 +287,7 @@ class FieldStore:
                     with self._reader_lock:
                         self._read(kept_log, log, document)
                 if kept_log.columns is None:
-                    raise Refusal(Request.LOG_NOT_READ, because=kept_log.problem)
+                    raise Refusal(RefusalReason.LOG_NOT_READ, because=kept_log.problem)
                 return kept_log.columns
         finally:
             self._waiting.release()
@@ -324,13 +326,13 @@ class FieldStore:
             raise _refusal_at_end()
         problem = str(outcome.rows[0].status)
         if outcome.ended not in LASTING_ENDINGS:
-            raise Refusal(Request.LOG_NOT_READ, because=problem)
+            raise Refusal(RefusalReason.LOG_NOT_READ, because=problem)
         kept_log.problem = problem
 
 
 def _refusal_at_end() -> Refusal:
     """Returns the refusal of a request that comes while the server ends."""
-    return Refusal(Request.NOT_STARTED, name="The reader", because="the server is ending")
+    return Refusal(RefusalReason.NOT_STARTED, name="The reader", because="the server is ending")
 
 
 def _remove_leftovers() -> None:

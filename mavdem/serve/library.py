@@ -25,7 +25,7 @@ from typing import Any
 from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.serve import Order, Request, Sharing, Stage, Start
+from mavdem.facts.serve import Order, RefusalReason, Sharing, Stage, Start
 from mavdem.fleet.names import (
     GivenNames,
     name_flight,
@@ -193,9 +193,9 @@ class Library:
             with suppress(FileNotFoundError):
                 used += path.stat().st_size
         if self.quota is not None and used + size > self.quota:
-            raise Refusal(Request.QUOTA_REACHED, size=used + size, size_limit=self.quota)
+            raise Refusal(RefusalReason.QUOTA_REACHED, size=used + size, size_limit=self.quota)
         if shutil.disk_usage(self.folder).free < size + RESERVED_BYTES:
-            raise Refusal(Request.DISK_FULL)
+            raise Refusal(RefusalReason.DISK_FULL)
 
     def new_incoming_path(self, recording_name: str = "") -> Path:
         """Returns the path of a new file for an upload or a recording that is to be written.
@@ -310,7 +310,7 @@ class Library:
         """
         row = self.db.execute("select * from entries where id = ?", [id]).fetchone()
         if row is None:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return entry_from_row(row)
 
     def find(
@@ -384,7 +384,7 @@ class Library:
                 {**columns, "id": id},
             ).fetchone()
         if row is None:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return entry_from_row(row)
 
     @property
@@ -410,7 +410,7 @@ class Library:
             Refusal: the content of the log is not known, since it is outside the library and was added long ago.
         """
         if not entry.content_hash:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         with self.transaction() as db:
             name_flight(db, entry.content_hash, plain_name(name))
 
@@ -431,7 +431,7 @@ class Library:
         with self.transaction() as db:
             query = "select 1 from entries where vehicle = ? and vehicle <> '' limit 1"
             if db.execute(query, [vehicle]).fetchone() is None:
-                raise Refusal(Request.NO_SUCH_FLIGHT)
+                raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
             name_vehicle(db, vehicle, name)
         return name
 
@@ -530,7 +530,7 @@ class Library:
                     self.store.remove(source)
                     self._remove_log(entry)
         except Refusal as error:
-            if error.fact.code is not Request.NO_SUCH_FLIGHT:
+            if error.fact.code is not RefusalReason.NO_SUCH_FLIGHT:
                 raise
             self.remove_files_of_deleted_log(entry)
             return

@@ -8,7 +8,7 @@ from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact
 from mavdem.live import LiveStream
 from mavdem.live.link import Link
@@ -100,7 +100,7 @@ class LinkMonitor:
         except Exception as error:
             # No caller would see the error in this thread, so any kind of it is reported.
             reason = fact_from_error(error)
-            self.problem = Fact(Request.SESSION_FAILED, name=self._link.name, because=reason)
+            self.problem = Fact(RefusalReason.SESSION_FAILED, name=self._link.name, because=reason)
             self._warn(self.problem)
 
     def _run_one_session(self, executor: LearningProcess) -> None:

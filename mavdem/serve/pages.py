@@ -21,7 +21,7 @@ from starlette.responses import (
 
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Order, Request, Stage, Use
+from mavdem.facts.serve import Order, RefusalReason, Stage, Use
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import vehicles_of
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -100,7 +100,7 @@ class Pages:
             open_recording: opens a recording in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.
         """
-        self._visible = visible
+        self._visible_library = visible
         self._library = visible.library
         self._rights = visible.rights
         self._recordings_wanted = recordings_wanted
@@ -121,8 +121,8 @@ class Pages:
         Returns:
             The page "library".
         """
-        result = self._visible.search(request, FLIGHTS_PER_PAGE)
-        visitor = self._visible.visitor_values(request)
+        result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
+        visitor = self._visible_library.visitor_values(request)
         may_read = visitor["may_read"]
         return HTMLResponse(
             render_server_page(
@@ -138,7 +138,9 @@ class Pages:
                 sample=self._sample_log,
                 is_live=self._monitor is not None,
                 vehicles=self._library.vehicle_names() if may_read else [],
-                troubles=self._visible.rows_with_trouble(result.entries) if may_read else {},
+                troubles=self._visible_library.rows_with_trouble(result.entries)
+                if may_read
+                else {},
                 **visitor,
             )
         )
@@ -158,8 +160,8 @@ class Pages:
         Raises:
             Refusal: there is no such flight, or the visitor may not see it.
         """
-        entry = self._visible.entry(request, request.path_params["id"])
-        values = self._visible.visitor_values(request) | {"flight": entry}
+        entry = self._visible_library.entry(request, request.path_params["id"])
+        values = self._visible_library.visitor_values(request) | {"flight": entry}
         vehicle = request.query_params.get("vehicle", "")
         path = self._page_path(entry, vehicle)
         # A log with a digest is stored here, with its page. One that only `mavdem track` has read may have lost it.
@@ -168,8 +170,8 @@ class Pages:
             values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not vehicle:
-            values["trouble"] = self._visible.rows_with_trouble([entry]).get(entry.id)
-            values["previous"] = self._visible.previous_flight(entry)
+            values["trouble"] = self._visible_library.rows_with_trouble([entry]).get(entry.id)
+            values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._open_recording is not None and has_recording and values["may_read"]
         with refuse_missing_file():
@@ -184,7 +186,7 @@ class Pages:
         """Answers with the page that shows the recording of a flight in Rerun's viewer, in a frame.
 
         The page itself has no recording. While it is visible, its script asks the server every half minute to keep the
-        viewer running, or to start it again.
+        viewer running, or to start it again. A server that cannot open recordings has no such page.
 
         Args:
             request: the request, with the id of the flight in its path.
@@ -193,13 +195,15 @@ class Pages:
             The page "viewer", whose security policy permits the frame.
 
         Raises:
-            Refusal: the visitor may not read, there is no such flight, or it has no recording.
+            Refusal: the visitor may not read, there is no such flight, it has no recording, or the server has no
+                viewer.
         """
         self._rights.require(request, Use.READ)
-        entry = self._visible.entry(request, request.path_params["id"])
-        if self._open_recording is None or RECORDING_FILE not in entry.file_names:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
-        visitor = self._visible.visitor_values(request)
+        entry = self._visible_library.entry(request, request.path_params["id"])
+        has_viewer = self._open_recording is not None
+        if not has_viewer or RECORDING_FILE not in entry.file_names:
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
+        visitor = self._visible_library.visitor_values(request)
         return HTMLResponse(
             render_server_page("viewer", flight=entry, **visitor),
             headers={"Content-Security-Policy": VIEWER_POLICY},
@@ -226,7 +230,9 @@ class Pages:
         A recording that does not exist yet is made: the answer waits for it for ``MAX_RECORDING_WAIT``, and is then 202
         with the header Retry-After and the document on how far it is.
         """
-        entry = await run_in_threadpool(self._visible.entry, request, request.path_params["id"])
+        entry = await run_in_threadpool(
+            self._visible_library.entry, request, request.path_params["id"]
+        )
         name = request.path_params["name"]
         recordings = RecordingRequests(self._library)
         is_listed_recording = name in RECORDINGS and name in entry.file_names
@@ -235,7 +241,7 @@ class Pages:
             self._recordings_wanted()
             entry = await self._wait_for_recording(entry)
             if await run_in_threadpool(recordings.missing_names, entry):
-                return recordings_answer(self._visible.recordings(entry))
+                return recordings_answer(self._visible_library.recordings(entry))
         return await run_in_threadpool(self._file_response, request, entry, name)
 
     async def _wait_for_recording(self, entry: Entry) -> Entry:
@@ -277,7 +283,7 @@ class Pages:
         # A log with a digest is stored in the library; others lie where `mavdem track` has read them.
         is_stored = bool(entry.digest)
         if name == "log":
-            path = self._visible.log_path(request, entry)
+            path = self._visible_library.log_path(request, entry)
             if not is_stored and path.is_file():
                 # Somebody may have altered this path in the index. Whatever it is, only logs are given out.
                 detect_format(path)
@@ -285,11 +291,11 @@ class Pages:
         elif is_stored and name in entry.file_names:
             path = self._library.results_folder(entry) / name
         else:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         with refuse_missing_file():
             status = path.stat()
         if not S_ISREG(status.st_mode):
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return FileResponse(
             path, media_type="application/octet-stream", filename=name, stat_result=status
         )
@@ -298,7 +304,7 @@ class Pages:
         """Answers with the page of the live session, which the browser loads again every few seconds."""
         self._rights.require(request, Use.READ)
         if self._monitor is None:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return HTMLResponse(self._monitor.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
 
     def vehicle(self, request: HttpRequest) -> Response:
@@ -319,7 +325,7 @@ class Pages:
         name = request.query_params.get("name", "")
         entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES, order=Order.FLIGHT)
         if not entries:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
         healthy_rows = [row for row in self._library.store.healthy if row.vehicle == name]
         changes: Blocks = []
@@ -334,8 +340,8 @@ class Pages:
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),
-            troubles=self._visible.rows_with_trouble(entries),
-            **self._visible.visitor_values(request),
+            troubles=self._visible_library.rows_with_trouble(entries),
+            **self._visible_library.visitor_values(request),
         )
         return HTMLResponse(html)
 
@@ -370,13 +376,16 @@ class Pages:
                 given_names.get(before.content_hash, before.name),
                 given_names.get(after.content_hash, after.name),
             ),
-            reviews=(self._visible.review(before) or {}, self._visible.review(after) or {}),
+            reviews=(
+                self._visible_library.review(before) or {},
+                self._visible_library.review(after) or {},
+            ),
             difference=vehicle_difference(rows_before, rows_after),
             parameters=changed_parameters(gains_before, gains_after),
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
         )
-        return HTMLResponse(without_policy(html, **self._visible.visitor_values(request)))
+        return HTMLResponse(without_policy(html, **self._visible_library.visitor_values(request)))
 
     def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
         """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
@@ -385,7 +394,7 @@ class Pages:
 
     def sign_in_form(self, request: HttpRequest) -> Response:
         """Refuses the request: the page of that refusal has the form that asks for the token."""
-        raise Refusal(Request.NO_RIGHT, name=Use.READ)
+        raise Refusal(RefusalReason.NO_RIGHT, name=Use.READ)
 
     async def sign_in(self, request: HttpRequest) -> Response:
         """Checks the token of a form, and gives the browser the cookie for reading.
@@ -397,7 +406,7 @@ class Pages:
         token = fields.get("token", [""])[0].strip()
         if not self._rights.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_DELAY)
-            raise Refusal(Request.NO_RIGHT, name=Use.READ)
+            raise Refusal(RefusalReason.NO_RIGHT, name=Use.READ)
         response = RedirectResponse("/", 303)
         response.set_cookie(
             COOKIE_NAME,
@@ -421,5 +430,5 @@ class Pages:
     def sample_log(self, request: HttpRequest) -> Response:
         """Answers with the sample log."""
         if self._sample_log is None:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return FileResponse(self._sample_log)

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request, Stage
+from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import RETRY_SECONDS
@@ -181,7 +181,7 @@ class ReadingThreads:
                 return
             except TEMPORARY_ERRORS as error:
                 is_deleted = (
-                    isinstance(error, Refusal) and error.fact.code is Request.NO_SUCH_FLIGHT
+                    isinstance(error, Refusal) and error.fact.code is RefusalReason.NO_SUCH_FLIGHT
                 )
                 if is_deleted or self._is_stopping.wait(RETRY_SECONDS):
                     return

@@ -16,7 +16,7 @@ from mavdem.assessment.identity import identity_of
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts.fleet import Reading
-from mavdem.facts.serve import Request, Stage
+from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.workers import JobOutcome, LogRows
 from mavdem.ingest.telemetry import Log, Telemetry
 from mavdem.processes import lower_priority
@@ -58,7 +58,7 @@ class RecordingRequests:
             name in RECORDINGS for name in entry.file_names
         )
         if not entry.digest or not is_possible:
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         if not self.missing_names(entry):
             return entry
         self._library.check_space(0)
@@ -108,7 +108,7 @@ class RecordingRequests:
         try:
             self._library.change(entry.id, kept=kept_bytes, **columns)
         except Refusal as error:
-            if error.fact.code is not Request.NO_SUCH_FLIGHT:
+            if error.fact.code is not RefusalReason.NO_SUCH_FLIGHT:
                 raise
             self._library.remove_files_of_deleted_log(entry)
 

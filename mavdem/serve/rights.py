@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
-from mavdem.facts.serve import Request, Sharing, Start, Use
+from mavdem.facts.serve import RefusalReason, Sharing, Start, Use
 from mavdem.serve.index import Entry
 
 COOKIE_NAME = "mavdem"
@@ -106,7 +106,7 @@ class Rights:
             Refusal: the sender has no such right.
         """
         if not self.allows(request, use):
-            raise Refusal(Request.NO_RIGHT, name=use)
+            raise Refusal(RefusalReason.NO_RIGHT, name=use)
 
     def allows_viewing(self, request: HTTPConnection, entry: Entry) -> bool:
         """Returns whether the sender of a request, who has the flight's link, may see this flight."""
@@ -138,7 +138,7 @@ class Rights:
         host = request.headers.get("host", "")
         host_without_port = re.sub(r":\d*$", "", host).lower()
         if self.is_local and host_without_port not in LOOPBACK_HOSTS:
-            raise Refusal(Request.OTHER_SITE, address=host)
+            raise Refusal(RefusalReason.OTHER_SITE, address=host)
         if request.scope["method"] in ("GET", "HEAD"):
             return
         origin = request.headers.get("origin")
@@ -146,7 +146,7 @@ class Rights:
         fetch_site = request.headers.get("sec-fetch-site", SAME_SITE[0])
         is_other_origin = origin is not None and origin.partition("://")[2] != host
         if fetch_site not in SAME_SITE or is_other_origin:
-            raise Refusal(Request.OTHER_SITE, address=origin or fetch_site)
+            raise Refusal(RefusalReason.OTHER_SITE, address=origin or fetch_site)
 
 
 def rights_for_host(host: str, token: str, is_behind_proxy: bool) -> Rights:

@@ -17,7 +17,7 @@ from mavdem.errors import Refusal, Unreadable
 from mavdem.export.fields import messages_of
 from mavdem.facts import Fact
 from mavdem.facts.fleet import Reading
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest.all_messages import with_all_messages
 from mavdem.ingest.telemetry import Columns, Telemetry
@@ -89,7 +89,7 @@ class StoredLog(NamedTuple):
         for vehicle in self.vehicles:
             if name in ("", vehicle.vehicle):
                 return vehicle
-        raise Refusal(Request.NO_SUCH_FIELD, because=f"the log has no vehicle {name}")
+        raise Refusal(RefusalReason.NO_SUCH_FIELD, because=f"the log has no vehicle {name}")
 
     def telemetry(self, name: str) -> Telemetry:
         """Returns a vehicle with its messages, of which only columns that are used are read from the disk.

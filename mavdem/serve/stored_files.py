@@ -12,7 +12,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 
 LOGS = "logs"
 """Folder of the logs, with a folder for each digest."""
@@ -90,7 +90,7 @@ def refuse_full_disk() -> Iterator[None]:
         error_number = getattr(error, "errno", None)
         sqlite_code = getattr(error, "sqlite_errorcode", None)
         if error_number in (errno.ENOSPC, errno.EDQUOT) or sqlite_code == sqlite3.SQLITE_FULL:
-            raise Refusal(Request.DISK_FULL) from None
+            raise Refusal(RefusalReason.DISK_FULL) from None
         raise
 
 

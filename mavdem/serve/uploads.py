@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect
 from starlette.requests import Request as HttpRequest
 
 from mavdem.errors import Refusal, Unreadable
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.facts.sources import Source
 from mavdem.ingest.contents import MAX_LOG_BYTES
 from mavdem.ingest.formats import detect_format
@@ -127,7 +127,7 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
             is left on the disk then.
     """
     if not request.headers.get("content-type", "").startswith("multipart/form-data"):
-        raise Refusal(Request.UPLOAD_WITHOUT_LOG)
+        raise Refusal(RefusalReason.UPLOAD_WITHOUT_LOG)
     content_length = request.headers.get("content-length", "")
     library.check_space(int(content_length) if content_length.isdecimal() else 0)
     form = UploadForm(request, library)
@@ -135,14 +135,14 @@ async def receive_form(request: HttpRequest, library: Library) -> UploadForm:
         with refuse_full_disk():
             await form.parse()
         if not form.is_complete:
-            raise Refusal(Request.UPLOAD_BROKEN)
+            raise Refusal(RefusalReason.UPLOAD_BROKEN)
         # A browser sends a file without name and content for a file field that was left blank.
         if not any(file.size or file.filename for file in form.files.values()):
-            raise Refusal(Request.UPLOAD_WITHOUT_LOG)
+            raise Refusal(RefusalReason.UPLOAD_WITHOUT_LOG)
     except BaseException as error:
         form.remove_files()
         if isinstance(error, MultiPartException | UnicodeError):
-            raise Refusal(Request.BAD_REQUEST, because=str(error)) from None
+            raise Refusal(RefusalReason.BAD_REQUEST, because=str(error)) from None
         raise
     return form
 
@@ -188,9 +188,9 @@ async def body_chunks(request: HttpRequest) -> AsyncGenerator[bytes]:
         except StopAsyncIteration:
             return
         except TimeoutError:
-            raise Refusal(Request.UPLOAD_TOO_SLOW, time_limit=MAX_CHUNK_DELAY) from None
+            raise Refusal(RefusalReason.UPLOAD_TOO_SLOW, time_limit=MAX_CHUNK_DELAY) from None
         except ClientDisconnect:
-            raise Refusal(Request.UPLOAD_BROKEN) from None
+            raise Refusal(RefusalReason.UPLOAD_BROKEN) from None
 
 
 async def _upload_chunks(request: HttpRequest, library: Library) -> AsyncGenerator[bytes]:
@@ -204,7 +204,7 @@ async def _upload_chunks(request: HttpRequest, library: Library) -> AsyncGenerat
     async for chunk in body_chunks(request):
         received_bytes += len(chunk)
         if received_bytes > MAX_LOG_BYTES:
-            raise Refusal(Request.UPLOAD_TOO_LARGE, size_limit=MAX_LOG_BYTES)
+            raise Refusal(RefusalReason.UPLOAD_TOO_LARGE, size_limit=MAX_LOG_BYTES)
         if received_bytes - bytes_at_last_check > SPACE_CHECK_BYTES:
             bytes_at_last_check = received_bytes
             # What has been received is on the disk and counted already.

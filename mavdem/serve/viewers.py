@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import psutil
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.machine import LOOPBACK, free_port
 from mavdem.results import RECORDING_FILE
 
@@ -156,4 +156,4 @@ def _start_viewer(recording: Path) -> WebServer:
         reason = str(server.process.returncode)
     except OSError as error:
         reason = str(error)
-    raise Refusal(Request.NOT_STARTED, name=RECORDING_FILE, because=reason)
+    raise Refusal(RefusalReason.NOT_STARTED, name=RECORDING_FILE, because=reason)

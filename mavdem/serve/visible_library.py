@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 from mavdem.containers import JsonValues, group_by
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Order, Request, Sharing, Stage, Use
+from mavdem.facts.serve import Order, RefusalReason, Sharing, Stage, Use
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
@@ -72,7 +72,7 @@ class VisibleLibrary:
         """
         entry = self.library.entry(id)
         if not self.rights.allows_viewing(request, entry):
-            raise Refusal(Request.NO_SUCH_FLIGHT)
+            raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return entry
 
     def log_path(self, request: HttpRequest, entry: Entry) -> Path:
@@ -89,7 +89,7 @@ class VisibleLibrary:
             Refusal: the sender may not have the log.
         """
         if not entry.log_shared and not self.rights.allows(request, Use.READ):
-            raise Refusal(Request.NO_RIGHT, name=Use.DOWNLOAD)
+            raise Refusal(RefusalReason.NO_RIGHT, name=Use.DOWNLOAD)
         return self.library.log_path(entry)
 
     def search(self, request: HttpRequest, limit: int) -> SearchResult:
@@ -242,4 +242,4 @@ def refuse_missing_file() -> Iterator[None]:
     try:
         yield
     except FileNotFoundError:
-        raise Refusal(Request.NO_SUCH_FLIGHT) from None
+        raise Refusal(RefusalReason.NO_SUCH_FLIGHT) from None

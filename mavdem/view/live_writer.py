@@ -50,6 +50,21 @@ INVISIBLE = (0, 0, 0, 0)
 """Colour of lines that only widen the range of an axis: red, green, blue and opacity."""
 
 
+CONTINUOUS_SEGMENT = 0
+"""Number of the segment of all samples of a line that is not broken where samples are missing."""
+
+# The viewer draws the lines of a plot in the order of their paths, which the numbers in them determine: the band lies
+# below the line, and the part of the line that is marked lies above both.
+WIND_TORQUE_BAND_PATH = "wind/0_band"
+"""Path, in the recording, of the 90 % band of the wind torque."""
+
+WIND_TORQUE_PATH = "wind/1_torque"
+"""Path of the line of the wind torque."""
+
+MOTOR_TORQUE_PATH = "wind/2_motor"
+"""Path of the part of that line whose torque is a motor's."""
+
+
 TERM_NAMES = tuple(term.value for term in Term)
 """Names of the terms of F(t), each of which is drawn as a line."""
 
@@ -178,7 +193,7 @@ class LiveWriter:
             if sample.time >= start_time:
                 # The number of the segment differs from alarm to alarm, so that their lines are not joined.
                 samples.append(Sample(int(start_time), sample.time, sample.values))
-        self._draw(Lines("wind/2_motor", ("of a motor",), (BAD,), 3.0), samples)
+        self._draw(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
         """Marks an alarm by an upright line in every plot but that of the parameters, whose legend has no more room.
@@ -234,7 +249,7 @@ class LiveWriter:
             clip: whether to clip values far beyond the measured range so far, which would otherwise determine the range
                 of the axis.
         """
-        latest = self._latest_samples.get(lines, LatestSample(0, -np.inf))
+        latest = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
         # The dictionary keeps one sample for each time, the last one.
         new_samples = {sample.time: sample for sample in samples if sample.time > latest.time}
         if not new_samples:
@@ -410,8 +425,8 @@ class LiveWriter:
             if row.wind is not None:
                 time = row.wind.time + row.timeline_offset
                 wind = row.wind.compass
-                speeds.append(Sample(0, time, [wind.speed]))
-                edges.append(Sample(0, time, [wind.speed_low, wind.speed_high]))
+                speeds.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed]))
+                edges.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed_low, wind.speed_high]))
         shade = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
         # Estimates are half a second apart. A band of upright strokes would have gaps, so its edges are drawn as lines.
         names = ("90 % band", "90 % band")
@@ -446,22 +461,23 @@ class LiveWriter:
         a motor fails, the torque of the last seconds turns out to be the motor's; see :meth:`mark_motor_torque`.
 
         Args:
-            estimates: rows with their estimates, torques in rad/s².
+            estimates: rows with their estimates, whose torques are divided by the moment of inertia: angular
+                accelerations, rad/s².
         """
         torques = []
         for row, estimate in estimates:
             if np.isfinite(estimate.wind_time):
                 torques.append(
                     EstimateWithBand(
-                        0,
-                        estimate.wind_time + row.timeline_offset,
-                        estimate.wind_torque,
-                        estimate.wind_torque_band,
+                        segment=CONTINUOUS_SEGMENT,
+                        time=estimate.wind_time + row.timeline_offset,
+                        value=estimate.wind_torque,
+                        half_width=estimate.wind_torque_band,
                     )
                 )
-        line = Lines("wind/1_torque", ("torque",), (DISTURBANCE,))
+        line = Lines(WIND_TORQUE_PATH, ("torque",), (DISTURBANCE,))
         self._torque_samples += self._draw_with_band(
-            "wind/0_band", line, torques, TORQUE_UNIT.scale
+            WIND_TORQUE_BAND_PATH, line, torques, TORQUE_UNIT.scale
         )
 
     def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
@@ -484,17 +500,17 @@ class LiveWriter:
         for row, estimate in estimates:
             if np.isfinite(estimate.seen):
                 time = estimate.seen + row.timeline_offset
-                energies.append(Sample(0, time, [estimate.free_energy]))
+                energies.append(Sample(CONTINUOUS_SEGMENT, time, [estimate.free_energy]))
                 if estimate.free_energy_terms is not None:
-                    terms.append(Sample(0, time, estimate.free_energy_terms))
+                    terms.append(Sample(CONTINUOUS_SEGMENT, time, estimate.free_energy_terms))
                 end_time = estimate.until + row.timeline_offset
-                actions.append(Sample(0, end_time, [estimate.free_energy_action]))
+                actions.append(Sample(CONTINUOUS_SEGMENT, end_time, [estimate.free_energy_action]))
                 # The first value is the constant line.
-                surprises.append(Sample(0, time, [1.0, estimate.surprise]))
+                surprises.append(Sample(CONTINUOUS_SEGMENT, time, [1.0, estimate.surprise]))
             if row.learned is not None and np.isfinite(estimate.until):
                 end_time = estimate.until + row.timeline_offset
                 per_sample = free_energy_per_sample(row.learned)
-                energies_per_sample.append(Sample(0, end_time, [per_sample]))
+                energies_per_sample.append(Sample(CONTINUOUS_SEGMENT, end_time, [per_sample]))
         self._draw(Lines("free_energy/0_samples", ("F(t)",), (MEASURED,)), energies)
         learning_runs = Lines("free_energy/1_runs", ("F̄ per sample",), (PREDICTED,), 3.0)
         self._draw(learning_runs, energies_per_sample)

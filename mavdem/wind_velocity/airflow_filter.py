@@ -92,9 +92,10 @@ class AirflowFilter:
         self.states = np.hstack([np.zeros_like(mean_wind), mean_wind])
 
     def _initial_mean_wind(self, start: MotionGrid) -> Array:
-        """Returns the wind that explains the median force of the motion as drag, as a first guess of the mean wind.
+        """Returns a first guess of the mean wind: the wind whose drag is the median specific force of the motion.
 
-        The drag is linearised about it. Medians are used because resets of the position estimate make outliers.
+        The filter linearises the drag about this wind. Medians are used because resets of the position estimate make
+        outliers.
 
         Args:
             start: motion of the flight; its complete steps are used.

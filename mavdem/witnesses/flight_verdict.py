@@ -149,16 +149,18 @@ def _rotation_statements(signals: Signals, boot: int) -> Facts:
 
 
 def powered_intervals(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals in which the motors of a boot could carry the vehicle, s since boot.
+    """Returns the intervals in which the motors of a boot gave enough thrust to fly, s since boot.
 
-    That is while the collective, the mean output of all motors, averaged over 2 s, exceeds the least one in flight.
+    The collective is the mean output of all motors. Its average over 2 s must exceed the lowest one with which a
+    vehicle flies (:func:`min_airborne_collective`).
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        Intervals; none if motor outputs were not recorded, or the vehicle is no multirotor: its outputs carry nothing.
+        Intervals. Empty if motor outputs were not recorded, or the vehicle is no multirotor, whose motors need not
+        carry it.
     """
     collective = series_of_boot(signals.collective, boot)
     if collective is None or signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:

@@ -75,26 +75,30 @@ FULL_STICK = 0.9
 
 @cached_per_vehicle()
 def barometer_altitude(signals: Signals) -> TimeSeries | None:
-    """Returns the altitude (N,) by the barometer that is used, m above an arbitrary level.
+    """Returns the barometric altitude of a vehicle, m above an arbitrary level.
 
-    The autopilot's own altitude in SCALED_PRESSURE is preferred. Otherwise it is that of the pressure in the
-    International Standard Atmosphere (ISO 2533), or the pressure altitude of HIGHRES_IMU. If the barometer in use does
-    not work, the first one that works replaces it.
+    It is from the first of these sources that has an altitude which changes:
+
+    1. The barometer that the autopilot uses (``primary_barometer``). An altitude that the autopilot logged with the
+       pressure is preferred to that of the pressure in the International Standard Atmosphere (ISO 2533).
+    2. The other barometers, likewise.
+    3. The pressure altitude in HIGHRES_IMU.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        The altitude; None if no barometer was recorded that works.
+        The altitude (N,); None if no barometer was recorded that works.
     """
     telemetry = signals.telemetry
-    used = BAROMETERS[primary_barometer(telemetry)]
-    for message in (used, *BAROMETERS):
+    barometer_in_use = BAROMETERS[primary_barometer(telemetry)]
+    for message in (barometer_in_use, *BAROMETERS):
         altitude = _altitude_in(telemetry.messages.get(message, {}))
         if altitude is not None:
             return altitude
     altitude = recorded_series(telemetry, "HIGHRES_IMU", "pressure_alt")
-    return altitude if altitude is not None and np.ptp(altitude.values) else None
+    is_measured = altitude is not None and np.ptp(altitude.values) != 0
+    return altitude if is_measured else None
 
 
 def primary_barometer(telemetry: Telemetry) -> int:

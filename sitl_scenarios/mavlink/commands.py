@@ -305,17 +305,20 @@ class CommandHandler:
         )
         return ACCEPTED
 
-    def _send_message(self, message: float, _: float) -> int:
-        """Executes MAV_CMD_REQUEST_MESSAGE, for AUTOPILOT_VERSION and the messages that the vehicle sends by schedule.
+    def _send_message(self, message_id: float, _: float) -> int:
+        """Executes MAV_CMD_REQUEST_MESSAGE: sends a message once, in the next cycle of the autopilot.
+
+        The vehicle has AUTOPILOT_VERSION, and the messages that it can send at regular intervals.
 
         Args:
-            message: Number of the message.
+            message_id: Id of the message, the first parameter of the command.
 
         Returns:
             MAV_RESULT: denied for a message that the vehicle does not have.
         """
-        name = _message_name(message)
+        name = _message_name(message_id)
         if name == "AUTOPILOT_VERSION":
+            # As if it was requested by the command for that message, whose first parameter is 1.
             return self._send_version(1.0, 0.0)
         if name not in self.transmitter.schedule.usual_rates:
             return DENIED

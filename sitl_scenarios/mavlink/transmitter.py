@@ -61,8 +61,8 @@ class Schedule:
         # Time of the first message and interval, s, of each stream, and how many of it have been sent.
         self._streams: dict[str, Pair] = {}
         self._sent_counts: dict[str, int] = {}
-        # Messages that are not streamed, and are to be sent once.
-        self._single: set[str] = set()
+        # Messages without a stream that were requested (REQUEST_MESSAGE), and are to be sent once in the next cycle.
+        self._requested_once: set[str] = set()
         for number, (name, rate) in enumerate(usual_rates.items()):
             interval = 1 / rate if rate else np.inf
             first = start
@@ -101,26 +101,32 @@ class Schedule:
         if np.isfinite(interval):
             self.set(name, interval, now)
         else:
-            self._single.add(name)
+            self._requested_once.add(name)
 
     def due(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
-        By the time t, floor((t − first) / interval) + 1 messages are due. A cycle sends one if this number has risen
-        since the cycle before. So the result does not depend on how the cycles are cut into calls.
+        By the time t, floor((t − first) / interval) + 1 messages of a stream are due. A cycle sends one if this number
+        has risen since the cycle before. So the result does not depend on how the cycles are cut into calls.
+
+        A message without a stream, whose interval is infinite, is sent only if it was requested (:meth:`send_next`):
+        once, in the first of these cycles.
 
         Args:
             name: Name of the message.
             times: Time of each cycle, s, ascending from call to call; (N,).
 
         Returns:
-            (k,) indices of the cycles.
+            (k,) indices of the cycles; empty without cycles.
         """
+        no_cycle = np.empty(0, dtype=np.intp)
+        if not len(times):
+            return no_cycle
         first, interval = self._streams[name]
         if not np.isfinite(interval):
-            if name not in self._single or not len(times):
-                return np.empty(0, dtype=np.intp)
-            self._single.discard(name)
+            if name not in self._requested_once:
+                return no_cycle
+            self._requested_once.discard(name)
             return np.zeros(1, dtype=np.intp)
         # A message whose time rounding has put just after a cycle belongs to this cycle.
         periods = np.floor((times + EARLY_SECONDS - first) / interval)
@@ -516,5 +522,15 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     # The remainder keeps the dates within three years.
     boot = FIRST_BOOT + scenario.seed % 1000 * DAY
     stamps = boot + np.round([1e6 * time for time, _ in received_frames])
-    receive_stamps = stamps.astype(np.uint64).__getitem__
-    return FrameStream("simulation", "simulation", data, frames, receive_stamps, 0, ())
+    # A stream asks for its stamps by rows of the frames, since a reader of a file decodes only these. Here all are in
+    # an array, whose function for [] does that.
+    stamps_of_rows = stamps.astype(np.uint64).__getitem__
+    return FrameStream(
+        source="simulation",
+        file_ending="simulation",
+        data=data,
+        frames=frames,
+        receive_stamps=stamps_of_rows,
+        bytes_skipped=0,
+        repairs=(),
+    )

@@ -25,7 +25,7 @@ from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request, Sharing, Stage, Start
+from mavdem.facts.serve import RefusalReason, Sharing, Stage, Start
 from mavdem.facts.sources import Source
 from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import api, run, uploads
@@ -137,7 +137,7 @@ def test_other_files_are_refused_at_once_whatever_their_name(served):
     assert served.get("/api/flights").json["total"] == 0
     # The frames of a telemetry log begin after some damage.
     assert served.upload(("a", noise[:1000] + FLIGHT.read_bytes()[:100_000])).status == 201
-    assert served.upload(("", b"")).code == Request.UPLOAD_WITHOUT_LOG
+    assert served.upload(("", b"")).code == RefusalReason.UPLOAD_WITHOUT_LOG
 
 
 def test_a_log_that_cannot_be_read_is_not_kept_unless_asked(served):
@@ -154,7 +154,7 @@ def test_progress_is_told_until_all_is_done(tmp_path, monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(api, "MAX_PROGRESS_STREAMS", 0)
             full = server.get(f"/api/progress?id={id}")
-            assert full.refusal == (503, Request.UPLOADS_TOO_MANY)
+            assert full.refusal == (503, RefusalReason.UPLOADS_TOO_MANY)
         server.work.run()
         monkeypatch.setattr(api, "MAX_PROGRESS_STREAMS", 1)
         for _ in range(2):
@@ -202,7 +202,7 @@ def test_a_flight_is_changed_found_and_deleted(served):
         len(list((served.library.folder / part).iterdir())) for part in ("logs", "results")
     ] == [1, 1]
     wrong = served.ask("PATCH", f"/api/flights/{id}", {"sharing": "all"})
-    assert wrong.status == 400 and wrong.code == Request.BAD_REQUEST
+    assert wrong.status == 400 and wrong.code == RefusalReason.BAD_REQUEST
 
 
 @mark.slow
@@ -311,7 +311,7 @@ def test_who_has_no_right_sees_what_is_shared_and_no_more(guarded):
         ("GET", "/api/progress"),
     ):
         refused = guarded.ask(method, path, {})
-        assert refused.refusal == (401, Request.NO_RIGHT), path
+        assert refused.refusal == (401, RefusalReason.NO_RIGHT), path
     assert [guarded.get(path).status for path in ("/vehicle?name=quad%207", "/compare")] == [
         401
     ] * 2
@@ -349,7 +349,7 @@ def test_another_site_is_refused(served):
         {"Host": "evil.example"},
     ):
         refused = served.ask("DELETE", f"/api/flights/{id}", **headers)
-        assert refused.refusal == (403, Request.OTHER_SITE), headers
+        assert refused.refusal == (403, RefusalReason.OTHER_SITE), headers
     for host in ("evil.example", "[::", "[x]", ""):
         assert served.get("/", Host=host).status == 403, host
     assert served.ask("DELETE", f"/api/flights/{id}", Origin="http://[").status == 403
@@ -405,14 +405,14 @@ def test_what_is_no_upload_is_refused(served):
     kind = f"multipart/form-data; boundary={BOUNDARY}"
     whole = form([("a.ulg", log())])
     for body, content_type, code in (
-        (b"{}", "application/json", Request.UPLOAD_WITHOUT_LOG),
-        (form([("", b"")]), kind, Request.UPLOAD_WITHOUT_LOG),
-        (whole[:-10], kind, Request.UPLOAD_BROKEN),
-        (b"nothing of a form", kind, Request.BAD_REQUEST),
-        (whole, "multipart/form-data; boundary=" + "x" * 400, Request.BAD_REQUEST),
-        (whole, kind + "; charset=punycode", Request.BAD_REQUEST),
-        (form([], {"field": "x" * 65_536}), kind, Request.UPLOAD_WITHOUT_LOG),
-        (form([], {"field": "x" * 65_537}), kind, Request.BAD_REQUEST),
+        (b"{}", "application/json", RefusalReason.UPLOAD_WITHOUT_LOG),
+        (form([("", b"")]), kind, RefusalReason.UPLOAD_WITHOUT_LOG),
+        (whole[:-10], kind, RefusalReason.UPLOAD_BROKEN),
+        (b"nothing of a form", kind, RefusalReason.BAD_REQUEST),
+        (whole, "multipart/form-data; boundary=" + "x" * 400, RefusalReason.BAD_REQUEST),
+        (whole, kind + "; charset=punycode", RefusalReason.BAD_REQUEST),
+        (form([], {"field": "x" * 65_536}), kind, RefusalReason.UPLOAD_WITHOUT_LOG),
+        (form([], {"field": "x" * 65_537}), kind, RefusalReason.BAD_REQUEST),
     ):
         answer = served.ask("POST", "/api/logs", body, Content_Type=content_type)
         assert answer.refusal == (400, code)
@@ -434,9 +434,9 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
     monkeypatch.setattr(api, "MAX_UPLOADS", 1)
     with serving(tmp_path, is_eager=False) as server:
         large = server.upload(("a.ulg", log(size=1001)))
-        assert large.refusal == (413, Request.UPLOAD_TOO_LARGE)
+        assert large.refusal == (413, RefusalReason.UPLOAD_TOO_LARGE)
         many = server.upload(*numbered(3))
-        assert many.refusal == (400, Request.BAD_REQUEST)
+        assert many.refusal == (400, RefusalReason.BAD_REQUEST)
         with socket.create_connection(("127.0.0.1", server.port)) as line:
             head = "POST /api/logs HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: 999\r\n"
             head += f"Content-Type: multipart/form-data; boundary={BOUNDARY}\r\n\r\n"
@@ -446,10 +446,10 @@ def test_size_number_queue_and_patience_have_limits(tmp_path, monkeypatch):
         server.add(size=1000)
         assert looked[-1] == 0
         full = server.upload(("b.ulg", log("b")))
-        assert full.code == Request.UPLOADS_TOO_MANY and full.headers["Retry-After"]
+        assert full.code == RefusalReason.UPLOADS_TOO_MANY and full.headers["Retry-After"]
         monkeypatch.setattr(api, "MAX_WAITING_LOGS", 2)
         monkeypatch.setattr(api, "MAX_UPLOADS", 0)
-        assert server.upload(("b.ulg", log("b"))).code == Request.UPLOADS_TOO_MANY
+        assert server.upload(("b.ulg", log("b"))).code == RefusalReason.UPLOADS_TOO_MANY
         assert list((tmp_path / "incoming").iterdir()) == []
 
 
@@ -488,7 +488,7 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
     with serving(tmp_path, quota=1000) as server:
         id = server.add("a.ulg", "One.")
         refused = server.upload(("b.ulg", log("Two.", 2000)))
-        assert refused.refusal == (507, Request.QUOTA_REACHED)
+        assert refused.refusal == (507, RefusalReason.QUOTA_REACHED)
         server.library.quota = None
 
         def full(handle):
@@ -502,7 +502,7 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
             server.library.check_space(0)
             with raises(Refusal):
                 server.library.check_space(1)
-        assert refused.refusal == (507, Request.DISK_FULL)
+        assert refused.refusal == (507, RefusalReason.DISK_FULL)
         with raises(PermissionError), refuse_full_disk():
             raise PermissionError(errno.EACCES, "another trouble")
         with raises(sqlite3.OperationalError), refuse_full_disk():
@@ -570,7 +570,7 @@ def test_a_viewer_that_cannot_be_started_is_refused(tmp_path, monkeypatch):
         id = server.add("a.ulg", "With a model.")
         server.get(f"/f/{id}/flight.rrd")
         refused = server.ask("POST", f"/api/flights/{id}/viewer", {})
-        assert refused.refusal == (503, Request.NOT_STARTED)
+        assert refused.refusal == (503, RefusalReason.NOT_STARTED)
 
 
 @contextmanager

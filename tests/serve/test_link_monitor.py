@@ -11,7 +11,7 @@ from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from serving import serving
 
-from mavdem.facts.serve import Request
+from mavdem.facts.serve import RefusalReason
 from mavdem.ingest import read_log
 from mavdem.live.raw_recording import RawRecording
 from mavdem.serve import link_monitor
@@ -89,7 +89,7 @@ def test_a_full_disk_ends_the_session_and_says_so(tmp_path, monkeypatch, heard, 
     live = begin()
     while not warned:
         time.sleep(0.05)
-    assert warned[0].code is Request.SESSION_FAILED and "No space left" in warned[0].sentence
+    assert warned[0].code is RefusalReason.SESSION_FAILED and "No space left" in warned[0].sentence
     assert come and library.find("1", [], 10)[1] == 1
     monkeypatch.setattr(live, "start", lambda: None)
     with serving(tmp_path / "other", monitor=live) as server:

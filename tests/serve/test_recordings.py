@@ -10,7 +10,7 @@ from recorded_flights import short_flight
 from serving import LIMITS, log, record_made_up, serving
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Request, Sharing, Stage
+from mavdem.facts.serve import RefusalReason, Sharing, Stage
 from mavdem.fleet.workers import Job, JobOutcome, outcome_of
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
@@ -167,7 +167,7 @@ def test_a_library_without_room_refuses(tmp_path):
     library.quota = 1
     with raises(Refusal) as refused:
         RecordingRequests(library).request(entry)
-    assert refused.value.fact.code is Request.QUOTA_REACHED
+    assert refused.value.fact.code is RefusalReason.QUOTA_REACHED
 
 
 def test_what_cannot_be_stored_now_is_stored_later(tmp_path, monkeypatch):
@@ -180,7 +180,7 @@ def test_what_cannot_be_stored_now_is_stored_later(tmp_path, monkeypatch):
     def change():
         attempts.append(1)
         if len(attempts) < 3:
-            raise Refusal(Request.DISK_FULL)
+            raise Refusal(RefusalReason.DISK_FULL)
 
     threads.store_persistently(change)
     assert len(attempts) == 3

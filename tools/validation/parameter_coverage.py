@@ -78,7 +78,7 @@ class Case(NamedTuple):
 
     @property
     def half(self) -> str:
-        """Half of the flights that this one belongs to, "A" or "B", by a hash of its name."""
+        """Half of the flights that this one belongs to: "A" to choose settings on, "B" only to test, by a hash."""
         name = f"{self.scenario} {self.gain:g} {self.seed}"
         return "AB"[hashlib.sha256(name.encode()).digest()[0] % 2]
 
@@ -140,7 +140,18 @@ def interval_rows(plant: Physical, truths: Values, true_delay: float) -> list[Va
 
 
 def evaluate_case(case: Case) -> list[Values]:
-    """Simulates a flight, and compares its parameters of roll with the truth; see :func:`interval_rows`."""
+    """Simulates a flight, estimates the physical parameters of roll from its log, and compares them with the truth.
+
+    The flight is written to a telemetry log and read from it again, so that the estimates have the resolution, rates
+    and delays of a log.
+
+    Args:
+        case: the flight to simulate.
+
+    Returns:
+        The rows of :func:`interval_rows`, one for each parameter, with the fields of the case and its ``half``. Empty
+        if the vehicle tumbles, or nothing can be learned or identified from the log; the reason is printed.
+    """
     scenario = case.flown_scenario()
     try:
         # A vehicle that tumbles is a ValueError.
@@ -148,18 +159,18 @@ def evaluate_case(case: Case) -> list[Values]:
         with TemporaryDirectory() as folder:
             log = Path(folder) / "flight.tlog"
             write_log(log, scenario, motion)
-            flight = read_flight(log)
+            flight = read_flight(log, axis="roll")
     except (NotLearnable, ValueError) as reason:
         click.echo(f"{case}: refused: {reason}", err=True)
         return []
-    plant = physical(flight)
-    if isinstance(plant, NotIdentifiable):
-        click.echo(f"{case}: refused: {plant.reason}", err=True)
+    estimate = physical(flight)
+    if isinstance(estimate, NotIdentifiable):
+        click.echo(f"{case}: refused: {estimate.reason}", err=True)
         return []
     # The motors' output is held for one cycle: half of it on average.
     true_delay = scenario.sensors.delay + scenario.cycle / 2
     truths = true_values(motion, scenario, flight)
-    rows = interval_rows(plant, truths, true_delay)
+    rows = interval_rows(estimate, truths, true_delay)
     return [{"half": case.half, **case._asdict(), **row} for row in rows]
 
 

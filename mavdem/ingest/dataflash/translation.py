@@ -291,11 +291,12 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
 def _local_position(estimates: FlownEstimates) -> NamedMessage:
     """Makes LOCAL_POSITION_NED: position, m, and velocity, m/s, in north-east-down.
 
-    The vertical speed of the first filter, EKF1, is off by 0.3 m/s. If a climb rate was logged too (VFR_HUD, from
-    CTUN), it replaces that speed: resampled at the stamps of the position, with its sign changed, since z points down.
+    The vertical speed of ArduPilot's first estimator, EKF1, is off by 0.3 m/s. If the climb rate was logged too (in
+    DataFlash's CTUN, which is translated to VFR_HUD), it replaces that speed: resampled at the stamps of the position,
+    with its sign changed, since z points down.
 
     Args:
-        estimates: DataFlash's messages, those of filters of the core that flew.
+        estimates: DataFlash's messages; of those with estimates, the ones of the estimator that was used in flight.
 
     Returns:
         Columns x, y, z, vx, vy and vz (n,).

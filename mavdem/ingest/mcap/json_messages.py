@@ -142,18 +142,18 @@ def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any
 
 
 def _number(value: Any, wire_type: np.dtype[Any]) -> float:
-    """Converts a JSON value to the number in the payload of a message.
+    """Converts a JSON value to the number that a field has in the payload of a message.
 
     Args:
-        value: The value in JSON: a number, a text, None, or an object with the number or names under "type" (entry of
-            an enumeration) or "bits" (bitmask).
+        value: The value in JSON: a number; a text, such as the names of flags; None, which stands for NaN; or an object
+            with one of these under "type" (an entry of an enumeration) or "bits" (a bitmask).
         wire_type: Type of the field in the payload.
 
     Returns:
-        An integer, or a float for a floating-point field, NaN for None.
+        A float for a floating-point field, an integer for the others.
 
     Raises:
-        TypeError, ValueError, OverflowError: It is not a number, or has decimals while the field is an integer.
+        TypeError, ValueError, OverflowError: The value is no number, or one with decimals for an integer field.
     """
     if isinstance(value, dict):
         value = value.get("type", value.get("bits"))

@@ -62,7 +62,7 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
         HardwarePart.RECEIVERS: _receiver_charts,
         HardwarePart.COMPASSES: _compass_charts,
         HardwarePart.PROCESSOR: _processor_charts,
-        HardwarePart.RECORDING: _recording_charts,
+        HardwarePart.RECORDING: _sample_interval_charts,
         HardwarePart.TEMPERATURES: _temperature_charts,
         CommandPart.TARGETS: _target_charts,
         CommandPart.STICKS: _stick_charts,
@@ -150,8 +150,11 @@ def _processor_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
     yield _quantity_chart("Memory free", (MEMORY_FREE,), evidence, timeline)
 
 
-def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields the time between two samples of the attitude or the faster body rates, ms, drawn at the later one.
+def _sample_interval_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
+    """Yields a chart of the time between successive samples of the attitude, which shows gaps of the recording.
+
+    The interval, in ms, is drawn at the later sample. Where body rates were recorded faster, the attitude has an angle
+    at each of their stamps: then these are intervals between body rates, and the title says so.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -161,9 +164,9 @@ def _recording_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]
     angle = None if attitude is None else series_of_boot(attitude.angle_series, timeline.boot)
     if angle is None or len(angle.time) <= MIN_SAMPLES:
         return
-    steps = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
+    intervals = TimeSeries(angle.time[1:], angle.boot[1:], 1000 * np.diff(angle.time))
     quantity = "body rates" if has_stamps_of_body_rates(evidence.signals) else "attitudes"
-    yield over_time(f"Time between {quantity}", "ms", _lines({"step": steps}, timeline))
+    yield over_time(f"Time between {quantity}", "ms", _lines({"step": intervals}, timeline))
 
 
 def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:

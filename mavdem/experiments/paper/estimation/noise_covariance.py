@@ -292,29 +292,32 @@ def _nested_values(
 
 
 def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> list[Check]:
-    """Checks for each coloured noise that DEM's variances are less wrong than those of every other estimator.
+    """Checks for each coloured noise that DEM estimates the noise variances better than every other estimator.
+
+    An estimate is better if the factor by which it differs from the truth is smaller (``MeanErrors.variance_factor``).
 
     Args:
         errors: errors by noise and estimator.
-        data: name of the records, for the text.
+        data: name of the simulated or recorded data, for the text.
 
     Returns:
-        A check for each coloured noise.
+        A check for each coloured noise; white noise is left out.
     """
     checks = []
     for noise, means in errors.items():
-        if SMOOTHNESS_IN_STEPS[noise] == 0:
+        is_white = SMOOTHNESS_IN_STEPS[noise] == 0
+        if is_white:
             continue
-        best = min(BASELINES, key=lambda name: means[name].variance_factor)
+        best_baseline = min(BASELINES, key=lambda name: means[name].variance_factor)
         dem_factor = means[DEM].variance_factor
-        best_factor = means[best].variance_factor
+        best_factor = means[best_baseline].variance_factor
         checks.append(
             Check(
                 f"{data}, {noise}: the variances of DEM are wrong by a smaller factor than those of every other "
                 "estimator",
                 dem_factor < best_factor,
                 f"{data}, {noise}: the variances are wrong by a factor of {rounded(dem_factor, 3)} by DEM and "
-                f"{rounded(best_factor, 3)} by {best}",
+                f"{rounded(best_factor, 3)} by {best_baseline}",
             )
         )
     return checks
