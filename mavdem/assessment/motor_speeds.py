@@ -205,7 +205,7 @@ def _standstill(
         no_rotation,
         *_counted_errors(controller, sensors.boot, recorded),
         *_reaction_of_command(command, recorded),
-        *_attitude_statements(error, recorded),
+        *_reaction_of_attitude(error, recorded),
         *reports_on_motor(reports, sensors.boot, name, recorded),
     )
     event = Fact(
@@ -284,15 +284,19 @@ def rise_statement(change: CommandChange, interval: Interval) -> Fact:
     )
 
 
-def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
-    """Returns whether the attitude left its setpoint while a motor stood still, as a vehicle without its thrust would.
+def _reaction_of_attitude(error: AttitudeError, interval: Interval) -> Facts:
+    """Returns whether the attitude left its setpoint while the measured speed of a motor was zero.
+
+    If the motor really stood still, the vehicle leans to the side of the missing thrust. If the attitude stayed at its
+    setpoint, the thrust was there, and the measured speed is wrong.
 
     Args:
         error: error of the attitude in the boot.
-        interval: time when the motor stood still, s since boot.
+        interval: start and end of the time when the speed was zero, s since boot.
 
     Returns:
-        One statement; none without an attitude in the interval or just before it.
+        One fact: ``ATTITUDE_LEFT_SETPOINT`` supports that the motor stood still, ``ATTITUDE_HELD`` contradicts it.
+        Empty if no attitude was recorded in the interval or just before it.
     """
     start, end = interval
     interval_of_error = (start - MAX_SETPOINT_DELAY, end)
@@ -313,7 +317,7 @@ def _attitude_statements(error: AttitudeError, interval: Interval) -> Facts:
 
 
 def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
-    """Makes a witness of the errors that a motor's controller counted in an interval or a second before.
+    """Returns the errors that a motor's controller counted in an interval or a second before, which support a fault.
 
     Args:
         controller: the speed controller of the motor, which may count its errors.

@@ -143,14 +143,14 @@ def _is_reaction(report: Fact) -> bool:
 
 
 def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
-    """Returns the witness that GPS had no fix in an interval.
+    """Returns the fact that no GPS receiver had a fix in an interval, which supports that the position was lost.
 
     Args:
-        fix: whether a receiver had one (N,), 1 or 0.
-        interval: start and end, s since boot.
+        fix: whether a receiver had a fix (N,), 1 or 0; None if no receiver was recorded.
+        interval: start and end of the time without a position, s since boot.
 
     Returns:
-        One statement; empty if it had a fix, or no receiver was recorded.
+        One fact; empty if a receiver had a fix, or none was recorded.
     """
     if fix is None:
         return ()

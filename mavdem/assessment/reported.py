@@ -107,9 +107,9 @@ def reported_events(signals: Signals) -> Facts:
     Args:
         signals: signals of the vehicle.
     """
-    states_of_faults = list(fault_signals(signals))
+    fault_states = list(fault_signals(signals))
     problems = [
-        _without_contradicted_claim(problem, states_of_faults, signals)
+        _without_contradicted_claim(problem, fault_states, signals)
         for problem in reported_problems(signals.telemetry)
     ]
     possible_problems = [problem for problem in problems if _can_be(problem, signals)]
@@ -126,7 +126,7 @@ def reported_events(signals: Signals) -> Facts:
             *_take_offs_and_landings(signals, span),
             *_mode_changes(signals, span),
         ]
-        faults = merge_repeats(_faults_of_boot(signals, span, possible_problems, states_of_faults))
+        faults = merge_repeats(_faults_of_boot(signals, span, possible_problems, fault_states))
         for fact in in_time_order([*state_changes, *faults]):
             time = fact.time or 0.0
             trigger = _trigger_of(fact, faults)
@@ -441,7 +441,7 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _lasting_faults(
-    signals: Signals, span: Segment, faults: Sequence[FaultSignal]
+    signals: Signals, span: Segment, fault_states: Sequence[FaultSignal]
 ) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
@@ -450,13 +450,13 @@ def _lasting_faults(
     Args:
         signals: signals of the vehicle.
         span: the recorded part of one boot.
-        faults: all that messages may report, of all boots.
+        fault_states: messages that report a fault for as long as it lasts, of all boots.
 
     Yields:
         A fact with start and end for each interval; a fault that is still there when the record ends has no end.
     """
     armed = intersection(armed_intervals(signals, span.boot), [(span.start, span.end)])
-    for fault in faults:
+    for fault in fault_states:
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)

@@ -26,14 +26,14 @@ HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENC
 
 
 class Question(StrEnum):
-    """What a forecast of the outputs is given."""
+    """A question that forecasts of the outputs answer, by the data that they may use."""
 
     KNOWN = "known"
-    """the inputs, from the state at the end of training"""
+    """How do the outputs go on from the state at the end of training, with these future inputs?"""
     ZERO = "zero"
-    """the inputs, from state 0"""
+    """How do the outputs go on from state 0, with these future inputs?"""
     UNKNOWN = "unknown"
-    """no inputs: what comes next"""
+    """How do the outputs go on, if the future inputs are not known?"""
 
 
 KNOWN, FROM_ZERO, UNKNOWN = Question

@@ -121,7 +121,8 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
 def first_tab_paths(axis: str) -> dict[str, str]:
     """Returns the paths of the data in the Rerun recording that each plot of the first tab shows.
 
-    Rerun stores each line under a path, like a file in a folder ("air/1_speed"). A plot shows all lines under its path.
+    Rerun stores each line under a path, like a file in a folder ("air/1_speed"). A plot shows all lines under its path,
+    and draws them in the order of their names: those with lower numbers lie below the others.
 
     Args:
         axis: the axis that a model is learned of, "roll" or "pitch".

@@ -250,18 +250,18 @@ class CommandHandler:
             return ACCEPTED
         return FAILED
 
-    def _set_interval(self, message: float, interval: float) -> int:
+    def _set_interval(self, message_id: float, interval: float) -> int:
         """Executes MAV_CMD_SET_MESSAGE_INTERVAL.
 
         Args:
-            message: Number of the message.
+            message_id: Id of the message.
             interval: Interval in µs; 0 sets the usual one, a negative value stops the message.
 
         Returns:
             MAV_RESULT: denied for a message that the vehicle does not have.
         """
         schedule = self.transmitter.schedule
-        name = _message_name(message)
+        name = _message_name(message_id)
         if name not in schedule.usual_rates or not isfinite(interval):
             return DENIED
         if interval < 0:
@@ -279,29 +279,29 @@ class CommandHandler:
         for name in names:
             self.transmitter.schedule.set(name, seconds, self.transmitter.clock)
 
-    def _send_interval(self, message: float, _: float) -> int:
+    def _send_interval(self, message_id: float, _: float) -> int:
         """Executes MAV_CMD_GET_MESSAGE_INTERVAL: replies with MESSAGE_INTERVAL.
 
         The interval in the reply is in µs: 0 for a message that the vehicle does not have, -1 for one that it does not
         send now (common.xml).
 
         Args:
-            message: Number of the message.
+            message_id: Id of the message.
 
         Returns:
             MAV_RESULT: denied for a number that the reply cannot hold.
         """
-        if not 0 <= message < MESSAGE_IDS:
+        if not 0 <= message_id < MESSAGE_IDS:
             return DENIED
         schedule = self.transmitter.schedule
-        name = _message_name(message)
+        name = _message_name(message_id)
         interval = schedule.interval(name) if name in schedule.usual_rates else 0.0
         # The interval of a message that is not sent is infinite.
         microseconds = -1
         if isfinite(interval):
             microseconds = min(round(interval * MICROSECONDS_PER_SECOND), MAX_INT32)
         self.transmitter.send_once(
-            "MESSAGE_INTERVAL", message_id=int(message), interval_us=microseconds
+            "MESSAGE_INTERVAL", message_id=int(message_id), interval_us=microseconds
         )
         return ACCEPTED
 
@@ -356,7 +356,7 @@ COMMANDS = {
 """Method that executes each MAV_CMD, given its first two parameters."""
 
 
-def _message_name(message: float) -> str:
-    """Returns the name of the message with this number; empty when there is none."""
-    definition = definitions_by_id().get(round(message)) if isfinite(message) else None
+def _message_name(message_id: float) -> str:
+    """Returns the name of the message with this id, a parameter of a command; empty when there is none."""
+    definition = definitions_by_id().get(round(message_id)) if isfinite(message_id) else None
     return definition.name if definition else ""

@@ -21,7 +21,7 @@ from sitl_scenarios.mavlink.messages import message_payloads, parameters
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion
 from sitl_scenarios.mishaps.specs import Restart, SecondLink, SecondVehicle
 from sitl_scenarios.mishaps.texts import WATCHDOG_TEXT
-from sitl_scenarios.motion import Array, Motion, Pair
+from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS, total_seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
@@ -34,6 +34,15 @@ TimedFrame = tuple[float, bytes]
 
 EARLY_SECONDS = 0.5e-6
 """Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
+
+
+class MessageStream(NamedTuple):
+    """A message that is sent at constant intervals."""
+
+    first_time: float
+    """Time of the first message, s."""
+    interval: float
+    """Time from one message to the next, s; infinite if it is not sent."""
 
 
 class Schedule:
@@ -58,10 +67,10 @@ class Schedule:
         self.usual_rates = dict(usual_rates)
         self._step = autopilot.interval_step
         self._cycle = cycle
-        # Time of the first message and interval, s, of each stream, and how many of it have been sent.
-        self._streams: dict[str, Pair] = {}
+        # The stream of each message, and how many messages of it have been sent.
+        self._streams: dict[str, MessageStream] = {}
         self._sent_counts: dict[str, int] = {}
-        # Messages without a stream that were requested (REQUEST_MESSAGE), and are to be sent once in the next cycle.
+        # Messages that are not sent at intervals, but were requested (REQUEST_MESSAGE): sent once in the next cycle.
         self._requested_once: set[str] = set()
         for number, (name, rate) in enumerate(usual_rates.items()):
             interval = 1 / rate if rate else np.inf
@@ -83,12 +92,12 @@ class Schedule:
             # message at most once in a cycle.
             whole_steps = int(interval / self._step + 1e-6) * self._step
             interval = max(whole_steps, self._cycle)
-        self._streams[name] = (start, interval)
+        self._streams[name] = MessageStream(start, interval)
         self._sent_counts[name] = 0
 
     def interval(self, name: str) -> float:
         """Returns the seconds between one message and the next; infinite for none."""
-        return self._streams[name][1]
+        return self._streams[name].interval
 
     def send_next(self, name: str, now: float) -> None:
         """Sends a message once in the next cycle, as the command REQUEST_MESSAGE does; a stream goes on from there.
@@ -106,11 +115,11 @@ class Schedule:
     def due(self, name: str, times: Array) -> Rows:
         """Returns in which of the next cycles a message is sent, and counts it as sent.
 
-        By the time t, floor((t − first) / interval) + 1 messages of a stream are due. A cycle sends one if this number
-        has risen since the cycle before. So the result does not depend on how the cycles are cut into calls.
+        By the time t, floor((t − first_time) / interval) + 1 messages of a stream are due. A cycle sends one if this
+        number has risen since the cycle before. So the result does not depend on how the cycles are cut into calls.
 
-        A message without a stream, whose interval is infinite, is sent only if it was requested (:meth:`send_next`):
-        once, in the first of these cycles.
+        A message with an infinite interval is sent only if it was requested (:meth:`send_next`): once, in the first of
+        these cycles.
 
         Args:
             name: Name of the message.
@@ -122,14 +131,14 @@ class Schedule:
         no_cycle = np.empty(0, dtype=np.intp)
         if not len(times):
             return no_cycle
-        first, interval = self._streams[name]
-        if not np.isfinite(interval):
+        stream = self._streams[name]
+        if not np.isfinite(stream.interval):
             if name not in self._requested_once:
                 return no_cycle
             self._requested_once.discard(name)
             return np.zeros(1, dtype=np.intp)
         # A message whose time rounding has put just after a cycle belongs to this cycle.
-        periods = np.floor((times + EARLY_SECONDS - first) / interval)
+        periods = np.floor((times + EARLY_SECONDS - stream.first_time) / stream.interval)
         due_counts = np.maximum(periods + 1, 0)
         newly_due = np.diff(due_counts, prepend=self._sent_counts[name])
         rows = np.flatnonzero(newly_due)
