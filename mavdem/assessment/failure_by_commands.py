@@ -112,7 +112,7 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
     3. Before an impact without a loss of attitude, the vehicle sank at full throttle with a motor at its limit: all
        thrust was in use then too.
     4. One motor was too weak (:func:`weak_motor`).
-    5. The output of one motor was frozen.
+    5. The commands point to no weak motor, and the output of one was frozen.
 
     Args:
         signals: signals of the vehicle.

@@ -68,16 +68,19 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
         end = min(end, loss.until)
     interval = (loss.time, end)
     return (
-        *_command_statements(signals, loss, interval),
-        *_attitude_statements(signals, boot, interval),
-        *_sink_statements(signals, boot, interval),
+        *_rise_of_command(signals, loss, interval),
+        *_loss_of_attitude(signals, boot, interval),
+        *_fast_descent(signals, boot, interval),
         *speed_statements(signals, loss),
         *reports_on_motor(reports, boot, loss.subject, interval),
     )
 
 
-def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Facts:
-    """Returns the witness of a lost motor in its command: the excess over the other motors, or the rise.
+def _rise_of_command(signals: Signals, loss: Fact, interval: Interval) -> Facts:
+    """Returns by how much the command of a motor rose, which supports that the motor lost thrust.
+
+    The controller raises the command to make up for the lost thrust. Where the loss was found by the command's excess
+    over those of the other motors, that excess is stated instead.
 
     Args:
         signals: signals of the vehicle.
@@ -85,7 +88,7 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
         interval: start and end of the loss, s since boot.
 
     Returns:
-        One statement; empty if the command hardly rose.
+        One fact, ``COMMAND_ABOVE_OTHERS`` or ``COMMAND_ROSE``; empty if the command hardly rose.
     """
     motors = signals.motors
     assert motors is not None
@@ -103,19 +106,19 @@ def _command_statements(signals: Signals, loss: Fact, interval: Interval) -> Fac
     return (rise_statement(change, interval),)
 
 
-def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Makes a witness of a motor's loss if the attitude left its setpoint.
+def _loss_of_attitude(signals: Signals, boot: int, interval: Interval) -> Facts:
+    """Returns how far the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. Without a recorded setpoint, half of
-    the lean is taken for its error; then the statement has the whole lean.
+    the lean is taken for its error; then the fact has the whole lean.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        interval: start and end, s since boot.
+        interval: start and end of the loss, s since boot.
 
     Returns:
-        One statement with the largest error, or an empty tuple.
+        One fact, ``ATTITUDE_LEFT_SETPOINT`` with the largest error; empty if the error stayed below ``MIN_LEAN_ERROR``.
     """
     error = attitude_error(signals, boot)
     if error is None:
@@ -127,18 +130,20 @@ def _attitude_statements(signals: Signals, boot: int, interval: Interval) -> Fac
     return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
-def _sink_statements(signals: Signals, boot: int, interval: Interval) -> Facts:
-    """Makes a witness of each height sensor by which the vehicle sank fast.
+def _fast_descent(signals: Signals, boot: int, interval: Interval) -> Facts:
+    """Returns the height sensors by which the vehicle sank fast, which supports that a motor was lost.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        interval: start and end, s since boot.
+        interval: start and end of the loss, s since boot.
 
     Returns:
-        The statements; empty if no sensor shows that.
+        A fact for each sensor; empty if none shows it, or the loss did not begin in a flight.
     """
+    loss_start, _ = interval
     for flight in flights_in_boot(signals, boot):
-        if in_intervals(interval[0], [flight]):
-            return supporting_statements(BootSensors(signals, boot, flight[0]).sinking(interval))
+        if in_intervals(loss_start, [flight]):
+            take_off, _ = flight
+            return supporting_statements(BootSensors(signals, boot, take_off).sinking(interval))
     return ()
