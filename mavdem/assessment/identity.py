@@ -14,7 +14,7 @@ from mavdem.dataset.segments import Segment, settled_segments
 from mavdem.dataset.signals import Signals, global_positions
 from mavdem.dataset.time_series import float_column
 from mavdem.facts.vehicle import Basis, DateBasis
-from mavdem.ingest.telemetry import Parameters, Telemetry
+from mavdem.ingest.telemetry import MICROSECONDS, Parameters, Telemetry
 from mavdem.ingest.vocabulary import (
     board_name_in_texts,
     board_number_in_bytes,
@@ -47,12 +47,6 @@ NAME_DIGITS = 12
 
 MIN_UNIX_TIME = datetime(2001, 1, 1, tzinfo=UTC).timestamp()
 """UNIX time, s, before which a clock was never set."""
-
-MICROSECONDS_PER_SECOND = 1e6
-"""Microseconds of a second: the unit of ``time_unix_usec``."""
-
-SECONDS_PER_MINUTE = 60
-"""Seconds of a minute: the unit of SDLOG_UTC_OFFSET."""
 
 PX4_LOG_NAME = re.compile(r"/log/(20\d\d-\d\d-\d\d/\d\d_\d\d_\d\d)\.ulg")
 """Name of a log in a text of PX4, by the day and the second at which it began: "…/log/2026-03-09/11_02_35.ulg"."""
@@ -307,7 +301,7 @@ def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | 
     columns = telemetry.messages.get("SYSTEM_TIME", {})
     if "time_unix_usec" not in columns:
         return None
-    unix_time = float_column(columns, "time_unix_usec") / MICROSECONDS_PER_SECOND
+    unix_time = float_column(columns, "time_unix_usec") / MICROSECONDS
     is_set = unix_time > MIN_UNIX_TIME
     if flight is not None:
         is_set_in_boot = is_set & (columns["boot"] == flight.boot)
@@ -335,7 +329,7 @@ def _time_by_log_name(telemetry: Telemetry, flight: Segment | None) -> float | N
             continue
         with suppress(ValueError):
             logged_date = datetime.strptime(match[1], "%Y-%m-%d/%H_%M_%S").replace(tzinfo=UTC)
-            time = logged_date.timestamp() - SECONDS_PER_MINUTE * offset_minutes
+            time = logged_date.timestamp() - 60 * offset_minutes
             if flight is not None and flight.boot == text.boot:
                 time += flight.start - text.time
             if time > MIN_UNIX_TIME:

@@ -44,6 +44,7 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import announced_names, mode_name
 from mavdem.ingest.mavlink.dialect import enum_name
+from mavdem.ingest.mavlink.sender_links import DEGREES_PER_UNIT
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, wrapped_angle
 
@@ -80,9 +81,6 @@ MIN_SLOW_MOTION_RATE = 8.0
 Of flights decimated to 10 Hz or recorded at 10 Hz, nine in ten were predicted better than without a model. Control
 effectiveness, rate damping and motor lag show only at higher frequencies.
 """
-
-DEGREES_PER_UNIT = 1e-7
-"""Unit of latitude and longitude in MAVLink's messages, degrees."""
 
 MAX_LATITUDE = 90.0
 """Largest latitude, degrees, north or south."""

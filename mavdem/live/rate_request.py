@@ -23,6 +23,7 @@ from mavdem.ingest.mavlink.dialect import (
     mavlink_message_id,
 )
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame, filled_payloads
+from mavdem.ingest.telemetry import MICROSECONDS
 from mavdem.ingest.vocabulary import ACTIVE, MAVLINK_VERSION
 from mavdem.live.link import MAX_TRIES, RETRY_SECONDS
 from mavdem.live.messages import Message
@@ -48,9 +49,6 @@ STOPPED = -1
 
 SHORTEST_INTERVAL = 1000
 """Shortest interval of a request, µs. Shorter ones are ignored, also 0, which means an unknown message."""
-
-MICROSECONDS = 1e6
-"""Microseconds in a second: the unit of intervals."""
 
 MOTION_MESSAGES = (
     mavlink_message_id("ATTITUDE"),

@@ -413,9 +413,14 @@ def margin_overview(tuning: Tuning) -> Table | None:
                 scale = LOOP_FIGURES[attribute].scale
                 cells.append(f"{doubt}{_figure_text(open_loop, attribute, scale)}")
             step = predicted_step(open_loop, STEP_SECONDS[loop_name])
-            overshoot = "" if step is None else rounded(100 * step.overshoot.value)
-            rise_time = "" if step is None else rounded(1e3 * step.rise_time.value)
-            rows.append([*cells, overshoot, rise_time, rounded(loop.lean_in_wind)])
+            if step is None:
+                step_cells = ["", ""]
+            else:
+                step_cells = [
+                    f"{doubt}{_with_interval(step.overshoot.value, step.overshoot.interval, 100)}",
+                    f"{doubt}{_with_interval(step.rise_time.value, step.rise_time.interval, 1e3)}",
+                ]
+            rows.append([*cells, *step_cells, rounded(loop.lean_in_wind)])
     if not rows:
         return None
     margins = [LOOP_FIGURES[attribute].header for attribute in TUNED_FIGURES]
@@ -481,12 +486,23 @@ def _figure_text(loop: OpenLoop, attribute: str, scale: float) -> str:
         attribute: name of the figure, such as "phase_margin".
         scale: factor from the unit of the figure to the shown one.
     """
-    value = rounded(scale * getattr(loop, attribute))
-    low, high = (rounded(scale * end) for end in getattr(loop, f"{attribute}_interval"))
+    return _with_interval(getattr(loop, attribute), getattr(loop, f"{attribute}_interval"), scale)
+
+
+def _with_interval(value: float, interval: tuple[float, float], scale: float) -> str:
+    """Returns a figure with its interval, such as "57 (50 to 63)"; without the interval if an end is NaN.
+
+    Args:
+        value: the figure.
+        interval: its interval, in the unit of the figure.
+        scale: factor from the unit of the figure to the shown one.
+    """
+    text = rounded(scale * value)
+    low, high = (rounded(scale * end) for end in interval)
     # An interval that is narrower than the last digit shown says nothing.
-    if "-" in (low, high) or value == low == high:
-        return value
-    return f"{value} ({low} to {high})"
+    if "-" in (low, high) or text == low == high:
+        return text
+    return f"{text} ({low} to {high})"
 
 
 def gain_blocks(advice: Advice) -> Blocks:

@@ -43,7 +43,7 @@ MAX_HEADING_PITCH = radians(60)
 """Pitch, rad, up to which the heading is used: where the nose points up or down it is not defined. A choice."""
 
 DEGREES_PER_UNIT = 1e-7
-"""Unit of latitude and longitude in GLOBAL_POSITION_INT, degrees."""
+"""Unit of latitude and longitude in MAVLink's messages, such as GLOBAL_POSITION_INT, degrees."""
 
 CLOCK_UNITS_PER_SECOND = 1000.0
 """Units of ``time_boot_ms`` in a second."""
