@@ -36,6 +36,7 @@ from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.ending import MotionEvent
+from mavdem.facts.lights import Light
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict, freeze
 from mavdem.ingest import Log, read_log
@@ -315,6 +316,23 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
     if loss_time is None:
         loss_time = inf
     return [alarm for alarm in alarms if alarm.time < loss_time]
+
+
+def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
+    """Returns an assessment with another estimate of its wind, such as one by an earlier drag.
+
+    The light of the wind, the headline and the next step are judged anew; the other lights stay.
+
+    Args:
+        assessment: assessment of a vehicle.
+        wind: the estimate, beside that of the autopilot.
+    """
+    assert assessment.evidence is not None
+    evidence = replace(assessment.evidence, wind=wind)
+    other_lights = {
+        name: fact for name, fact in assessment.judgement.lights.items() if name != Light.WIND
+    }
+    return replace(assessment, judgement=judge(evidence, (), **other_lights), evidence=evidence)
 
 
 def without_flight_advice(wind: WindEvidence) -> WindEvidence:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from mavdem.assessment.assess import with_wind
 from mavdem.cli.options import (
     file_option,
     json_option,
@@ -69,13 +70,14 @@ def wind_command(
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
-    parameters_to_set = drag_settings(wind.drag, signals.telemetry)
-    document = Wind.from_results(
-        assessment.judgement, wind.identified_figures, parameters=parameters_to_set
-    )
     # The shown wind is the estimate, perhaps with the earlier drag, beside that of the autopilot.
     shown_wind = WindEvidence(
         estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None
+    )
+    assessment = with_wind(assessment, shown_wind)
+    parameters_to_set = drag_settings(wind.drag, signals.telemetry)
+    document = Wind.from_results(
+        assessment.judgement, wind.identified_figures, parameters=parameters_to_set
     )
     if out:
         page = wind_page(Path(source).name, shown_wind, assessment, parameters_to_set)

@@ -117,7 +117,9 @@ def difference_blocks(
 
 
 def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns a sentence on each light that is bad on one side alone, which outranks a change of a figure.
+    """Returns a sentence on each light that is bad on one side, and known not to be on the other.
+
+    It outranks a change of a figure. Where the other side is unknown, nothing is known to differ.
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
@@ -132,7 +134,8 @@ def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
             continue
         lights = {side: of_side[name] for side, of_side in lights_by_side.items()}
         bad_sides = [side for side, light in lights.items() if light["level"] == Level.BAD]
-        if len(bad_sides) != 1:
+        levels = {light["level"] for light in lights.values()}
+        if len(bad_sides) != 1 or not levels & {Level.GOOD, Level.WATCH}:
             continue
         (bad_side,) = bad_sides
         (other_side,) = lights.keys() - {bad_side}

@@ -161,6 +161,13 @@ def tuned(
         for axis, decision in decisions.items()
         if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
     )
+    # What the advised command for other axes repeats of this run.
+    arguments = (
+        *evidence.command_arguments,
+        *(() if margins == "default" else ("--margins", margins)),
+        *(("--more",) if raises_sound_gains else ()),
+        *(("--filters",) if filters else ()),
+    )
     parameters = dict[str, float]()
     for advice in advice_on_loops:
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
@@ -181,11 +188,11 @@ def tuned(
             ),
             missing=_unknown_of_motors(judgement, new_gains),
             others=other_axes,
-            arguments=tuple(evidence.command_arguments),
+            arguments=tuple(arguments),
         )
         judgement = replace(judgement, next_step=next_step)
     elif not parameters and _advises_to_tune(judgement.next_step):
-        next_step = _step_without_gains(advice_on_loops, other_axes, evidence)
+        next_step = _step_without_gains(advice_on_loops, other_axes, arguments)
         judgement = replace(judgement, next_step=next_step)
     set_notch = notch_parameters if parameters else {}
     tuning = Tuning(
@@ -226,14 +233,14 @@ def _advises_to_tune(next_step: Fact) -> bool:
 
 
 def _step_without_gains(
-    advice_on_loops: Sequence[Advice], other_axes: Sequence[str], evidence: Evidence
+    advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
     """Returns the next step where no gains of the axes that were asked for change, though a loop lacks something.
 
     Args:
         advice_on_loops: advice on the axes that were asked for, none of which has new gains.
         other_axes: axes that were not asked for, and whose gains are to be changed.
-        evidence: evidence of the log, with the arguments that read it.
+        arguments: words after ``mavdem tune`` that repeat this run, but for its axes.
 
     Returns:
         To tune the other axes; without any, the first advice on the axes that were asked for.
@@ -244,7 +251,7 @@ def _step_without_gains(
             NextStep.TUNE_OTHER_AXES,
             names=tuple(advice.before.axis for advice in advice_on_loops),
             others=tuple(other_axes),
-            arguments=tuple(evidence.command_arguments),
+            arguments=tuple(arguments),
         )
     reason = next((sentence for sentence in sentences if sentence.remedy), sentences[0])
     return Fact(NextStep.DO_AS_ADVISED, because=reason)

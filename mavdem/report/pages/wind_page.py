@@ -1,13 +1,9 @@
 """The page of ``mavdem wind``: the wind over time, on the map and by height, the airspeed, and the drag."""
 
-from collections.abc import Iterator
 from dataclasses import replace
-
-import numpy as np
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.time_history import wind_history
-from mavdem.dataset.time_series import recorded_series
 from mavdem.facts.lights import Light
 from mavdem.report.blocks import Blocks, Sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
@@ -16,19 +12,14 @@ from mavdem.report.charts.plans import rose_of_wind
 from mavdem.report.charts.timeline import Timeline, timeline_of_history
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.page import Chapter, Head, render_document
-from mavdem.report.palette import BASELINE, MEASURED, PREDICTED
+from mavdem.report.palette import MEASURED, PREDICTED
 from mavdem.report.screen import warnings_of_lights
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
 from mavdem.wind_velocity.vehicle_drag import ParameterValue
 
-SUBTITLE = (
-    "The wind of the longest flight, from lean and velocity over ground; its bands hold 90 %."
-)
+SUBTITLE = "The wind of the longest flight, from lean and velocity over ground, with 90 % bands."
 """What stands below the title."""
-
-MIN_AIRSPEED_SAMPLES = 2
-"""Fewest samples of an airspeed that make a line."""
 
 
 def wind_page(
@@ -86,7 +77,7 @@ def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline
         assessment: assessment of the log.
 
     Returns:
-        The timeline; None if the log has no attitude over time.
+        The timeline; None if the log has no attitude over time, or none of the boot with the wind.
     """
     evidence = assessment.evidence
     if evidence is None or evidence.time_history is None:
@@ -95,44 +86,29 @@ def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline
     history = replace(history, wind=wind_history(shown_wind, history.segment))
     timeline = timeline_of_history(history)
     if history.wind is None:
-        return timeline
+        return None
     height = tuple(chart for chart in timeline.flight_charts if chart.title == "Height")
     estimate = history.wind.estimate
     wind_charts = timeline.wind_charts
     if estimate.speed_identifiable:
         # The speed through the air follows from the speed of the wind.
-        wind_charts = (*wind_charts, _airspeed_chart(estimate, assessment))
+        wind_charts = (*wind_charts, _airspeed_chart(estimate))
     return timeline._replace(
         flight_charts=height, axis_charts={}, wind_charts=wind_charts, events=()
     )
 
 
-def _airspeed_chart(wind: WindVelocity, assessment: Assessment) -> Chart:
-    """Returns the chart of the speed through the air along the body, with the autopilot's own airspeed.
+def _airspeed_chart(wind: WindVelocity) -> Chart:
+    """Returns the chart of the speed through the air along the body.
+
+    The airspeed of VFR_HUD is not drawn beside it: without a sensor, ArduPilot sends the ground speed in its place.
 
     Args:
         wind: the estimated wind, with the velocity relative to its mean.
-        assessment: assessment of the log, whose VFR_HUD may have an airspeed.
     """
     forward, right = wind.along.T
     lines = [
         Line("forward", PREDICTED, wind.time, forward),
         Line("to the right", MEASURED, wind.time, right),
-        *_autopilot_airspeed(wind, assessment),
     ]
     return over_time("Speed through the air", "m/s", lines)
-
-
-def _autopilot_airspeed(wind: WindVelocity, assessment: Assessment) -> Iterator[Line]:
-    """Yields the autopilot's airspeed over the time of the wind; nothing if it was not logged, or is 0.
-
-    The line has the message's name, since without a sensor of airspeed ArduPilot sends an estimate in its place.
-    """
-    assert assessment.evidence is not None
-    series = recorded_series(assessment.evidence.signals.telemetry, "VFR_HUD", "airspeed")
-    if series is None:
-        return
-    rows = series.boot == wind.boot
-    rows &= (series.time >= wind.time[0]) & (series.time <= wind.time[-1])
-    if rows.sum() >= MIN_AIRSPEED_SAMPLES and np.any(series.values[rows]):
-        yield Line("VFR_HUD.airspeed", BASELINE, series.time[rows], series.values[rows])
