@@ -22,7 +22,7 @@ from mavdem.report.blocks import Sentence
 from mavdem.report.condition import WIND_LIGHTS, drag_table, wind_blocks, wind_tables
 from mavdem.report.pages.wind_page import wind_page
 from mavdem.report.screen import warnings_of_lights
-from mavdem.wind_velocity.from_log import WindEvidence, drag_settings, wind_of_signals
+from mavdem.wind_velocity.from_log import drag_settings, wind_of_signals
 
 PAGE_FILE = "wind.html"
 """Name of the page with the wind over time, on the map, by height, and the drag."""
@@ -66,15 +66,13 @@ def wind_command(
         raise NotLearnable(evidence.wind.obstacle)
     assert wind is not None
     signals = evidence.signals
+    shown_wind = evidence.wind
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
-    # The shown wind is the estimate, perhaps with the earlier drag, beside that of the autopilot.
-    shown_wind = WindEvidence(
-        estimate=wind, autopilot_estimate=signals.autopilot_wind, obstacle=None
-    )
-    assessment = with_wind(assessment, shown_wind)
+        shown_wind = shown_wind._replace(estimate=wind)
+        assessment = with_wind(assessment, shown_wind)
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(
         assessment.judgement, wind.identified_figures, parameters=parameters_to_set
