@@ -73,6 +73,9 @@ MAX_DECIMALS_BELOW_LIMIT = 5
 _IDENTIFIER = re.compile(r"\w+[A-Z_]")
 """A first word with a capital letter or an underscore after its first letter: an acronym, a class, a parameter."""
 
+ROUNDS_TO_NO_PERCENT = 0.005
+"""Share below which a text in whole percent says 0 %."""
+
 
 def sentence_and_remedy(fact: Fact) -> Words:
     """Renders the sentence of a ``fact`` and its remedy, the advice on what to do; the remedy may be empty.
@@ -312,6 +315,7 @@ def _environment() -> Environment:
         "degrees": degrees,
         "fixed": _fixed,
         "headline": headline,
+        "headroom_clause": headroom_clause,
         "listed": listed,
         "one_line_list": one_line_list,
         "parameter": PARAMETERS.get,
@@ -367,6 +371,19 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
     else:
         text = rounded(scale * value)
     return f"{text}{unit}"
+
+
+def headroom_clause(headroom: float | None) -> str:
+    """Returns a clause on how little of their range the motors have left, such as "; only 3 % of headroom".
+
+    Args:
+        headroom: share of the range; None where there is enough, which needs no clause.
+    """
+    if headroom is None:
+        return ""
+    if headroom < ROUNDS_TO_NO_PERCENT:
+        return "; no headroom"
+    return f"; only {_percent(headroom)} of headroom"
 
 
 def rounded_below(value: float, limit: float) -> str:
