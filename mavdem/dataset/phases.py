@@ -29,7 +29,7 @@ from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Parameters
-from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
+from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND, UNDEFINED_LANDED_STATE
 
 AVERAGING_SECONDS = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb; a choice."""
@@ -108,9 +108,6 @@ MAX_REPORT_INTERVAL = 10.0
 
 Autopilots send EXTENDED_SYS_STATE at 0.2 Hz and faster. In a longer gap the collective shows better what happened.
 """
-
-UNDEFINED_LANDED_STATE = 0
-"""MAV_LANDED_STATE_UNDEFINED."""
 
 SURFACE_VEHICLES = ("GROUND_ROVER", "SURFACE_BOAT", "SUBMARINE")
 """MAV_TYPEs of vehicles that never leave the ground or the water, whatever a land detector reports."""

@@ -26,6 +26,8 @@ CUSTOM_MODE = mavlink_constant("MAV_MODE_FLAG_CUSTOM_MODE_ENABLED")
 
 # Values of EXTENDED_SYS_STATE.landed_state.
 
+UNDEFINED_LANDED_STATE = mavlink_constant("MAV_LANDED_STATE_UNDEFINED")
+"""The autopilot sends the message, but does not know the state."""
 ON_GROUND = mavlink_constant("MAV_LANDED_STATE_ON_GROUND")
 """The vehicle stands on the ground."""
 IN_AIR = mavlink_constant("MAV_LANDED_STATE_IN_AIR")

@@ -27,15 +27,12 @@ from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact
 from mavdem.facts.session import Session
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import IN_AIR
+from mavdem.ingest.vocabulary import IN_AIR, UNDEFINED_LANDED_STATE
 from mavdem.live.live_signals import LiveSignals
 from mavdem.live.recent_messages import RecentMessages
 
 LANDED_STATE_MESSAGE = "EXTENDED_SYS_STATE"
 """The message in which an autopilot reports whether the vehicle is on the ground, takes off, flies or lands."""
-
-UNDEFINED_LANDED_STATE = 0
-"""MAV_LANDED_STATE_UNDEFINED: the autopilot sends the message, but does not know the state."""
 
 PHASE_MESSAGES = ("HEARTBEAT", LANDED_STATE_MESSAGE, *CLIMB_RATE_FIELDS)
 """The messages that show the phase, besides those of the motors."""

@@ -15,16 +15,20 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.ingest.telemetry import Columns, Tables
-from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
+from mavdem.ingest.vocabulary import (
+    ARDUPILOT,
+    ARMED,
+    IN_AIR,
+    ON_GROUND,
+    UNDEFINED_LANDED_STATE,
+    heartbeat_fields,
+)
 
 BootStamps = Callable[[float], Array]
 """Returns the stamps (N,), s, of what was logged in a boot, ascending, each once."""
 
 DISARMED = 0
 """HEARTBEAT.base_mode without the flag of armed motors."""
-
-UNDEFINED_LANDED_STATE = 0
-"""MAV_LANDED_STATE_UNDEFINED."""
 
 
 class StateChange(NamedTuple):

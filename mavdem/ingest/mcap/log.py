@@ -26,6 +26,7 @@ from mavdem.ingest.mavlink.dialect import crc_extra_table, definitions_by_name
 from mavdem.ingest.mavlink.frame_stream import FrameStream, RecordingPart, joined_parts
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES, MARKERS, find_frames
 from mavdem.ingest.mavlink.payloads import FrameSender, encode_frame
+from mavdem.ingest.mavlink.sequence_counters import SEQUENCE_NUMBERS
 from mavdem.ingest.mavlink.vehicles import assemble
 from mavdem.ingest.mcap.json_messages import read_json_message
 from mavdem.ingest.mcap.records import NANOSECONDS_PER_MICROSECOND, McapRecording
@@ -54,9 +55,6 @@ FLIGHT_TABLE_TOPICS = {"flight/inputs", "flight/outputs"}
 
 MAX_ID = 255
 """Largest MAVLink system or component id."""
-
-SEQUENCE_NUMBERS = 256
-"""Number of a sender's sequence numbers."""
 
 MAX_REPORTED_NAMES = 5
 """Number of unknown messages that a repair names, the most frequent first."""
