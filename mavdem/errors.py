@@ -1,7 +1,7 @@
 """Errors whose cause is the user's data: each carries a fact that states the reason and the remedy."""
 
 from mavdem.facts import Code, Fact, Figure, Level
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 
 class Refusal(ValueError):
@@ -64,7 +64,7 @@ def fact_from_error(error: BaseException) -> Fact:
     if isinstance(error, Refusal):
         return error.fact
     type_name = "" if isinstance(error, ValueError) else type(error).__name__
-    return Fact(Forecasts.FAILED, error=type_name, text=error)
+    return Fact(ForecastFact.FAILED, error=type_name, text=error)
 
 
 def failure_fact(code: Code, error: Exception, finishing: bool = False) -> Fact:

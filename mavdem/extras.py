@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from mavdem.facts import Fact
-from mavdem.facts.sources import Package
+from mavdem.facts.sources import PackageFact
 
 MCAP_MODULES = ("lz4", "mcap", "zstandard")
 """Modules that read and write MCAP recordings, which other extras contain too."""
@@ -59,7 +59,7 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
     names = missing_modules(extra)
     if not names:
         return None
-    return Fact(Package.EXTRA_MISSING, subject=subject, extra=extra, names=names)
+    return Fact(PackageFact.EXTRA_MISSING, subject=subject, extra=extra, names=names)
 
 
 def require_extra(extra: str, subject: str = "") -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.facts import Fact
-from mavdem.facts.sources import Arrays, Slip
+from mavdem.facts.sources import ArrayFact, UnitSlip
 
 RATE_INTEGRATION_SPAN = 0.2
 """Time, s, over which other modules integrate a rate to compare it with the change of its angle.
@@ -18,11 +18,11 @@ One period of 5 Hz: sensor noise averages out, the roll dynamics do not.
 """
 
 RATIO_BY_UNIT_ERROR = {
-    Slip.BOTH_IN_DEGREES: 1.0,
-    Slip.ANGLE_IN_DEGREES: 57.3,
-    Slip.RATE_IN_DEGREES: 1 / 57.3,
-    Slip.TIME_IN_MILLISECONDS: 1e-3,
-    Slip.TIME_IN_MICROSECONDS: 1e-6,
+    UnitSlip.BOTH_IN_DEGREES: 1.0,
+    UnitSlip.ANGLE_IN_DEGREES: 57.3,
+    UnitSlip.RATE_IN_DEGREES: 1 / 57.3,
+    UnitSlip.TIME_IN_MILLISECONDS: 1e-3,
+    UnitSlip.TIME_IN_MICROSECONDS: 1e-6,
 }
 """Change of the angle over the integral of the rate, by the unit error that explains the ratio."""
 
@@ -71,7 +71,7 @@ def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None
     for unit_error, expected_ratio in RATIO_BY_UNIT_ERROR.items():
         if 1 / RATIO_TOLERANCE < ratio / expected_ratio < RATIO_TOLERANCE:
             # With the right ratio, only an angle beyond half a turn shows that both are in degrees.
-            if unit_error is Slip.BOTH_IN_DEGREES and largest_angle <= pi:
+            if unit_error is UnitSlip.BOTH_IN_DEGREES and largest_angle <= pi:
                 return None
-            return Fact(Arrays.UNIT_SLIP, slip=unit_error, ratio=ratio, largest=largest_angle)
+            return Fact(ArrayFact.UNIT_SLIP, slip=unit_error, ratio=ratio, largest=largest_angle)
     return None

@@ -6,7 +6,7 @@ from pytest import raises
 
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 
 def refused(call, *arguments, kind=NotLearnable, **named):
@@ -21,4 +21,4 @@ unreadable = partial(refused, kind=Unreadable)
 
 def prose(text, remedy=""):
     """A fact that says ``text``, where it does not matter what it says."""
-    return Fact(Forecasts.FAILED, error="", text=text, remedy=remedy)
+    return Fact(ForecastFact.FAILED, error="", text=text, remedy=remedy)

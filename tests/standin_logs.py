@@ -12,7 +12,7 @@ from mavdem.dem.parallel import available_workers
 from mavdem.errors import Unreadable
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
-from mavdem.facts.sources import Package
+from mavdem.facts.sources import PackageFact
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import JobLimits, JobOutcome, outcome_of
 
@@ -46,7 +46,9 @@ def rows_of_log(path, key, page):
     if "bug" in name:
         raise KeyError("a fault of mavdem")
     if "extra" in name:
-        raise MissingExtra(Fact(Package.EXTRA_MISSING, subject=path, extra="mcap", names=["mcap"]))
+        raise MissingExtra(
+            Fact(PackageFact.EXTRA_MISSING, subject=path, extra="mcap", names=["mcap"])
+        )
     if "where" in name:
         return [FlightRow(file=str(path), status=str(available_workers()))], {}
     if "damaged" in name:

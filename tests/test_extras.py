@@ -14,7 +14,7 @@ from recorded_flights import short_flight
 from mavdem.cli.commands import main
 from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.open import load
-from mavdem.extras import EXTRAS, MissingExtra, Package, require_extra
+from mavdem.extras import EXTRAS, MissingExtra, PackageFact, require_extra
 from mavdem.facts import Fact
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
 
@@ -104,7 +104,9 @@ def test_what_is_missing_is_a_fact_with_the_modules(monkeypatch):
     for extra, modules in EXTRAS.items():
         with raises(MissingExtra) as refused:
             require_extra(extra, "flight.mcap")
-        expected = Fact(Package.EXTRA_MISSING, subject="flight.mcap", extra=extra, names=modules)
+        expected = Fact(
+            PackageFact.EXTRA_MISSING, subject="flight.mcap", extra=extra, names=modules
+        )
         assert refused.value.fact == expected
 
 

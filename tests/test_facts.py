@@ -8,14 +8,14 @@ from pytest import raises
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.model import ParameterDoubt
 from mavdem.report.templates import sentence, sentence_and_remedy
 
 
 def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
     fact = Fact(
-        Forecasts.FAILED,
+        ForecastFact.FAILED,
         Level.WATCH,
         time=np.float64(3.5),
         subject="motor 2",
@@ -24,7 +24,7 @@ def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
         rate=np.float64(4),
     )
     assert (fact.code, fact.level, fact.time, fact.subject) == (
-        Forecasts.FAILED,
+        ForecastFact.FAILED,
         "watch",
         3.5,
         "motor 2",
@@ -35,7 +35,7 @@ def test_a_fact_has_a_code_a_level_a_time_and_figures_with_units():
 
 
 def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
-    fact = Fact(Forecasts.FAILED, error="", text="It rings.", names=["a", "b"])
+    fact = Fact(ForecastFact.FAILED, error="", text="It rings.", names=["a", "b"])
     with raises(FrozenInstanceError):
         fact.level = Level.BAD
     with raises(TypeError):
@@ -43,14 +43,14 @@ def test_a_fact_does_not_change_and_can_be_compared_hashed_and_sent():
     assert pickle.loads(pickle.dumps(fact)) == fact
     assert hash(fact.replace(Level.BAD)) != hash(fact)
     assert fact.replace(text="It hums.").figures["text"] == "It hums."
-    other = fact.with_code(Forecasts.FAILED)
-    assert (other.level, other.figures) == (Fact(Forecasts.FAILED).level, fact.figures)
+    other = fact.with_code(ForecastFact.FAILED)
+    assert (other.level, other.figures) == (Fact(ForecastFact.FAILED).level, fact.figures)
     with raises(ValueError, match="colour"):
-        Fact(Forecasts.FAILED, colour=3)
+        Fact(ForecastFact.FAILED, colour=3)
 
 
 def test_words_are_those_of_the_table_and_errors_say_them():
-    fact = Fact(Forecasts.FAILED, error="", text="Too slow.", remedy="Log faster.")
+    fact = Fact(ForecastFact.FAILED, error="", text="Too slow.", remedy="Log faster.")
     assert sentence_and_remedy(fact) == ("Too slow.", "Log faster.")
     assert sentence(fact) == str(fact) == "Too slow."
     assert fact.advised == str(NotLearnable(fact)) == "Too slow. Log faster."

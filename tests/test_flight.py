@@ -7,7 +7,7 @@ from pytest import approx, mark, raises, warns
 
 from mavdem import Flight
 from mavdem.plant import physical
-from mavdem.unit_errors import Arrays, Slip, suspected_unit_error
+from mavdem.unit_errors import ArrayFact, UnitSlip, suspected_unit_error
 
 TIME = 10 + 0.01 * np.arange(6)
 INPUTS = np.arange(12.0).reshape(6, 2)
@@ -106,11 +106,11 @@ def test_a_flight_its_slices_and_its_copies_cannot_be_changed():
 @mark.parametrize(
     "time, outputs, slip",
     [
-        (1, np.degrees([1, 1]), Slip.BOTH_IN_DEGREES),
-        (1, [57.3, 1], Slip.ANGLE_IN_DEGREES),
-        (1, [1, 57.3], Slip.RATE_IN_DEGREES),
-        (1e3, (1, 1), Slip.TIME_IN_MILLISECONDS),
-        (1e6, (1, 1), Slip.TIME_IN_MICROSECONDS),
+        (1, np.degrees([1, 1]), UnitSlip.BOTH_IN_DEGREES),
+        (1, [57.3, 1], UnitSlip.ANGLE_IN_DEGREES),
+        (1, [1, 57.3], UnitSlip.RATE_IN_DEGREES),
+        (1e3, (1, 1), UnitSlip.TIME_IN_MILLISECONDS),
+        (1e6, (1, 1), UnitSlip.TIME_IN_MICROSECONDS),
     ],
 )
 def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recwarn):
@@ -125,6 +125,6 @@ def test_a_slip_of_units_is_said_with_its_likely_cause(time, outputs, slip, recw
     with warns(UserWarning) as warnings:
         flight = Flight(time * t, np.zeros((800, 4)), np.array(outputs) * turning)
     fact = suspected_unit_error(flight.outputs, flight.dt)
-    assert (fact.code, fact.figures["slip"]) == (Arrays.UNIT_SLIP, slip)
+    assert (fact.code, fact.figures["slip"]) == (ArrayFact.UNIT_SLIP, slip)
     assert str(warnings[0].message) == str(fact)
     assert fact == physical(flight).reason

@@ -18,7 +18,7 @@ from mavdem.dataset.intervals import Intervals, in_intervals, union
 from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import Side, Witness
+from mavdem.facts.witnesses import Side, WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import contradicting_statement, supporting_statement, weighed_event
 from mavdem.witnesses.velocity import stopped_at
@@ -332,13 +332,15 @@ class _AttitudeLoss(NamedTuple):
             onset: time when the attitude began to leave its setpoint, s.
         """
         statements = [
-            supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict())
+            supporting_statement(
+                WitnessFact.ATTITUDE_LEFT_SETPOINT, **self._largest_error()._asdict()
+            )
         ]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
         for statement in self.sensors.sinking((onset, end + RECOVERY_SECONDS)):
             # A vehicle that tips over on the ground does not sink, so that this contradicts nothing.
-            if statement.code is Witness.SANK:
+            if statement.code is WitnessFact.SANK:
                 statements.append(statement)
         rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
         if rest is not None:
@@ -347,7 +349,7 @@ class _AttitudeLoss(NamedTuple):
             duration = self.error.time[-1] - onset
             statements.append(
                 supporting_statement(
-                    Witness.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
+                    WitnessFact.LOG_ENDED, time=float(self.error.time[-1]), duration=duration
                 )
             )
         return tuple(statements)
@@ -379,15 +381,15 @@ class _AttitudeLoss(NamedTuple):
         fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
             did_not_rotate = contradicting_statement(
-                Witness.DID_NOT_ROTATE, time=onset, until=end, body_rate=fastest.body_rate
+                WitnessFact.DID_NOT_ROTATE, time=onset, until=end, body_rate=fastest.body_rate
             )
             return (did_not_rotate,)
         if largest_turn < MIN_GYRO_SHARE * largest_change:
             disagreed = contradicting_statement(
-                Witness.GYRO_DISAGREED, time=onset, until=end, angle=largest_change
+                WitnessFact.GYRO_DISAGREED, time=onset, until=end, angle=largest_change
             )
             return (disagreed,)
-        return (supporting_statement(Witness.ROTATED, **fastest._asdict()),)
+        return (supporting_statement(WitnessFact.ROTATED, **fastest._asdict()),)
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from mavdem.facts import Fact, Level
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.files import load_adjacent_toml
 from mavdem.ingest.telemetry import Telemetry
 
@@ -22,7 +22,7 @@ class TextPattern(NamedTuple):
     """Named groups: numbers (``motor``, ``lane``, ``battery``), the ``watchdog``, what the text is about (``subject``),
     its gist (``text``)."""
     code: str
-    """Value of the code of :class:`Reported`; empty for a text that reports the end of a problem."""
+    """Value of the code of :class:`ReportedEvent`; empty for a text that reports the end of a problem."""
     level: Level | None = None
     """Level of the fact; None for the usual level of the code."""
 
@@ -55,7 +55,7 @@ REPEAT_SECONDS = 30.0
 """Seconds within which the same report is a repetition of the earlier one: autopilots repeat a warning that persists
 every 5 to 30 s."""
 
-CODES_WITH_TEXT = (Reported.AUTOPILOT_SAID, Reported.ARMING_REFUSED)
+CODES_WITH_TEXT = (ReportedEvent.AUTOPILOT_SAID, ReportedEvent.ARMING_REFUSED)
 """Codes whose facts quote the autopilot: two of them with different texts are different events."""
 
 
@@ -153,14 +153,14 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
         The same facts in the same order. A failsafe of a low battery has the code ``BATTERY_WARNED`` instead of
         ``BATTERY_ALARMED``, and the level of that code.
     """
-    warnings = [fact for fact in facts if fact.code is Reported.BATTERY_WARNED]
+    warnings = [fact for fact in facts if fact.code is ReportedEvent.BATTERY_WARNED]
     corrected = []
     for fact in facts:
-        is_failsafe = fact.code is Reported.BATTERY_ALARMED and (
+        is_failsafe = fact.code is ReportedEvent.BATTERY_ALARMED and (
             "error_code" in fact.figures or "failsafe" in fact.figures["text"].lower()
         )
         if is_failsafe and any(_is_close(fact, text) for text in warnings):
-            fact = fact.with_code(Reported.BATTERY_WARNED)
+            fact = fact.with_code(ReportedEvent.BATTERY_WARNED)
         corrected.append(fact)
     return corrected
 
@@ -213,14 +213,14 @@ def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
             return None
         groups = match.groupdict()
         return Fact(
-            Reported(pattern.code),
+            ReportedEvent(pattern.code),
             pattern.level,
             time=message.time,
             subject=_subject_of_text(groups),
             text=groups.get("text", message.text),
         )
     if warns:
-        return Fact(Reported.AUTOPILOT_SAID, time=message.time, text=message.text)
+        return Fact(ReportedEvent.AUTOPILOT_SAID, time=message.time, text=message.text)
     return None
 
 
@@ -260,11 +260,11 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
         if message.error_code == 0 and not is_lane_change:
             continue
         # Subsystems are numbered from 1. One that is not in the list is reported by its number.
-        code, subject = Reported.AUTOPILOT_ERROR, f"{message.subsystem}"
+        code, subject = ReportedEvent.AUTOPILOT_ERROR, f"{message.subsystem}"
         if 1 <= message.subsystem <= len(_MEANINGS["subsystems"]):
             code, subject = _MEANINGS["subsystems"][message.subsystem - 1]
         yield Fact(
-            Reported(code),
+            ReportedEvent(code),
             time=message.time,
             until=None if is_lane_change else _end_of_error(message, messages),
             subject=f"lane {message.error_code}" if is_lane_change else subject,
@@ -306,7 +306,7 @@ def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
         meaning = _MEANINGS["events"].get(str(number))
         if meaning:
             code, subject = meaning
-            yield Fact(Reported(code), time=time, subject=subject, boot=boot, basis=("EV",))
+            yield Fact(ReportedEvent(code), time=time, subject=subject, boot=boot, basis=("EV",))
 
 
 def mode_change_reason(number: float | None) -> tuple[str, Level]:

@@ -6,7 +6,7 @@ from math import isfinite
 from mavdem.confidence import Interval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.ground_heights import ground_heights
 from mavdem.witnesses.statements import supporting_statement
@@ -65,9 +65,9 @@ def barometer_drifts(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
         change=change,
         boot=sensors.boot,
         witnesses=(
-            supporting_statement(Witness.GROUND_READING_CHANGED, height=change),
+            supporting_statement(WitnessFact.GROUND_READING_CHANGED, height=change),
             supporting_statement(
-                Witness.SATELLITES_LEVEL,
+                WitnessFact.SATELLITES_LEVEL,
                 height=heights.satellite_change,
                 distance=heights.distance,
             ),

@@ -13,7 +13,7 @@ from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import CLOSED_STICK, BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
@@ -108,7 +108,7 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
     if is_throttle_closed is None:
         return
     # What shows the closed throttle: the stick, or else the motors.
-    witness = Witness.MOTORS_THROTTLED if sensors.stick is None else Witness.THROTTLE_CLOSED
+    witness = WitnessFact.MOTORS_THROTTLED if sensors.stick is None else WitnessFact.THROTTLE_CLOSED
     flight_start, flight_end = flight
     record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
     for closing, opening in true_intervals(is_throttle_closed.time, is_throttle_closed.values > 0):

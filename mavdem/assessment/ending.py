@@ -12,8 +12,8 @@ from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, weighed_event
 
@@ -25,7 +25,7 @@ ENDINGS: dict[Code, Ending] = {
 }
 """How a flight ended, by the event of its motion with which it was lost."""
 
-REPORTS_OF_LOSS = (Reported.CRASH_DETECTED, Reported.PARACHUTE_RELEASED)
+REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASED)
 """Reports of the autopilot that a flight was lost. They count where the motion does not show it."""
 
 
@@ -101,7 +101,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     """
     latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
-        if witness.code is Witness.THROTTLE_CLOSED and (witness.time or 0.0) <= latest:
+        if witness.code is WitnessFact.THROTTLE_CLOSED and (witness.time or 0.0) <= latest:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
     return None
 
@@ -124,10 +124,10 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     losses = [event for event in events if event.code in ENDINGS]
     weighed_events = []
     for event in events:
-        is_crash = event.code is Reported.CRASH_DETECTED and event.is_bad
+        is_crash = event.code is ReportedEvent.CRASH_DETECTED and event.is_bad
         if is_crash and _has_measurements(signals, event):
             reported = supporting_statement(
-                Witness.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
+                WitnessFact.AUTOPILOT_REPORTED, cause=event.replace(witnesses=())
             )
             witnesses = (reported, *_signs_of_crash(signals, event, losses))
             event = weighed_event(event, witnesses)
@@ -187,13 +187,15 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
         if loss.figures["boot"] == boot and earliest <= (loss.time or 0.0) <= latest:
             # The report itself may be among them, and is counted already.
             witnesses = loss.figures.get("witnesses", ())
-            return tuple(fact for fact in witnesses if fact.code is not Witness.AUTOPILOT_REPORTED)
+            return tuple(
+                fact for fact in witnesses if fact.code is not WitnessFact.AUTOPILOT_REPORTED
+            )
     sensors = BootSensors(signals, boot)
     statements = []
     for statement in (sensors.knock(interval), sensors.fast_rotation(interval)):
         if statement is not None:
             statements.append(statement)
-    statements += [fact for fact in sensors.sinking(interval) if fact.code is Witness.SANK]
+    statements += [fact for fact in sensors.sinking(interval) if fact.code is WitnessFact.SANK]
     rest = sensors.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:
         statements += rest.statements
@@ -216,7 +218,7 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
         return None
     full_names = {name.partition(" (")[0]: name for name in signals.motors.geometry.names}
     for event in reversed(bad_events):
-        is_report = event.code in (Reported.THRUST_LOST, Reported.MOTOR_FAILED)
+        is_report = event.code in (ReportedEvent.THRUST_LOST, ReportedEvent.MOTOR_FAILED)
         if is_report and event.subject in full_names and event.figures["boot"] == boot:
             subject = full_names[event.subject]
             return Fact(event.code, event.level, time=event.time, subject=subject, boot=boot)

@@ -26,7 +26,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Code, Fact, Facts, NamedFacts
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.sources import Repair
 from mavdem.ingest import Log
@@ -93,7 +93,7 @@ class Evidence:
         """Whether the vehicle flew, or fell after a restart of the autopilot in flight."""
         if self.has_flown:
             return True
-        return any(event.code is Reported.RESTARTED_IN_FLIGHT for event in self.events)
+        return any(event.code is ReportedEvent.RESTARTED_IN_FLIGHT for event in self.events)
 
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:

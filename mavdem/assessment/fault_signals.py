@@ -10,7 +10,7 @@ from mavdem.arrays import Flags
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS, POSSIBLE_BOARD_VOLTAGE
 from mavdem.dataset.batteries import battery_columns, battery_name
 from mavdem.dataset.signals import Signals
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Columns, Telemetry
 from mavdem.ingest.vocabulary import CRITICAL
@@ -38,29 +38,29 @@ MILLIVOLTS_PER_VOLT = 1000
 class Fault(NamedTuple):
     """What a field or bit of a message reports when it is set."""
 
-    code: Reported
+    code: ReportedEvent
     """Code of the event."""
     subject: str = ""
     """What is at fault; empty if the code names it."""
 
 
 FAILURE_DETECTORS = {
-    "fd_roll": Fault(Reported.ATTITUDE_FAILED, "roll"),
-    "fd_pitch": Fault(Reported.ATTITUDE_FAILED, "pitch"),
-    "fd_alt": Fault(Reported.ALTITUDE_FAILED),
-    "fd_motor": Fault(Reported.MOTOR_FAILED),
-    "fd_imbalanced_prop": Fault(Reported.PROPELLER_IMBALANCED),
+    "fd_roll": Fault(ReportedEvent.ATTITUDE_FAILED, "roll"),
+    "fd_pitch": Fault(ReportedEvent.ATTITUDE_FAILED, "pitch"),
+    "fd_alt": Fault(ReportedEvent.ALTITUDE_FAILED),
+    "fd_motor": Fault(ReportedEvent.MOTOR_FAILED),
+    "fd_imbalanced_prop": Fault(ReportedEvent.PROPELLER_IMBALANCED),
 }
 """Faults by the fields of PX4's ``failure_detector_status``."""
 
 SENSOR_FAULTS = {
-    "SENSOR_3D_GYRO": Fault(Reported.SENSOR_FAILED, "gyro"),
-    "SENSOR_3D_ACCEL": Fault(Reported.SENSOR_FAILED, "accel"),
-    "SENSOR_3D_MAG": Fault(Reported.SENSOR_FAILED, "compass"),
-    "SENSOR_ABSOLUTE_PRESSURE": Fault(Reported.SENSOR_FAILED, "barometer"),
-    "SENSOR_GPS": Fault(Reported.SENSOR_FAILED, "gps"),
-    "SENSOR_RC_RECEIVER": Fault(Reported.RADIO_LOST),
-    "AHRS": Fault(Reported.ESTIMATOR_DIVERGED, "attitude"),
+    "SENSOR_3D_GYRO": Fault(ReportedEvent.SENSOR_FAILED, "gyro"),
+    "SENSOR_3D_ACCEL": Fault(ReportedEvent.SENSOR_FAILED, "accel"),
+    "SENSOR_3D_MAG": Fault(ReportedEvent.SENSOR_FAILED, "compass"),
+    "SENSOR_ABSOLUTE_PRESSURE": Fault(ReportedEvent.SENSOR_FAILED, "barometer"),
+    "SENSOR_GPS": Fault(ReportedEvent.SENSOR_FAILED, "gps"),
+    "SENSOR_RC_RECEIVER": Fault(ReportedEvent.RADIO_LOST),
+    "AHRS": Fault(ReportedEvent.ESTIMATOR_DIVERGED, "attitude"),
 }
 """Faults by the bits of SYS_STATUS: the name of the bit is MAV_SYS_STATUS_ and the key (MAV_SYS_STATUS_SENSOR)."""
 
@@ -72,7 +72,7 @@ class FaultSignal(NamedTuple):
     """Name of the message."""
     is_faulty: Flags
     """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
-    code: Reported
+    code: ReportedEvent
     """Code of the event."""
     subject: str = ""
     """What is at fault; empty if the code names it."""
@@ -111,10 +111,10 @@ def fault_signals(signals: Signals) -> Iterator[FaultSignal]:
     """
     telemetry = signals.telemetry
     is_critical = _column(telemetry, "HEARTBEAT", "system_status") >= CRITICAL
-    yield FaultSignal("HEARTBEAT", is_critical, Reported.FAILSAFE)
+    yield FaultSignal("HEARTBEAT", is_critical, ReportedEvent.FAILSAFE)
     yield from _lost_fix(signals)
     is_radio_lost = _column(telemetry, "input_rc", "rc_lost") > 0
-    yield FaultSignal("input_rc", is_radio_lost, Reported.RADIO_LOST)
+    yield FaultSignal("input_rc", is_radio_lost, ReportedEvent.RADIO_LOST)
     yield _low_board_voltage(telemetry)
     yield from _battery_faults(signals)
     health, present, enabled = (
@@ -148,7 +148,7 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
         rows = fix.boot == boot
         is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
     columns = {"time": fix.time, "boot": fix.boot}
-    yield FaultSignal(receiver, is_lost, Reported.GPS_LOST, columns=columns)
+    yield FaultSignal(receiver, is_lost, ReportedEvent.GPS_LOST, columns=columns)
 
 
 def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
@@ -160,7 +160,7 @@ def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
     volts = _column(telemetry, "POWER_STATUS", "Vcc") / MILLIVOLTS_PER_VOLT
     lowest_possible, _ = POSSIBLE_BOARD_VOLTAGE
     is_low = (volts >= lowest_possible) & (volts < BOARD_VOLTAGE_LIMITS.bad)
-    return FaultSignal("POWER_STATUS", is_low, Reported.BOARD_VOLTAGE_LOW)
+    return FaultSignal("POWER_STATUS", is_low, ReportedEvent.BOARD_VOLTAGE_LOW)
 
 
 def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
@@ -178,7 +178,7 @@ def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
         # Bit i of the mask stands for motor i + 1.
         has_failed = failed_motors >> motor & 1 > 0
         if has_failed.any():
-            yield FaultSignal(message, has_failed, Reported.MOTOR_FAILED, f"motor {motor + 1}")
+            yield FaultSignal(message, has_failed, ReportedEvent.MOTOR_FAILED, f"motor {motor + 1}")
 
 
 def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
@@ -206,9 +206,9 @@ def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
         is_emergency = charge == EMERGENCY_CHARGE
         is_critical = (charge > LOW_CHARGE) & (charge != CHARGING) & ~is_emergency
         flags_by_code = {
-            Reported.BATTERY_WARNED: is_low,
-            Reported.BATTERY_ALARMED: is_critical,
-            Reported.BATTERY_SPENT: is_emergency,
+            ReportedEvent.BATTERY_WARNED: is_low,
+            ReportedEvent.BATTERY_ALARMED: is_critical,
+            ReportedEvent.BATTERY_SPENT: is_emergency,
         }
         for code, is_faulty in flags_by_code.items():
             yield FaultSignal(battery.message, is_faulty, code, subject, battery.columns, name)

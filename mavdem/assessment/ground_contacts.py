@@ -19,8 +19,8 @@ from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import MIN_SINK_RATE, BootSensors, Rest
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
@@ -65,7 +65,7 @@ LANDING_STEP = 1.5
 TUMBLE_SECONDS = 1.5
 """Seconds by which the largest knock of a tumble may come after the first contact; on real logs 1.3."""
 
-REPORTS_OF_CRASH = (Reported.CRASH_DETECTED,)
+REPORTS_OF_CRASH = (ReportedEvent.CRASH_DETECTED,)
 """Reports of the autopilot that support an impact."""
 
 ESTIMATE_SECONDS = 1.0
@@ -195,7 +195,7 @@ class _Contact:
         remaining_seconds = record_end - time
         if remaining_seconds < RECOVERY_SECONDS and self.loss is not None:
             log_ended = supporting_statement(
-                Witness.LOG_ENDED, time=record_end, duration=remaining_seconds
+                WitnessFact.LOG_ENDED, time=record_end, duration=remaining_seconds
             )
             return (log_ended,)
         return ()
@@ -259,12 +259,14 @@ class _Contact:
         is_far = self._largest_error(time_around) > MAX_LANDING_LEAN
         if attitude_error is not None and (self.loss is not None or is_far):
             statements.append(
-                supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **attitude_error._asdict())
+                supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **attitude_error._asdict())
             )
         start, _ = time_around
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
-                statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
+                statements.append(
+                    supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report)
+                )
         return tuple(statements)
 
     def _is_crash_report(self, report: Fact, start: float, end: float) -> bool:
@@ -321,7 +323,7 @@ class _Contact:
             code = self._kind_of_topple(onset, rest, fall_speed, throttle_closing)
         elif (contact_speed or 0.0) > HARD_IMPACT_SPEED:
             code = MotionEvent.HIT
-        elif any(fact.code is Witness.KNOCKED for fact in witnesses):
+        elif any(fact.code is WitnessFact.KNOCKED for fact in witnesses):
             code = MotionEvent.LANDED_HARD
         else:
             return None

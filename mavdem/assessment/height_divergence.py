@@ -19,7 +19,7 @@ from mavdem.dataset.intervals import Intervals, complement, in_intervals, inters
 from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
@@ -96,9 +96,9 @@ def _divergence(sensors: BootSensors, interval: Interval) -> Fact | None:
     is_rising = climb.barometer > 0
     if is_rising:
         height_change = sensors.height.barometer_change(*interval)
-        motion = supporting_statement(Witness.ROSE, source="barometer", height=height_change)
+        motion = supporting_statement(WitnessFact.ROSE, source="barometer", height=height_change)
     else:
-        motion = supporting_statement(Witness.SANK, source="barometer", speed=-climb.barometer)
+        motion = supporting_statement(WitnessFact.SANK, source="barometer", speed=-climb.barometer)
     start, end = interval
     statements = [motion.replace(time=start, until=end)]
     travel = _median_stick_travel(sensors, interval)
@@ -108,7 +108,9 @@ def _divergence(sensors: BootSensors, interval: Interval) -> Fact | None:
         if asks_for_climb or asks_for_descent:
             return None
         statements.append(
-            supporting_statement(Witness.THROTTLE_NOT_RAISED, time=start, until=end, share=travel)
+            supporting_statement(
+                WitnessFact.THROTTLE_NOT_RAISED, time=start, until=end, share=travel
+            )
         )
     cause = _accelerometer_error(sensors, interval) or _vibration(sensors, interval)
     if cause is not None:
@@ -198,12 +200,14 @@ def _accelerometer_error(sensors: BootSensors, interval: Interval) -> Fact | Non
         if flight_error is not None and is_wrong_in_flight:
             is_explained = (gravity - GRAVITY) / flight_error >= MIN_REST_SHARE
         if is_explained:
-            return supporting_statement(Witness.GRAVITY_WRONG, part="at rest", acceleration=gravity)
+            return supporting_statement(
+                WitnessFact.GRAVITY_WRONG, part="at rest", acceleration=gravity
+            )
     if flight_error is None or not is_wrong_in_flight:
         return None
     # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
     return supporting_statement(
-        Witness.GRAVITY_WRONG,
+        WitnessFact.GRAVITY_WRONG,
         part="in flight",
         acceleration=GRAVITY + flight_error,
         gravity=gravity,
@@ -270,13 +274,13 @@ def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:
     count = int(vibration.clips[rows].sum())
     if count:
         start, end = interval
-        return supporting_statement(Witness.CLIPPED, time=start, until=end, count=count)
+        return supporting_statement(WitnessFact.CLIPPED, time=start, until=end, count=count)
     largest_levels = levels.values[rows].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
     time = float(levels.time[rows][largest_levels.argmax()])
-    return supporting_statement(Witness.VIBRATED, time=time, vibration=largest_level)
+    return supporting_statement(WitnessFact.VIBRATED, time=time, vibration=largest_level)
 
 
 def _full_throttle(sensors: BootSensors, interval: Interval) -> Fact | None:
@@ -301,4 +305,4 @@ def _full_throttle(sensors: BootSensors, interval: Interval) -> Fact | None:
     if largest_command <= FULL_THROTTLE_COMMAND:
         return None
     time = float(commands.time[rows][largest_commands.argmax()])
-    return supporting_statement(Witness.MOTORS_FULL, time=time, share=largest_command)
+    return supporting_statement(WitnessFact.MOTORS_FULL, time=time, share=largest_command)

@@ -20,9 +20,9 @@ from mavdem.dataset.learnability import NEVER_ARMED
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.facts.loops import LoopActions
+from mavdem.facts.loops import LoopAction
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
@@ -37,11 +37,11 @@ URGENT_EVENTS = (
     MotionEvent.HEIGHT_DIVERGED,
     MotionEvent.POSITION_LOST,
     MotionEvent.LOG_ENDED_IN_AIR,
-    Reported.RESTARTED,
-    Reported.FAILSAFE,
-    Reported.MOTORS_STOPPED,
-    Reported.FLIGHT_TERMINATED,
-    Reported.CRASH_DETECTED,
+    ReportedEvent.RESTARTED,
+    ReportedEvent.FAILSAFE,
+    ReportedEvent.MOTORS_STOPPED,
+    ReportedEvent.FLIGHT_TERMINATED,
+    ReportedEvent.CRASH_DETECTED,
 )
 """Losses, failsafes, restarts and impacts, the most important first. Even where they are only to be watched, they rank
 above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
@@ -212,7 +212,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return evidence.not_flown
     for event in evidence.events:
         # A restart in flight is the reason for whatever followed.
-        if event.code is Reported.RESTARTED_IN_FLIGHT:
+        if event.code is ReportedEvent.RESTARTED_IN_FLIGHT:
             return event
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
@@ -233,9 +233,9 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         urgent = reasons
     if bad_events:
         worst = _largest_of_first_kind(bad_events)
-        spent = [fact for fact in bad_events if fact.code is Reported.BATTERY_SPENT]
+        spent = [fact for fact in bad_events if fact.code is ReportedEvent.BATTERY_SPENT]
         # A battery that was critical first was in an emergency later, which is worse.
-        if worst.code is Reported.BATTERY_ALARMED and spent:
+        if worst.code is ReportedEvent.BATTERY_ALARMED and spent:
             worst = spent[0]
         return worst
     if urgent:
@@ -253,7 +253,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     ]
     warnings = [
         fact
-        for fact in evidence.warnings_in_flight(tuple(Reported))
+        for fact in evidence.warnings_in_flight(tuple(ReportedEvent))
         if not fact.figures.get("is_contradicted")
     ]
     for fact in (*far_attitudes, *vehicle_lights, *warnings):
@@ -394,4 +394,4 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
 def _defers(light: Fact) -> bool:
     """Returns whether a light only advises to do first what the headline or another light advises."""
     action = light.figures.get("action")
-    return isinstance(action, Fact) and action.code is LoopActions.DO_FIRST
+    return isinstance(action, Fact) and action.code is LoopAction.DO_FIRST

@@ -24,8 +24,8 @@ from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import (
     contradicting_statement,
@@ -52,7 +52,7 @@ MIN_SPEED_CHANGE = 0.1
 """Change of a motor's speed, relative to the usual one, that counts; the battery's voltage changes it by less."""
 
 
-REPORTS_OF_MOTOR = (Reported.MOTOR_FAILED, Reported.THRUST_LOST)
+REPORTS_OF_MOTOR = (ReportedEvent.MOTOR_FAILED, ReportedEvent.THRUST_LOST)
 """Reports of the autopilot on one motor."""
 
 
@@ -194,7 +194,7 @@ def _standstill(
     rows = in_intervals(command.time, [recorded])
     share = float(command.values[rows].mean()) if rows.any() else 0.0
     no_rotation = supporting_statement(
-        Witness.SPEED_ZERO,
+        WitnessFact.SPEED_ZERO,
         time=start,
         until=end,
         name=controller.name,
@@ -242,7 +242,7 @@ def _reaction_of_command(command: TimeSeries, interval: Interval) -> Facts:
     start, end = interval
     usual_command = change.before
     unchanged = contradicting_statement(
-        Witness.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
+        WitnessFact.COMMAND_UNCHANGED, share=usual_command, time=start, until=end
     )
     return (unchanged,)
 
@@ -276,7 +276,7 @@ def rise_statement(change: CommandChange, interval: Interval) -> Fact:
     """
     start, end = interval
     return supporting_statement(
-        Witness.COMMAND_ROSE,
+        WitnessFact.COMMAND_ROSE,
         share=change.later,
         share_before=change.before,
         time=start,
@@ -305,9 +305,9 @@ def _reaction_of_attitude(error: AttitudeError, interval: Interval) -> Facts:
         return ()
     rows = in_intervals(error.time, [interval_of_error])
     if error.magnitude[rows].max() > MIN_LEAN_ERROR:
-        return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+        return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
     held = contradicting_statement(
-        Witness.ATTITUDE_HELD,
+        WitnessFact.ATTITUDE_HELD,
         time=interval_of_error[0],
         until=end,
         angle=largest.angle,
@@ -338,7 +338,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
     if count <= 0:
         return ()
     counted = supporting_statement(
-        Witness.ERRORS_COUNTED,
+        WitnessFact.ERRORS_COUNTED,
         time=start - MAX_SETPOINT_DELAY,
         until=end,
         name=controller.name,
@@ -371,7 +371,7 @@ def reports_on_motor(
         is_in_time = earliest <= (report.time or 0.0) <= latest
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
-            statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
+            statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))
     return statements
 
 
@@ -410,10 +410,10 @@ def speed_statements(signals: Signals, loss: Fact) -> Facts:
             "rotation_before": change.before,
         }
         if not change.has_slowed:
-            return (contradicting_statement(Witness.MOTOR_TURNED, **figures),)
+            return (contradicting_statement(WitnessFact.MOTOR_TURNED, **figures),)
         if _command_fell(motors, boot, motor, interval):
             return ()
-        return (supporting_statement(Witness.MOTOR_SLOWED, **figures),)
+        return (supporting_statement(WitnessFact.MOTOR_SLOWED, **figures),)
     return ()
 
 

@@ -19,7 +19,7 @@ from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement, supporting_statements
 
@@ -95,7 +95,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: Interval) -> Facts:
     excess = loss.figures.get("excess")
     if excess is not None:
         above_others = supporting_statement(
-            Witness.COMMAND_ABOVE_OTHERS, time=loss.time, until=loss.until, share=excess
+            WitnessFact.COMMAND_ABOVE_OTHERS, time=loss.time, until=loss.until, share=excess
         )
         return (above_others,)
     commands = motors.range_fractions(loss.figures["boot"])
@@ -127,7 +127,7 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: Interval) -> Facts:
     rows = in_intervals(error.time, [interval])
     if largest is None or error.magnitude[rows].max() < MIN_LEAN_ERROR:
         return ()
-    return (supporting_statement(Witness.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
+    return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
 def _fast_descent(signals: Signals, boot: int, interval: Interval) -> Facts:

@@ -9,7 +9,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.segments import Segment
 from mavdem.facts import Fact, Facts
-from mavdem.facts.noise import Noise
+from mavdem.facts.noise import NoiseFact
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.resonance import controller_if_known
 from mavdem.vibration.notch_filters import LINE_BAND, notch_advice
@@ -17,10 +17,10 @@ from mavdem.vibration.spectra import Spectrum, vibration_spectra
 from mavdem.vibration.spectral_lines import LineKind, SpectralLine, find_spectral_lines
 
 LINE_CODES = {
-    LineKind.MOTOR: Noise.MOTOR_LINE,
-    LineKind.FRAME: Noise.FRAME_LINE,
-    LineKind.ALIAS: Noise.ALIASED_LINE,
-    LineKind.UNNAMED: Noise.UNNAMED_LINE,
+    LineKind.MOTOR: NoiseFact.MOTOR_LINE,
+    LineKind.FRAME: NoiseFact.FRAME_LINE,
+    LineKind.ALIAS: NoiseFact.ALIASED_LINE,
+    LineKind.UNNAMED: NoiseFact.UNNAMED_LINE,
 }
 """Codes of the facts on spectral lines, by the kind of the line."""
 
@@ -57,7 +57,7 @@ class MeasuredNoise(NamedTuple):
         filtered = self.spectra.get(GYRO)
         spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)
         if spectrum is None:
-            return (Fact(Noise.NO_SPECTRUM),)
+            return (Fact(NoiseFact.NO_SPECTRUM),)
         facts = [_spectrum_fact(spectrum), *map(_line_fact, self.lines)]
         if spectrum.name == UNFILTERED_GYRO and filtered is not None:
             facts += self._filter_facts(spectrum, filtered)
@@ -81,7 +81,7 @@ class MeasuredNoise(NamedTuple):
                 band = np.multiply(LINE_BAND, line.frequency)
                 remaining_share = filtered.mean_power(*band) / unfiltered.mean_power(*band)
                 yield Fact(
-                    Noise.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_share
+                    NoiseFact.FILTERS_REMOVE, frequency=line.frequency, share=1 - remaining_share
                 )
 
 
@@ -96,7 +96,7 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
         of the rate of the samples in Hz (faster vibration is folded below it), and the number of ``windows`` averaged.
     """
     return Fact(
-        Noise.SPECTRUM_SEEN,
+        NoiseFact.SPECTRUM_SEEN,
         name=spectrum.name,
         source=spectrum.source,
         highest=spectrum.nyquist_frequency,

@@ -11,8 +11,8 @@ from mavdem.dataset.intervals import in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.witnesses.boot_sensors import BootSensors
 from mavdem.witnesses.statements import supporting_statement
 
@@ -26,7 +26,7 @@ MIN_SECONDS_WITH_POSITION = 5.0
 MODES_WITHOUT_POSITION = frozenset({"Land", "Descend", "Alt hold", "Altitude"})
 """Modes that need no position, to which autopilots change when they have lost it."""
 
-FAILSAFE_REPORTS = (Reported.FAILSAFE, Reported.ESTIMATOR_DIVERGED)
+FAILSAFE_REPORTS = (ReportedEvent.FAILSAFE, ReportedEvent.ESTIMATOR_DIVERGED)
 """Reports of the autopilot that support a lost position."""
 
 REACTION_SECONDS = 3.0
@@ -61,7 +61,7 @@ def position_losses(
         if validity is not None:
             invalid = (
                 supporting_statement(
-                    Witness.POSITION_INVALID, time=start, until=end, duration=end - start
+                    WitnessFact.POSITION_INVALID, time=start, until=end, duration=end - start
                 ),
             )
         yield Fact(
@@ -121,10 +121,10 @@ def _autopilot_reactions(
     for report in reports:
         is_of_boot = report.figures["boot"] == sensors.boot
         if is_of_boot and _is_reaction(report) and start <= (report.time or 0.0) <= end:
-            statements.append(supporting_statement(Witness.AUTOPILOT_REPORTED, cause=report))
+            statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))
     for time, name in sensors.signals.mode_changes(sensors.boot):
         if start <= time <= end and name in MODES_WITHOUT_POSITION:
-            statements.append(supporting_statement(Witness.MODE_CHANGED, name=name, time=time))
+            statements.append(supporting_statement(WitnessFact.MODE_CHANGED, name=name, time=time))
     return tuple(statements)
 
 
@@ -137,7 +137,7 @@ def _is_reaction(report: Fact) -> bool:
     Args:
         report: event that the autopilot reported, or that was derived from messages.
     """
-    if report.code is Reported.GPS_LOST:
+    if report.code is ReportedEvent.GPS_LOST:
         return "error_code" in report.figures or "text" in report.figures
     return report.code in FAILSAFE_REPORTS
 
@@ -157,5 +157,5 @@ def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
     rows = in_intervals(fix.time, [interval])
     if rows.any() and not fix.values[rows].any():
         start, end = interval
-        return (supporting_statement(Witness.NO_FIX, time=start, until=end),)
+        return (supporting_statement(WitnessFact.NO_FIX, time=start, until=end),)
     return ()

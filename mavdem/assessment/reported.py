@@ -30,7 +30,7 @@ from mavdem.dataset.position_fix import has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.vocabulary import OFF_GROUND
 from mavdem.witnesses.boot_sensors import BootSensors
@@ -40,13 +40,13 @@ MAX_TOUCH_DOWN_DROP = 3.0
 downwash over the ground. One that sinks farther had its motors stopped in the air."""
 
 FAILSAFE_TRIGGERS = (
-    Reported.BATTERY_WARNED,
-    Reported.BATTERY_ALARMED,
-    Reported.RADIO_LOST,
-    Reported.GROUND_STATION_LOST,
-    Reported.GPS_LOST,
-    Reported.FENCE_BREACHED,
-    Reported.ESTIMATOR_DIVERGED,
+    ReportedEvent.BATTERY_WARNED,
+    ReportedEvent.BATTERY_ALARMED,
+    ReportedEvent.RADIO_LOST,
+    ReportedEvent.GROUND_STATION_LOST,
+    ReportedEvent.GPS_LOST,
+    ReportedEvent.FENCE_BREACHED,
+    ReportedEvent.ESTIMATOR_DIVERGED,
 )
 """Reports for which autopilots begin a failsafe."""
 
@@ -55,16 +55,16 @@ TRIGGER_SECONDS = 2.0
 
 
 CONFIRMING_STATES = {
-    Reported.FAILSAFE: (Reported.FAILSAFE,),
-    Reported.BATTERY_WARNED: (
-        Reported.BATTERY_WARNED,
-        Reported.BATTERY_ALARMED,
-        Reported.BATTERY_SPENT,
+    ReportedEvent.FAILSAFE: (ReportedEvent.FAILSAFE,),
+    ReportedEvent.BATTERY_WARNED: (
+        ReportedEvent.BATTERY_WARNED,
+        ReportedEvent.BATTERY_ALARMED,
+        ReportedEvent.BATTERY_SPENT,
     ),
-    Reported.BATTERY_ALARMED: (Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT),
-    Reported.ATTITUDE_FAILED: (Reported.ATTITUDE_FAILED,),
-    Reported.ALTITUDE_FAILED: (Reported.ALTITUDE_FAILED,),
-    Reported.MOTOR_FAILED: (Reported.MOTOR_FAILED,),
+    ReportedEvent.BATTERY_ALARMED: (ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT),
+    ReportedEvent.ATTITUDE_FAILED: (ReportedEvent.ATTITUDE_FAILED,),
+    ReportedEvent.ALTITUDE_FAILED: (ReportedEvent.ALTITUDE_FAILED,),
+    ReportedEvent.MOTOR_FAILED: (ReportedEvent.MOTOR_FAILED,),
 }
 """By the code of a text: the codes of recorded states, one of which holds if the text is true.
 
@@ -82,7 +82,7 @@ class CountingField(NamedTuple):
     """Name of the message."""
     field: str
     """Name of its field, which holds a number or count."""
-    code: Reported
+    code: ReportedEvent
     """Code of the event."""
     subject: str
     """Subject of the event; ``{}`` stands for the new value."""
@@ -90,9 +90,9 @@ class CountingField(NamedTuple):
 
 COUNTING_FIELDS = (
     CountingField(
-        "estimator_selector_status", "primary_instance", Reported.ESTIMATOR_SWITCHED, "lane {}"
+        "estimator_selector_status", "primary_instance", ReportedEvent.ESTIMATOR_SWITCHED, "lane {}"
     ),
-    CountingField("LOCAL_POSITION_NED", "resets", Reported.ESTIMATOR_RESET, "position"),
+    CountingField("LOCAL_POSITION_NED", "resets", ReportedEvent.ESTIMATOR_RESET, "position"),
 )
 """The estimator's primary lane, and the counter of its resets of the position."""
 
@@ -133,7 +133,7 @@ def reported_events(signals: Signals) -> Facts:
             if trigger is not None:
                 fact = fact.replace(cause=trigger)
             # After a restart in flight the motors may be off: that is bad nevertheless.
-            is_restart = fact.code is Reported.RESTARTED_IN_FLIGHT
+            is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.replace(Level.WATCH)
             events.append(fact.replace(height=_height_at(signals, span.boot, flights, time)))
@@ -195,7 +195,7 @@ def _height_at(signals: Signals, boot: int, flights: Intervals, time: float) -> 
 
 def _is_watchdog_report(fact: Fact) -> bool:
     """Returns whether a fact is a text of the autopilot about its watchdog."""
-    return fact.code is Reported.AUTOPILOT_ERROR and fact.subject == "watchdog"
+    return fact.code is ReportedEvent.AUTOPILOT_ERROR and fact.subject == "watchdog"
 
 
 def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
@@ -208,7 +208,7 @@ def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
     Returns:
         The last report; None without one.
     """
-    if failsafe.code is not Reported.FAILSAFE or failsafe.time is None:
+    if failsafe.code is not ReportedEvent.FAILSAFE or failsafe.time is None:
         return None
     trigger = None
     for fault in faults:
@@ -225,7 +225,7 @@ def _can_be(problem: Fact, signals: Signals) -> bool:
         problem: fact that the autopilot reports.
         signals: signals of the vehicle.
     """
-    if problem.code is not Reported.GPS_JUMPED:
+    if problem.code is not ReportedEvent.GPS_JUMPED:
         return True
     time = np.array([problem.time])
     return bool(has_position_fix(signals.telemetry, problem.figures["boot"], time)[0])
@@ -249,7 +249,7 @@ def _without_contradicted_claim(
     Returns:
         The same fact, or one with the code ``AUTOPILOT_SAID`` and the figure ``is_contradicted``.
     """
-    if "text" not in problem.figures or not isinstance(problem.code, Reported):
+    if "text" not in problem.figures or not isinstance(problem.code, ReportedEvent):
         return problem
     confirming_codes = CONFIRMING_STATES.get(problem.code, ())
     time = problem.time or 0.0
@@ -268,14 +268,14 @@ def _without_contradicted_claim(
         are_recorded_after.append(bool((columns["time"][rows] >= time).any()))
     if not are_recorded_after or not all(are_recorded_after):
         return problem
-    return problem.with_code(Reported.AUTOPILOT_SAID).replace(is_contradicted=True)
+    return problem.with_code(ReportedEvent.AUTOPILOT_SAID).replace(is_contradicted=True)
 
 
 def _event(
     signals: Signals,
     span: Segment,
     message: str,
-    code: Reported,
+    code: ReportedEvent,
     time: float,
     level: Level | None = None,
     **figures: Any,
@@ -310,7 +310,7 @@ def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
         return
     is_armed = state.values > 0
     for row in np.flatnonzero(np.diff(is_armed, prepend=False)):
-        code = Reported.MOTORS_ARMED if is_armed[row] else Reported.MOTORS_DISARMED
+        code = ReportedEvent.MOTORS_ARMED if is_armed[row] else ReportedEvent.MOTORS_DISARMED
         yield _event(signals, span, "HEARTBEAT", code, state.time[row], is_begun=row == 0)
 
 
@@ -335,7 +335,10 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
         if not without_grounded([flight], signals, span.boot):
             continue
         take_off, landing = flight
-        for code, time in ((Reported.OFF_GROUND, take_off), (Reported.ON_GROUND, landing)):
+        for code, time in (
+            (ReportedEvent.OFF_GROUND, take_off),
+            (ReportedEvent.ON_GROUND, landing),
+        ):
             # An end of the flight that the record does not have is infinite.
             if not isfinite(time):
                 continue
@@ -344,7 +347,9 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
                 detected_time = detected_changes[np.argmin(distances)]
                 yield _event(signals, span, "EXTENDED_SYS_STATE", code, detected_time)
                 continue
-            stopped_in_air = code is Reported.ON_GROUND and _is_high(signals, span.boot, flight)
+            stopped_in_air = code is ReportedEvent.ON_GROUND and _is_high(
+                signals, span.boot, flight
+            )
             if vehicle in POSSIBLE_MULTIROTORS and not stopped_in_air:
                 yield _event(signals, span, motor_message, code, time)
 
@@ -412,7 +417,7 @@ def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
         )
     for time, mode in signals.mode_changes(span.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
-        code = Reported.MODE_CHANGED
+        code = ReportedEvent.MODE_CHANGED
         yield _event(signals, span, message, code, time, level, subject=mode, cause=cause)
 
 

@@ -21,7 +21,7 @@ from mavdem.dataset.phases import armed_intervals, series_of_boot
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.joined import MAX_BOOT_CLOCK
 from mavdem.ingest.telemetry import Telemetry
 
@@ -96,13 +96,15 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     attitude_name = telemetry.name_in_source("ATTITUDE")
     if not in_flight:
         if span.boot > 0:
-            yield Fact(Reported.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,))
+            yield Fact(
+                ReportedEvent.RESTARTED, time=span.start, boot=span.boot, basis=(attitude_name,)
+            )
         return
     basis: Names = (attitude_name,)
     if is_watchdog:
         basis = (telemetry.name_in_source("STATUSTEXT"), attitude_name)
     yield Fact(
-        Reported.RESTARTED_IN_FLIGHT,
+        ReportedEvent.RESTARTED_IN_FLIGHT,
         time=span.start,
         boot=span.boot,
         basis=basis,

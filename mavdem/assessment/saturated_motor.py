@@ -22,7 +22,7 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
-from mavdem.facts.motors import InFlight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.motors.saturation import most_limited_motors
 from mavdem.witnesses.boot_sensors import BootSensors
 
@@ -221,7 +221,7 @@ def _saturation_loss(
     if not leans and sink_rate < MIN_CLIMB_SPEED:
         return None
     return Fact(
-        InFlight.MOTOR_SATURATED,
+        MotorWatchFact.MOTOR_SATURATED,
         time=start,
         until=event.until,
         subject=event.subject,

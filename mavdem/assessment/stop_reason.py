@@ -13,7 +13,7 @@ from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.witnesses.boot_sensors import BootSensors
 
 FIRST_RESPONSE_SECONDS = 0.3
@@ -23,15 +23,15 @@ STOP_REASON_SECONDS = 2.0
 """Seconds around the stop of all motors within which its reason is reported."""
 
 REASONS_OF_STOP = (
-    Reported.MOTORS_STOPPED,
-    Reported.FLIGHT_TERMINATED,
-    Reported.RADIO_LOST,
-    Reported.BATTERY_ALARMED,
-    Reported.BATTERY_SPENT,
-    Reported.GROUND_STATION_LOST,
-    Reported.FENCE_BREACHED,
-    Reported.FAILSAFE,
-    Reported.ESTIMATOR_DIVERGED,
+    ReportedEvent.MOTORS_STOPPED,
+    ReportedEvent.FLIGHT_TERMINATED,
+    ReportedEvent.RADIO_LOST,
+    ReportedEvent.BATTERY_ALARMED,
+    ReportedEvent.BATTERY_SPENT,
+    ReportedEvent.GROUND_STATION_LOST,
+    ReportedEvent.FENCE_BREACHED,
+    ReportedEvent.FAILSAFE,
+    ReportedEvent.ESTIMATOR_DIVERGED,
 )
 """Reports of the autopilot that explain why it stopped all motors, whatever the pilot did.
 
@@ -39,7 +39,7 @@ A warning of a low battery comes again and again, so that it explains a stop onl
 throttle.
 """
 
-BATTERY_ALARMS = (Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT)
+BATTERY_ALARMS = (ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT)
 """Reports of an empty battery. As a mere state of the battery they say nothing of the motors."""
 
 
@@ -68,7 +68,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
             continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
-        if event.code is Reported.BATTERY_WARNED and first_battery_warning is None:
+        if event.code is ReportedEvent.BATTERY_WARNED and first_battery_warning is None:
             first_battery_warning = event
     # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
     throttle_closing = BootSensors(signals, boot).throttle_closed(
@@ -90,7 +90,7 @@ def _is_reported_in(event: Fact, interval: Interval) -> bool:
     """
     earliest, latest = interval
     start = event.time or 0.0
-    end = (event.until or inf) if event.code is Reported.RADIO_LOST else start
+    end = (event.until or inf) if event.code is ReportedEvent.RADIO_LOST else start
     return start <= latest and end >= earliest
 
 

@@ -6,15 +6,15 @@ from mavdem.assessment.condition import Condition
 from mavdem.dataset.learnability import Learnability, slower_stream_rate
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, MIN_STREAM_RATE
 from mavdem.facts import Fact
-from mavdem.facts.vehicle import Allowed
+from mavdem.facts.vehicle import TierAllowance
 
 MIN_CONDITION_RATE = 1.0
 """Rate of attitude and motor outputs, Hz, from which on their means, spreads and limits are known."""
 
 TIERS = {
-    "a": Fact(Allowed.TIER_A, rate=MIN_STREAM_RATE),
-    "b": Fact(Allowed.TIER_B, rate=MIN_SLOW_MOTION_RATE),
-    "c": Fact(Allowed.TIER_C),
+    "a": Fact(TierAllowance.TIER_A, rate=MIN_STREAM_RATE),
+    "b": Fact(TierAllowance.TIER_B, rate=MIN_SLOW_MOTION_RATE),
+    "c": Fact(TierAllowance.TIER_C),
 }
 """What each tier allows: "a" a full model, "b" a model of the slow motion, "c" figures of the condition only."""
 

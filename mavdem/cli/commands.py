@@ -23,7 +23,7 @@ from mavdem.cli.termination import default_interrupt_action
 from mavdem.errors import NotLearnable, Unreadable, error_message
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
-from mavdem.facts.command import End
+from mavdem.facts.command import RunEnd
 from mavdem.log_formats import (
     COMPRESSED_ENDING,
     UNCOMPRESSED_ENDINGS,
@@ -252,7 +252,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         code = EXIT_PIPE_CLOSED
     except OSError as error:
-        report_error(Fact(End.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False)
+        report_error(
+            Fact(RunEnd.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False
+        )
         code = EXIT_ERROR
     # Python flushes standard output once more at its exit. That must not fail again.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -286,24 +288,26 @@ def _exit_code(args: list[str], as_json: bool) -> int:
         command_path = "mavdem"
         if isinstance(error, click.UsageError) and error.ctx:
             command_path = error.ctx.command_path
-        report_error(Fact(End.BAD_USAGE, text=error.format_message(), name=command_path), as_json)
+        report_error(
+            Fact(RunEnd.BAD_USAGE, text=error.format_message(), name=command_path), as_json
+        )
     except NotLearnable as error:
         report_error(error.fact, as_json)
         return EXIT_UNSUPPORTED
     except (Unreadable, MissingExtra) as error:
         report_error(error.fact, as_json)
     except KeyboardInterrupt:
-        report_error(Fact(End.INTERRUPTED), as_json)
+        report_error(Fact(RunEnd.INTERRUPTED), as_json)
         return EXIT_INTERRUPTED
     except MemoryError:
-        report_error(Fact(End.OUT_OF_MEMORY), as_json)
+        report_error(Fact(RunEnd.OUT_OF_MEMORY), as_json)
     except Exception as error:
         # Commands report failures of files by name, so an error without one is that of standard output.
         if isinstance(error, OSError) and error.filename is None:
             raise
         if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
-        report_error(Fact(End.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
+        report_error(Fact(RunEnd.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
     else:
         return EXIT_DONE
     return EXIT_ERROR

@@ -20,7 +20,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.documents.inventory import analysis_document, vehicle_document
 from mavdem.facts import Fact
-from mavdem.facts.learnability import Reason
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.ingest import Log
 from mavdem.report.blocks import Sentence
 from mavdem.report.condition import component_id, stream_contents, vehicle_contents
@@ -152,7 +152,7 @@ def _why_not_learnable(document: JsonValues, source: str, axis: str) -> Fact:
     """
     vehicles = document["vehicles"]
     return Fact(
-        Reason.LOG_NOT_LEARNABLE,
+        NotLearnableReason.LOG_NOT_LEARNABLE,
         axis=axis,
         path=source,
         names=[component_id(values) for values in vehicles],

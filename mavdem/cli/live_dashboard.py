@@ -11,7 +11,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import output_names_and_units
 from mavdem.errors import Unreadable
 from mavdem.extras import missing_extra_fact, require_extra
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.live import RowFormat, SessionStatus
 from mavdem.live.history import horizon_steps
 from mavdem.machine import has_screen
@@ -79,7 +79,7 @@ class Dashboard:
         except ValueError as error:
             raise click.BadParameter(f"{error}.", param_hint="--connect") from error
         except OSError as error:
-            raise Unreadable(Session.DASHBOARD_NOT_OPENED, because=error) from None
+            raise Unreadable(SessionFact.DASHBOARD_NOT_OPENED, because=error) from None
         self.view = LiveView(sinks)
         for sink in sinks:
             if isinstance(sink, WebServer):

@@ -16,7 +16,7 @@ from mavdem.dataset.time_series import message_counts
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.learnability import Caution, Reason
+from mavdem.facts.learnability import Caution, NotLearnableReason
 from mavdem.files import AnyPath
 from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest import Component, Log, read_log
@@ -211,7 +211,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     if len(matching) == 1:
         return matching[0]
     if not vehicles:
-        raise NotLearnable(Reason.LOG_WITHOUT_VEHICLE)
+        raise NotLearnable(NotLearnableReason.LOG_WITHOUT_VEHICLE)
     listed_vehicles = matching or vehicles
     # Two logs can be joined in one file; then only the number of its board tells vehicles with the same ids apart.
     has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed_vehicles}) < len(
@@ -221,7 +221,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     for vehicle in listed_vehicles:
         names.append(vehicle.board if has_same_ids and vehicle.board else _mavlink_ids(vehicle))
     raise NotLearnable(
-        Reason.SEVERAL_VEHICLES if matching else Reason.NO_SUCH_VEHICLE,
+        NotLearnableReason.SEVERAL_VEHICLES if matching else NotLearnableReason.NO_SUCH_VEHICLE,
         name=wanted,
         names=names,
         kinds=[vehicle.vehicle for vehicle in listed_vehicles],

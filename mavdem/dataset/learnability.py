@@ -20,14 +20,14 @@ from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.segments import Segment, Segments, settled_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals, rate_between_outages
 from mavdem.facts import Fact, Facts
-from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
+from mavdem.facts.learnability import Caution, MotorObstacle, NotLearnableReason, Remedy
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS, POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
-NEVER_ARMED = Fact(Reason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
+NEVER_ARMED = Fact(NotLearnableReason.NEVER_ARMED, remedy=RECORD_A_FLIGHT)
 """Refusal of a log in which the vehicle was never armed."""
 
 MIN_SNR = 1.0
@@ -245,7 +245,7 @@ def slow_streams(
     if not slow:
         return None
     return Fact(
-        Reason.STREAMS_TOO_SLOW,
+        NotLearnableReason.STREAMS_TOO_SLOW,
         names=tuple(slow),
         rates=tuple(slow.values()),
         least_rate=min_rate,
@@ -270,7 +270,7 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
         return _no_multirotor(signals, components)
     if attitude is None:
         return Fact(
-            Reason.NO_ATTITUDE,
+            NotLearnableReason.NO_ATTITUDE,
             recorder=recorder,
             missing=_missing_part_of_attitude(telemetry),
             remedy=rate_advice(telemetry),
@@ -280,10 +280,12 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
             return NEVER_ARMED
         return _without_inputs(signals)
     if attitude.impossible_count > MAX_IMPOSSIBLE_SHARE * attitude.sent_count:
-        return _impossible_attitude(signals, Reason.ATTITUDE_UNIT).replace(recorder=recorder)
+        return _impossible_attitude(signals, NotLearnableReason.ATTITUDE_UNIT).replace(
+            recorder=recorder
+        )
     if not len(attitude.time):
         name = telemetry.name_in_source(attitude.message)
-        return Fact(Reason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
+        return Fact(NotLearnableReason.ATTITUDE_NOT_FINITE, name=name, axis=signals.axis)
     return None
 
 
@@ -321,7 +323,7 @@ def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
             other_kind = component.kind
             break
     return Fact(
-        Reason.NO_MULTIROTOR,
+        NotLearnableReason.NO_MULTIROTOR,
         recorder=signals.telemetry.translated_from,
         kind=signals.telemetry.vehicle,
         other=other_ids,
@@ -334,7 +336,7 @@ def _component_ids(component: Component) -> str:
     return f"{component.system}:{component.component}"
 
 
-def _impossible_attitude(signals: Signals, code: Reason | Caution) -> Fact:
+def _impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) -> Fact:
     """Returns a fact about attitude messages with an angle or body rate that no vehicle can have.
 
     Args:
@@ -369,7 +371,7 @@ def _without_inputs(signals: Signals) -> Fact:
     if signals.inputs == "demand":
         is_recorded = DEMAND_MESSAGE in telemetry.messages
         return Fact(
-            Reason.DEMAND_CONSTANT if is_recorded else Reason.NO_DEMAND,
+            NotLearnableReason.DEMAND_CONSTANT if is_recorded else NotLearnableReason.NO_DEMAND,
             axis=signals.axis,
             name=telemetry.name_in_source(DEMAND_MESSAGE),
             recorder=telemetry.translated_from,
@@ -401,9 +403,11 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
             break
     is_by_collective = not is_reported_airborne and signals.landed_state is None
     if is_by_collective and signals.collective is None:
-        return Fact(Reason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(telemetry))
+        return Fact(
+            NotLearnableReason.NO_EVIDENCE_OF_FLIGHT, name=name, remedy=rate_advice(telemetry)
+        )
     return Fact(
-        Reason.NEVER_AIRBORNE,
+        NotLearnableReason.NEVER_AIRBORNE,
         armed=figures.armed,
         name=name,
         climb_rate=phases.MIN_LIFT_OFF_SPEED if is_reported_airborne else None,
@@ -452,7 +456,7 @@ class _SegmentJudge:
         rate = slower_stream_rate(figures)
         if refusal is None and rate * flight.dt * MAX_STEP_RATIO < 1:
             refusal = Fact(
-                Reason.SLOWER_THAN_LONGEST,
+                NotLearnableReason.SLOWER_THAN_LONGEST,
                 rate=rate,
                 least_rate=1 / flight.dt,
                 remedy=rate_advice(signals.telemetry, components=self.components),
@@ -469,7 +473,7 @@ class _SegmentJudge:
             )
         attitude_name = signals.telemetry.name_in_source(self.attitude.message)
         reason = Fact(
-            Reason.LEARNABLE,
+            NotLearnableReason.LEARNABLE,
             axis=signals.axis,
             duration=segment.duration,
             attitude_rate=figures.attitude_rate,
@@ -527,7 +531,7 @@ class _SegmentJudge:
             return too_slow
         is_logged_on_board = self.signals.telemetry.translated_from in LOGGERS
         return Fact(
-            Reason.TOO_SHORT,
+            NotLearnableReason.TOO_SHORT,
             duration=duration,
             least_duration=MIN_SEGMENT_DURATION,
             airborne=figures.airborne,
@@ -592,7 +596,7 @@ class _SegmentJudge:
         else:
             return None
         return Fact(
-            Reason.VALUES_REPEATED,
+            NotLearnableReason.VALUES_REPEATED,
             name=telemetry.name_in_source(message),
             rate=rate,
             fresh_rate=fresh_rate,
@@ -616,10 +620,10 @@ class _SegmentJudge:
         axis = self.signals.axis
         is_angle_constant = axis in TILT_AXES and not figures.angle_sd
         if not figures.rate_sd or is_angle_constant:
-            return Fact(Reason.OUTPUT_CONSTANT, axis=axis)
+            return Fact(NotLearnableReason.OUTPUT_CONSTANT, axis=axis)
         if figures.output_snr is not None and figures.output_snr < MIN_SNR:
             return Fact(
-                Reason.OUTPUT_ROUNDED,
+                NotLearnableReason.OUTPUT_ROUNDED,
                 axis=axis,
                 span=RATE_INTEGRATION_SPAN,
                 angle_step=figures.angle_step,
@@ -641,7 +645,7 @@ class _SegmentJudge:
         if figures.consistency is not None and figures.consistency < MIN_CONSISTENCY:
             is_still = figures.rate_sd is not None and figures.rate_sd < MAX_STILL_RATE
             return Fact(
-                Reason.RATE_CONTRADICTS_ANGLE,
+                NotLearnableReason.RATE_CONTRADICTS_ANGLE,
                 axis=axis,
                 consistency=figures.consistency,
                 span=RATE_INTEGRATION_SPAN,
@@ -662,7 +666,7 @@ class _SegmentJudge:
         """
         if figures.input_snr is not None and figures.input_snr < MIN_SNR:
             return Fact(
-                Reason.COMMAND_ROUNDED,
+                NotLearnableReason.COMMAND_ROUNDED,
                 axis=self.signals.axis,
                 command=figures.input_sd,
                 command_step=figures.input_step,

@@ -22,7 +22,7 @@ from threading import Lock, Thread, active_count, current_thread, main_thread
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
 from mavdem.facts import Fact
-from mavdem.facts.model import Workers
+from mavdem.facts.model import WorkerFact
 from mavdem.processes import TERMINATION_SIGNALS, lower_priority
 
 Job = TypeVar("Job")
@@ -128,7 +128,7 @@ def _map_on_executor(
     except BrokenExecutor as error:
         # A broken pool ends its jobs itself. Before Python 3.13 it cannot where they have been cancelled.
         futures.clear()
-        raise type(error)(str(Fact(Workers.WORKER_DIED))) from error
+        raise type(error)(str(Fact(WorkerFact.WORKER_DIED))) from error
     finally:
         # The jobs of a ProcessPool stop with its block and are not cancelled: where a signal to the whole process
         # group has ended its workers, a pool with cancelled jobs waits for ever before Python 3.13.
@@ -198,7 +198,7 @@ def process_pool(
         SystemExit: The running script starts workers while a worker imports it, so that there would be no end of them.
     """
     if _is_importing_main():
-        sys.exit(str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)))
+        sys.exit(str(Fact(WorkerFact.SCRIPT_IMPORTED_BY_WORKER)))
     context = get_context(start_method)
     stop_pipe, parent_end = context.Pipe(duplex=False)
     # Ctrl-C and a closed terminal send signals to all processes of the terminal. Those that are started here inherit

@@ -18,7 +18,7 @@ from mavdem.documents.document import (
 )
 from mavdem.documents.vehicle import Finding, MotorHealth, Override
 from mavdem.facts.model import ModelName
-from mavdem.facts.session import Spent
+from mavdem.facts.session import TimeUse
 from mavdem.motors.motor_changes import alarm_figures
 from mavdem.units import Degrees, Hertz, Number, Seconds, Speed
 
@@ -171,7 +171,7 @@ SECONDS_DECIMALS = 3
 
 
 def live_document(
-    session: LiveSession, status: SessionStatus, account: Mapping[Spent, float], files: JsonValues
+    session: LiveSession, status: SessionStatus, account: Mapping[TimeUse, float], files: JsonValues
 ) -> Live:
     """Makes the JSON document of a live session, after it has ended.
 

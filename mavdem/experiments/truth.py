@@ -13,7 +13,7 @@ from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable, error_message
-from mavdem.facts.forecasts import ComparedWithTruth, Forecasts
+from mavdem.facts.forecasts import ComparedWithTruth, ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.files import PathName
 from mavdem.flight import Flight
@@ -142,7 +142,7 @@ def read_truth(path: PathName, axis: str) -> Truth:
     except (LookupError, TypeError, ValueError, EOFError, zipfile.BadZipFile, zlib.error):
         # The file is not an archive of arrays, or not of these arrays.
         cause = ""
-    raise Unreadable(Forecasts.NO_TRUTH_FILE, name=name, error=cause)
+    raise Unreadable(ForecastFact.NO_TRUTH_FILE, name=name, error=cause)
 
 
 def _require_equal_lengths(truth: Truth) -> None:
@@ -185,7 +185,7 @@ def truth_of(flights: Sequence[Flight], path: PathName) -> Truth:
         # A NaN, where the truth file does not cover the segment, is no small difference either.
         if not difference < MAX_RATE_DIFFERENCE:
             raise Unreadable(
-                Forecasts.TRUTH_OF_ANOTHER_FLIGHT,
+                ForecastFact.TRUTH_OF_ANOTHER_FLIGHT,
                 time=time[0],
                 until=time[-1],
                 subject=name,

@@ -10,7 +10,7 @@ from mavdem.arrays import Indices
 from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.dem.plant_forecasts import FORECAST_HORIZON_SECONDS
 from mavdem.errors import NotLearnable
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.flight import Flight
 
 TRAIN_SECONDS = 7.0
@@ -87,7 +87,7 @@ def too_short(flight: Flight, start: float, train: int, test: int, min_train: in
     if longest_train >= min_train:
         options = ("--train", str(longest_train), "--test", str(shorter_test))
     return TooFewSamples(
-        Forecasts.FLIGHT_TOO_SHORT,
+        ForecastFact.FLIGHT_TOO_SHORT,
         samples=len(flight),
         duration=flight.duration,
         start=start,
@@ -117,7 +117,7 @@ def no_test_window(samples: int, dt: float, test: int, folds: int) -> TooFewSamp
     if shorter_test < test and samples >= 2 * default_test:
         options = ("--test", str(shorter_test))
     return TooFewSamples(
-        Forecasts.NO_TEST_WINDOW,
+        ForecastFact.NO_TEST_WINDOW,
         samples=samples,
         duration=samples * dt,
         test_samples=test,

@@ -12,7 +12,7 @@ from mavdem.dataset.signals import global_positions
 from mavdem.dataset.time_series import float_column
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.ingest.telemetry import Telemetry
 
 POSITION_MESSAGES = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
@@ -71,7 +71,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
                 paths.append(GeographicPath(int(boot), time, positions[rows]))
         if paths:
             return paths
-    raise Unreadable(Fact(Source.NO_GEOGRAPHIC_POSITION))
+    raise Unreadable(Fact(SourceFact.NO_GEOGRAPHIC_POSITION))
 
 
 def valid_name(name: str) -> str:

@@ -59,7 +59,7 @@ class InShort(Code):
     OVERRIDDEN = "overridden"
 
 
-class Because(Code):
+class GradeReason(Code):
     """Why a purpose has its grade."""
 
     EFFECT_KNOWN = "effect_known"

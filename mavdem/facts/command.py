@@ -21,7 +21,7 @@ class NamedSource(Code):
     AS_MANY_INPUTS_NEEDED = "as_many_inputs_needed"
 
 
-class End(Code):
+class RunEnd(Code):
     """Why a run ended early."""
 
     BAD_USAGE = "bad_usage"

@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Reported(Code):
+class ReportedEvent(Code):
     """What the autopilot reports."""
 
     # Ordinary events of a flight.

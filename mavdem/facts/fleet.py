@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Reading(Code):
+class ReadingFact(Code):
     """Why a log was not read, or none could be."""
 
     READING_TOO_LONG = "reading_too_long"
@@ -28,7 +28,7 @@ class Reading(Code):
     CLUSTER_OF_OTHER_VERSION = "cluster_of_other_version"
 
 
-class Folder(Code):
+class FleetFolderFact(Code):
     """What is wrong with the names of logs, or with a fleet's folder."""
 
     NO_LOG_NAMED = "no_log_named"
@@ -58,7 +58,7 @@ class QuantityOutcome(StrEnum):
     UNCERTAIN = "uncertain"
 
 
-class Compared(Code):
+class ComparedSubject(Code):
     """What would be compared between two states of a vehicle."""
 
     EVERYTHING = "everything"

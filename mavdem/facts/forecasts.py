@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Forecasts(Code):
+class ForecastFact(Code):
     """What is said of windows, of models that are trained on them, and of truth files."""
 
     FLIGHT_TOO_SHORT = "flight_too_short"

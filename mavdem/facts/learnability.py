@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Reason(Code):
+class NotLearnableReason(Code):
     """Why a log can be learned from, or cannot."""
 
     LEARNABLE = "learnable"

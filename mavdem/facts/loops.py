@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Loops(Code):
+class LoopFact(Code):
     """Of the rate and the attitude loop of one axis."""
 
     MARGIN_RATING = "margin_rating"
@@ -28,7 +28,7 @@ class Loops(Code):
     CROSSOVER_FAST = "crossover_fast"
 
 
-class Controllers(Code):
+class ControllerFact(Code):
     """Why the parameters give no controller; and, from SLEW_LIMITED on, what of it is not modelled."""
 
     NO_GAINS = "no_gains"
@@ -45,7 +45,7 @@ class Controllers(Code):
     NOTCHES_UNMODELLED = "notches_unmodelled"
 
 
-class Responses(Code):
+class ResponseFact(Code):
     """Of the rate's response in flight beside the predicted one."""
 
     RESPONSE_UNEXPLAINED = "response_unexplained"
@@ -54,7 +54,7 @@ class Responses(Code):
     CONTROLLER_GAIN_DIFFERS = "controller_gain_differs"
 
 
-class Gains(Code):
+class GainFact(Code):
     """Of gains to set, and why there are none."""
 
     KEEP_GAINS = "keep_gains"
@@ -78,7 +78,7 @@ class Gains(Code):
     ADVICE_FAILED = "advice_failed"
 
 
-class Twins(Code):
+class TwinFact(Code):
     """Of a vehicle for simulators; each note says how sure a figure of it is."""
 
     NO_HOVER = "no_hover"
@@ -93,7 +93,7 @@ class Twins(Code):
     EFFECT_NOTE = "effect_note"
 
 
-class StepResponses(Code):
+class StepResponseFact(Code):
     """Of the closed loops as measured, and beside the predicted ones."""
 
     STEP_MEASURED = "step_measured"
@@ -106,7 +106,7 @@ class StepResponses(Code):
     TOO_LITTLE_ASKED = "too_little_asked"
 
 
-class LoopActions(Code):
+class LoopAction(Code):
     """What to do about the loops of an axis; LOOPS_JUDGED has it together with what is wrong."""
 
     LOOPS_JUDGED = "loops_judged"

@@ -99,7 +99,7 @@ class ModelFile(Code):
     NO_MODEL_DOCUMENT = "no_model_document"
 
 
-class Workers(Code):
+class WorkerFact(Code):
     """Why processes that share the work of many fits ended, or cannot begin."""
 
     WORKER_DIED = "worker_died"

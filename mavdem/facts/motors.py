@@ -14,7 +14,7 @@ class MotorHealth(StrEnum):
     UNKNOWN = "unknown"
 
 
-class InFlight(Code):
+class MotorWatchFact(Code):
     """What the watch of the motors says in flight, and why it may not."""
 
     MOTOR_LOST_THRUST = "motor_lost_thrust"
@@ -69,7 +69,7 @@ class HealthUnknown(Code):
     HEALTH_FAILED = "health_failed"
 
 
-class Trim(Code):
+class TrimFact(Code):
     """By which pattern the motors of one flight work unevenly."""
 
     TRIM_EVEN = "trim_even"

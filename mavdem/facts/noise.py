@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Noise(Code):
+class NoiseFact(Code):
     """Of spectra, and the lines in them."""
 
     SPECTRUM_SEEN = "spectrum_seen"

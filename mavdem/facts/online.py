@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Online(Code):
+class OnlineFact(Code):
     """What is said of the online learner."""
 
     TOO_FEW_SAMPLES_YET = "too_few_samples_yet"
@@ -30,7 +30,7 @@ class DragSource(StrEnum):
     CALIBRATION = "calibration"
 
 
-class Airflow(Code):
+class AirflowFact(Code):
     """Why attitude and velocity give no wind."""
 
     MOTION_UNKNOWN = "motion_unknown"

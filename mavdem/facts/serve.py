@@ -26,7 +26,7 @@ class RefusalReason(Code):
     LOG_NOT_READ = "log_not_read"
 
 
-class Start(Code):
+class StartFailure(Code):
     """Why the server does not start."""
 
     TOKEN_NEEDED = "token_needed"
@@ -48,7 +48,7 @@ class Stage(StrEnum):
     FAILED = "failed"
 
 
-class Order(StrEnum):
+class ListingOrder(StrEnum):
     """The order in which flights are listed: by the time of upload, or by the date of the flight, undated ones last."""
 
     UPLOAD = "upload"
@@ -63,7 +63,7 @@ class Sharing(StrEnum):
     PUBLIC = "public"
 
 
-class Use(StrEnum):
+class Permission(StrEnum):
     """What one needs a right for."""
 
     READ = "read"
@@ -72,7 +72,7 @@ class Use(StrEnum):
     DOWNLOAD = "download"
 
 
-class Crowd(StrEnum):
+class LimitedResource(StrEnum):
     """Of what there are too many."""
 
     UPLOADS = "uploads"

@@ -67,7 +67,7 @@ class VehicleFact(Code):
     CLOCK_WENT_BACK = "clock_went_back"
 
 
-class Rows(Code):
+class RowsFact(Code):
     """What the rows of a live flight are made of, and why there are none."""
 
     RATES_BEING_MEASURED = "rates_being_measured"
@@ -98,7 +98,7 @@ class RateFact(Code):
     VEHICLE_CLOCK_SLOW = "vehicle_clock_slow"
 
 
-class Task(StrEnum):
+class DelayedWork(StrEnum):
     """What waits where the computer is too slow."""
 
     PHYSICAL_FITS = "physical_fits"
@@ -107,14 +107,14 @@ class Task(StrEnum):
     ESTIMATES = "estimates"
 
 
-class Missing(StrEnum):
+class MissingMessages(StrEnum):
     """What does not come over a link: anything, or attitude and motor outputs."""
 
     MESSAGES = "messages"
     MOTION = "motion"
 
 
-class Session(Code):
+class SessionFact(Code):
     """What a live session learns, and what keeps it from learning."""
 
     ALARM = "alarm"
@@ -144,7 +144,7 @@ class Session(Code):
     WIND_FROM = "wind_from"
 
 
-class Spent(StrEnum):
+class TimeUse(StrEnum):
     """What the seconds of a session were, the first that holds but for those learned from."""
 
     LEARNED = "learned"

@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Source(Code):
+class SourceFact(Code):
     """Why a file cannot be read or has nothing that can be used; how motors are known."""
 
     FOLDER_GIVEN = "folder_given"
@@ -100,19 +100,19 @@ class Separation(StrEnum):
     TIME_UNKNOWN = "time_unknown"
 
 
-class Package(Code):
+class PackageFact(Code):
     """What the installation lacks."""
 
     EXTRA_MISSING = "extra_missing"
 
 
-class Arrays(Code):
+class ArrayFact(Code):
     """What is wrong with arrays that a flight is made of."""
 
     UNIT_SLIP = "unit_slip"
 
 
-class Slip(StrEnum):
+class UnitSlip(StrEnum):
     """What seems to be in another unit than rad, rad/s and s."""
 
     ANGLE_IN_DEGREES = "angle_in_degrees"

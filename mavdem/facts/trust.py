@@ -3,7 +3,7 @@
 from mavdem.facts.fact import Code
 
 
-class Trust(Code):
+class TrustCheck(Code):
     """One check of a sensor, or of the flight as a whole; the level is its answer."""
 
     FLIGHT = "trust_flight"

@@ -23,7 +23,7 @@ class DateBasis(StrEnum):
     LOG_NAME = "name that the autopilot gave its log"
 
 
-class Allowed(Code):
+class TierAllowance(Code):
     """What a tier allows; its remedy is what a log needs for it."""
 
     TIER_A = "tier_a"

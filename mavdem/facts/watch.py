@@ -5,7 +5,7 @@ from enum import StrEnum
 from mavdem.facts.fact import Code
 
 
-class Watched(StrEnum):
+class WatchedQuantity(StrEnum):
     """What is watched."""
 
     MOTORS = "motors"
@@ -17,7 +17,7 @@ class Watched(StrEnum):
     """Warnings of the autopilot."""
 
 
-class Watch(Code):
+class WatchFact(Code):
     """Since when it is watched, or why it is not, and what it says."""
 
     WATCHED = "watched"

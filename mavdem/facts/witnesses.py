@@ -19,7 +19,7 @@ class HeightSource(StrEnum):
     ESTIMATE = "estimate"
 
 
-class Witness(Code):
+class WitnessFact(Code):
     """What one sensor, or the autopilot, shows of an event."""
 
     # Height.

@@ -15,7 +15,7 @@ from urllib.parse import urlsplit
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.fleet.row import SCHEMA_VERSION
 from mavdem.fleet.workers import (
     ATTEMPTS,
@@ -65,7 +65,7 @@ class Cluster:
         """
         require_extra("dask")
         if not ADDRESS.fullmatch(address):
-            raise Unreadable(Reading.NO_ADDRESS, address=address)
+            raise Unreadable(ReadingFact.NO_ADDRESS, address=address)
         self.address = address
         self.limits = limits
         self._read = read
@@ -107,11 +107,11 @@ class Cluster:
             future = client.submit(read_on_worker, job, limits, read, pure=False, retries=ATTEMPTS)
             return future.result()
         except KilledWorker:
-            return failed(job, "died", Fact(Reading.CLUSTER_WORKERS_DIED))
+            return failed(job, "died", Fact(ReadingFact.CLUSTER_WORKERS_DIED))
         except Exception as error:
             # The cluster itself has failed, so that the connection is of no use for the other logs either.
             self.stop()
-            raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
+            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, because=str(error)) from None
 
     def stop(self) -> None:
         """Gives up what is being read, and ends the waiting processes; the next log makes a new connection.
@@ -126,7 +126,7 @@ class Cluster:
         if client is not None:
             client.close()
 
-    def _refusal(self, code: Reading, **figures: Any) -> Unreadable:
+    def _refusal(self, code: ReadingFact, **figures: Any) -> Unreadable:
         """Returns the error of this ``code``, with the cluster's address among its figures."""
         return Unreadable(code, address=self.address, **figures)
 
@@ -149,7 +149,7 @@ class Cluster:
                 client = Client(self.address, timeout=CONNECTION_TIMEOUT, set_as_default=False)
             except (OSError, ValueError) as error:
                 because = str(error).splitlines()[0]
-                raise self._refusal(Reading.NO_SCHEDULER, because=because) from None
+                raise self._refusal(ReadingFact.NO_SCHEDULER, because=because) from None
             # If a check raises, the client is closed; pop_all keeps it open where all went well.
             with ExitStack() as on_failure:
                 on_failure.callback(client.close)
@@ -171,13 +171,13 @@ class Cluster:
             versions_by_worker = client.run(versions)
         # Without mavdem on a worker its Python cannot find the function, and raises any error.
         except Exception as error:
-            raise self._refusal(Reading.CLUSTER_CANNOT_READ, because=str(error)) from None
+            raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, because=str(error)) from None
         if not versions_by_worker:
-            raise self._refusal(Reading.NO_CLUSTER_WORKERS)
+            raise self._refusal(ReadingFact.NO_CLUSTER_WORKERS)
         own_versions = versions()
         for name, worker_versions in versions_by_worker.items():
             if worker_versions != own_versions:
-                code = Reading.CLUSTER_OF_OTHER_VERSION
+                code = ReadingFact.CLUSTER_OF_OTHER_VERSION
                 raise self._refusal(code, name=name, there=worker_versions, here=own_versions)
 
 

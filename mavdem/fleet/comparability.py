@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Compared, Incomparable
+from mavdem.facts.fleet import ComparedSubject, Incomparable
 from mavdem.facts.identifiability import Status
 from mavdem.fleet.flights import Flights
 from mavdem.fleet.quantities import DAMPING, EFFECT, LAG, SHARE, Quantity
@@ -107,7 +107,7 @@ def missing_quantities(
         quantity.
     """
     if obstacle is not None and obstacle.code is not Incomparable.OTHER_INPUTS:
-        yield MissingQuantity(Fact(Compared.EVERYTHING), obstacle)
+        yield MissingQuantity(Fact(ComparedSubject.EVERYTHING), obstacle)
         return
     expected_quantities = [Quantity(SHARE)]
     if obstacle is None:
@@ -115,7 +115,7 @@ def missing_quantities(
         for kind in (DAMPING, LAG):
             expected_quantities += [Quantity(kind, axis=axis) for axis in TILT_AXES]
     else:
-        yield MissingQuantity(Fact(Compared.OF_MODELS), obstacle)
+        yield MissingQuantity(Fact(ComparedSubject.OF_MODELS), obstacle)
     for quantity in expected_quantities:
         reasons = []
         for state_name, flights, state_estimates in zip(
@@ -124,7 +124,9 @@ def missing_quantities(
             if not _has_estimate(quantity, state_estimates):
                 reasons.append(missing_reason(quantity, state_name, flights))
         if reasons:
-            quantity_name = Fact(Compared.QUANTITY, subject=quantity.axis, name=quantity.kind)
+            quantity_name = Fact(
+                ComparedSubject.QUANTITY, subject=quantity.axis, name=quantity.kind
+            )
             yield MissingQuantity(quantity_name, Fact(Incomparable.NOT_IN_BOTH, reasons=reasons))
 
 

@@ -18,7 +18,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import PAGES, LogRows, MakePage, reading_failure
 from mavdem.ingest import read_log
@@ -84,7 +84,7 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
             vehicle_rows = [replace(row, page=f"{PAGES}/{page_name}") for row in vehicle_rows]
         rows += vehicle_rows
     if not rows:
-        rows = [FlightRow.without_flight(str(path), Fact(Reading.NO_VEHICLE))]
+        rows = [FlightRow.without_flight(str(path), Fact(ReadingFact.NO_VEHICLE))]
     return rows, pages
 
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Folder
+from mavdem.facts.fleet import FleetFolderFact
 from mavdem.ingest.formats import looks_like_log
 from mavdem.log_formats import LOG_ENDINGS
 
@@ -89,7 +89,7 @@ def find_logs(
             problems.append(error.fact)
             continue
         if not sources:
-            problems.append(Fact(Folder.NO_LOG_NAMED, path=name))
+            problems.append(Fact(FleetFolderFact.NO_LOG_NAMED, path=name))
         for source in sources:
             logs[source.path] = source
     return [logs[path] for path in sorted(logs)], problems
@@ -228,4 +228,4 @@ def _url_error(url: str, error: Exception, is_fetched: bool) -> Unreadable:
     lines = str(error).strip().splitlines()
     reason = lines[0].rstrip(".") if lines else ""
     because = f"{type(error).__name__}: {reason}"
-    return Unreadable(Folder.URL_UNREADABLE, path=url, because=because, fetched=is_fetched)
+    return Unreadable(FleetFolderFact.URL_UNREADABLE, path=url, because=because, fetched=is_fetched)

@@ -20,7 +20,7 @@ from typing import Any
 from mavdem.containers import JsonValues, Names
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Folder
+from mavdem.facts.fleet import FleetFolderFact
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, FlightRows, utf8_text
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, is_url
@@ -74,7 +74,9 @@ def open_store(folder: Path) -> Iterator[Store]:
         with closing(store.db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
-        not_written = Fact(Folder.FLEET_NOT_WRITTEN, path=folder, because=error_message(error))
+        not_written = Fact(
+            FleetFolderFact.FLEET_NOT_WRITTEN, path=folder, because=error_message(error)
+        )
         raise Unreadable(not_written) from None
     except sqlite3.DatabaseError as error:
         raise Unreadable(damage_of_store(folder / STORE, error)) from None

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from mavdem.containers import JsonValues
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Folder
+from mavdem.facts.fleet import FleetFolderFact
 from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow, FlightRows
 
@@ -144,7 +144,7 @@ def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
     """
     path = folder / STORE
     if not is_fleet(folder):
-        raise Unreadable(Folder.NO_FLEET, path=folder)
+        raise Unreadable(FleetFolderFact.NO_FLEET, path=folder)
     # SQLite writes its lock beside the store, which it cannot in a folder that is not writable.
     access = "mode=rw" if os.access(folder, os.W_OK) else "immutable=1"
     uri = f"{path.absolute().as_uri()}?{access}"
@@ -167,7 +167,7 @@ def has_brief_rows(db: sqlite3.Connection) -> bool:
 
 def damage_of_store(path: Path, error: Exception) -> Fact:
     """Returns the fact that a store is damaged."""
-    return Fact(Folder.FLEET_DAMAGED, path=path, because=error)
+    return Fact(FleetFolderFact.FLEET_DAMAGED, path=path, because=error)
 
 
 def brief_json(row: FlightRow) -> str:

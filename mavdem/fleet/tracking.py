@@ -16,7 +16,7 @@ from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Numbers
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.fleet import Folder, Reading
+from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.judgement import AssessRows, publish
@@ -247,7 +247,7 @@ def track(
         elif baseline:
             healthy_logs, unknown_names = find_logs(baseline, folder)
             if unknown_names:
-                raise Unreadable(Folder.BASELINE_UNKNOWN, because=unknown_names[0])
+                raise Unreadable(FleetFolderFact.BASELINE_UNKNOWN, because=unknown_names[0])
             _read_new_logs(store, healthy_logs, reader, page, progress)
             store.healthy = _checked_baseline(store.rows_of(healthy_logs))
         read_count, unread_logs = _read_new_logs(store, logs, reader, page, progress)
@@ -274,7 +274,7 @@ def _checked_baseline(rows: FlightRows) -> FlightRows:
     if rows:
         path = rows[0].file
         reason = rows[0].status
-    raise Unreadable(Folder.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
+    raise Unreadable(FleetFolderFact.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
 
 
 def _read_new_logs(
@@ -311,7 +311,7 @@ def _read_new_logs(
             source = sources[outcome.path]
             if store.earlier_reading_holds(source, outcome):
                 reason = outcome.rows[0].status
-                unread_logs.append(Fact(Reading.LOG_KEPT, path=source.path, because=reason))
+                unread_logs.append(Fact(ReadingFact.LOG_KEPT, path=source.path, because=reason))
             else:
                 store.add(source, outcome, reader.limits)
             progress(done_count, len(new_logs), outcome)

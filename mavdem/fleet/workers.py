@@ -35,7 +35,7 @@ from mavdem.dem.parallel import (
 from mavdem.errors import Unreadable
 from mavdem.extras import MissingExtra
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.sources import fetch, is_url
 from mavdem.processes import (
@@ -257,17 +257,19 @@ class LogReader:
             was_first_log = self._logs_of_process == 1
             self.stop()
             if ending == "time":
-                too_long = Fact(Reading.READING_TOO_LONG, time_limit=limits.seconds)
+                too_long = Fact(ReadingFact.READING_TOO_LONG, time_limit=limits.seconds)
                 return replace(failed(job, "time", too_long), seconds=limits.seconds)
             # After other logs their memory may have been missing: then a new process tries.
             if ending == "memory" and was_first_log:
-                too_large = Fact(Reading.READING_TOO_LARGE, memory_limit=limits.megabytes)
+                too_large = Fact(ReadingFact.READING_TOO_LARGE, memory_limit=limits.megabytes)
                 return replace(failed(job, "memory", too_large), megabytes=limits.megabytes)
         if exit_code < 0:
             because = signal_name(-exit_code)
         else:
             because = f"exit code {exit_code}"
-        return failed(job, "died", Fact(Reading.READER_DIED, because=because, attempts=ATTEMPTS))
+        return failed(
+            job, "died", Fact(ReadingFact.READER_DIED, because=because, attempts=ATTEMPTS)
+        )
 
     def _start_process(self, read: ReadLog) -> BaseProcess:
         """Starts the worker's process, and waits until it has imported its modules.
@@ -294,7 +296,7 @@ class LogReader:
             self._result(self._executor.submit(_receive, read))
         except (OSError, BrokenExecutor) as error:
             self.stop()
-            raise Unreadable(Reading.READERS_NOT_STARTED, because=error) from None
+            raise Unreadable(ReadingFact.READERS_NOT_STARTED, because=error) from None
         return self._process
 
     def _result(
@@ -493,7 +495,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
         # Once the package is installed, the log can be read.
         return failed(job, "source", error.fact.replace(subject="The log"), key)
     except OSError as error:
-        unreachable = Fact(Reading.LOG_UNREACHABLE, because=error.strerror or error)
+        unreachable = Fact(ReadingFact.LOG_UNREACHABLE, because=error.strerror or error)
         return failed(job, "source", unreachable, key)
     except MemoryError:
         raise
@@ -503,7 +505,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
 
 def reading_failure(error: Exception) -> Fact:
     """Returns the fact that mavdem failed on a log by an error of its own."""
-    return Fact(Reading.READING_FAILED, because=f"{type(error).__name__}: {error}")
+    return Fact(ReadingFact.READING_FAILED, because=f"{type(error).__name__}: {error}")
 
 
 @contextmanager
@@ -526,7 +528,7 @@ def _local_file(path: str) -> Iterator[Path]:
     if not is_url(path):
         # Opening a pipe may wait for ever.
         if Path(path).exists() and not Path(path).is_file():
-            raise Unreadable(Reading.NO_PLAIN_FILE)
+            raise Unreadable(ReadingFact.NO_PLAIN_FILE)
         yield Path(path)
         return
     with tempfile.TemporaryDirectory(prefix=f"mavdem-{os.getpid()}-") as folder, chdir(folder):

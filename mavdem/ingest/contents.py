@@ -11,7 +11,7 @@ import numpy as np
 
 from mavdem.errors import Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.byte_rows import RESIDENT_BYTES, Bytes, release_pages
 from mavdem.log_formats import LOG_ENDINGS
@@ -110,11 +110,13 @@ def file_content(path: PathName) -> FileContent:
         with path.open("rb") as file:
             mapping = mmap.mmap(file.fileno(), size, access=mmap.ACCESS_READ)
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
+        raise Unreadable(
+            SourceFact.FILE_NOT_OPENED, path=path, because=error_message(error)
+        ) from None
     if mapping[: len(XZ_MAGIC)].startswith(ARCHIVE_MAGICS):
         return file_bytes(path)
     if not _has_content(np.frombuffer(mapping, dtype=np.uint8)):
-        raise Unreadable(Source.FILE_EMPTY, path=path, zeros=True)
+        raise Unreadable(SourceFact.FILE_EMPTY, path=path, zeros=True)
     return mapping
 
 
@@ -175,25 +177,29 @@ def _content(path: PathName, limit: int | None = None) -> bytes:
         if stat.S_ISDIR(status.st_mode):
             raise Unreadable(_folder_fact(path))
         if not stat.S_ISREG(status.st_mode):
-            raise Unreadable(Source.SPECIAL_FILE, path=path)
+            raise Unreadable(SourceFact.SPECIAL_FILE, path=path)
         content = _packed_content(path, status.st_size, limit)
         if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
             content = _content_of_zip(path, limit)
         if content.startswith(XZ_MAGIC):
             content = _content_of_xz(content, path, limit)
     except FileNotFoundError:
-        raise Unreadable(Source.FILE_MISSING, path=path) from None
+        raise Unreadable(SourceFact.FILE_MISSING, path=path) from None
     except MemoryError:
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=None, archive="") from None
+        raise Unreadable(
+            SourceFact.FILE_TOO_LARGE, path=path, size_limit=None, archive=""
+        ) from None
     except Unreadable:
         raise
     except (OSError, ValueError) as error:
-        raise Unreadable(Source.FILE_NOT_OPENED, path=path, because=error_message(error)) from None
+        raise Unreadable(
+            SourceFact.FILE_NOT_OPENED, path=path, because=error_message(error)
+        ) from None
     # Files that lost their data are all zeros. The ends are looked at first, since strip() copies the content.
     may_be_all_zeros = bool(content) and content[0] == 0 and content[-1] == 0
     is_all_zeros = may_be_all_zeros and not content.strip(b"\0")
     if not content or is_all_zeros:
-        raise Unreadable(Source.FILE_EMPTY, path=path, zeros=bool(status.st_size))
+        raise Unreadable(SourceFact.FILE_EMPTY, path=path, zeros=bool(status.st_size))
     return content
 
 
@@ -218,7 +224,9 @@ def _packed_content(path: Path, size: int, limit: int | None) -> bytes:
         size = min(size, limit)
     with path.open("rb") as file:
         if size > MAX_LOG_BYTES:
-            raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive="")
+            raise Unreadable(
+                SourceFact.FILE_TOO_LARGE, path=path, size_limit=MAX_LOG_BYTES, archive=""
+            )
         return file.read(size)
 
 
@@ -237,7 +245,7 @@ def _folder_fact(path: Path) -> Fact:
     logs.sort()
     example = str(logs[0]) if logs else None
     return Fact(
-        Source.FOLDER_GIVEN, path=path, count=len(logs), example=example, endings=LOG_ENDINGS
+        SourceFact.FOLDER_GIVEN, path=path, count=len(logs), example=example, endings=LOG_ENDINGS
     )
 
 
@@ -265,12 +273,12 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
     try:
         unpacked_bytes = decompressor.decompress(content, max_size)
     except lzma.LZMAError as error:
-        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
+        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
     if limit is None and not decompressor.eof:
         # The archive has not ended: either its own bytes ran out, or the bound on the result was reached.
         if len(unpacked_bytes) < max_size:
-            raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
+            raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
+        raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
     return unpacked_bytes
 
 
@@ -297,13 +305,13 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     # The library raises a RuntimeError without a password, and a NotImplementedError for a rare way of packing.
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:
         raise Unreadable(
-            Source.ARCHIVE_DAMAGED, path=path, because=error_message(error), kind="zip"
+            SourceFact.ARCHIVE_DAMAGED, path=path, because=error_message(error), kind="zip"
         ) from None
     if limit is None and len(content) > max_size:
-        raise Unreadable(Source.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
+        raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
     if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
         names = [member.filename]
-        raise Unreadable(Source.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=0)
+        raise Unreadable(SourceFact.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=0)
     return content
 
 
@@ -326,7 +334,9 @@ def _only_log(archive: zipfile.ZipFile, path: Path) -> zipfile.ZipInfo:
         logs = files
     if len(logs) != 1:
         names = [member.filename for member in logs]
-        raise Unreadable(Source.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=len(names))
+        raise Unreadable(
+            SourceFact.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=len(names)
+        )
     if logs[0].flag_bits & ENCRYPTION_FLAG:
-        raise Unreadable(Source.ARCHIVE_DAMAGED, path=path, because="password", kind="zip")
+        raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because="password", kind="zip")
     return logs[0]

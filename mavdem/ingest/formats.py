@@ -9,7 +9,7 @@ import numpy as np
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.files import AnyPath
 from mavdem.ingest.contents import file_beginning, is_dataflash_text
 from mavdem.ingest.telemetry import Log
@@ -87,7 +87,7 @@ def read_stream(path: AnyPath) -> "FrameStream":
 
         return mcap_stream(name)
     if log_format is not Format.TLOG:
-        raise Unreadable(Source.FORMAT_WITHOUT_FRAMES, path=name, name=log_format)
+        raise Unreadable(SourceFact.FORMAT_WITHOUT_FRAMES, path=name, name=log_format)
     from mavdem.ingest.tlog import tlog_stream
 
     return tlog_stream(name)
@@ -119,9 +119,9 @@ def looks_like_log(path: AnyPath) -> bool:
         beginning = file_beginning(name)
     except Unreadable as error:
         refusal = error.fact
-        if refusal.code is Source.ARCHIVE_WITHOUT_ONE_LOG:
+        if refusal.code is SourceFact.ARCHIVE_WITHOUT_ONE_LOG:
             return bool(refusal.figures["count"])
-        return refusal.code is Source.ARCHIVE_DAMAGED and name.lower().endswith(ZIP_ENDING)
+        return refusal.code is SourceFact.ARCHIVE_DAMAGED and name.lower().endswith(ZIP_ENDING)
     # The names of most logs say enough: then nothing of MAVLink is imported.
     from mavdem.ingest.mavlink.framing import MARKERS
     from mavdem.ingest.tlog import STAMP_BYTES
@@ -166,19 +166,19 @@ def detect_format(path: AnyPath) -> tuple[str, Format]:
     name = os.fsdecode(path)
     beginning = file_beginning(name)
     if beginning.startswith(ENCRYPTED_ULOG_MAGIC):
-        raise Unreadable(Source.ULOG_ENCRYPTED, path=name)
+        raise Unreadable(SourceFact.ULOG_ENCRYPTED, path=name)
     if name.lower().endswith(PX4_LOG_ENDING):
-        raise Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=name)
+        raise Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=name)
     log_format = _format_of_first_bytes(beginning)
     if log_format is not None:
         return name, log_format
     if is_dataflash_text(beginning):
         return name, Format.DATAFLASH
     if beginning.startswith(GIT_LFS_POINTER):
-        raise Unreadable(Source.GIT_LFS_POINTER, path=name)
+        raise Unreadable(SourceFact.GIT_LFS_POINTER, path=name)
     for first_bytes, other_format in OTHER_FORMATS.items():
         if beginning.startswith(first_bytes):
-            raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name=other_format)
+            raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=name, name=other_format)
     from mavdem.ingest.mavlink.framing import MARKERS
     from mavdem.ingest.tlog import STAMP_BYTES
 
@@ -190,8 +190,8 @@ def detect_format(path: AnyPath) -> tuple[str, Format]:
     if _is_binary(beginning):
         return name, Format.TLOG
     if DATAFLASH_LINE.search(beginning):
-        raise Unreadable(Source.DATAFLASH_WITHOUT_DEFINITIONS, path=name, count=0)
-    raise Unreadable(Source.FORMAT_UNKNOWN, path=name, name="text")
+        raise Unreadable(SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=name, count=0)
+    raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=name, name="text")
 
 
 def _format_of_first_bytes(beginning: bytes) -> Format | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Repair, Separation, Source
+from mavdem.facts.sources import Repair, Separation, SourceFact
 from mavdem.ingest.telemetry import (
     MICROSECONDS,
     Columns,
@@ -128,7 +128,7 @@ def _recording(log: Log) -> Recording:
     """
     if len(log.vehicles) != 1:
         raise Unreadable(
-            Source.LOGS_NOT_JOINED,
+            SourceFact.LOGS_NOT_JOINED,
             path=log.source,
             because=Separation.NOT_ONE_VEHICLE,
             count=len(log.vehicles),
@@ -227,7 +227,7 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
         separation = _separation_in_time(earlier, later, gap)
     if separation is not None:
         raise Unreadable(
-            Source.LOGS_NOT_JOINED,
+            SourceFact.LOGS_NOT_JOINED,
             path=earlier.log.source,
             other=later.log.source,
             because=separation,

@@ -14,7 +14,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import Names
 from mavdem.facts import Fact
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.ingest.vocabulary import NAMES, UNNAMED
 
 MOTOR_COUNTS = {
@@ -148,7 +148,7 @@ class MotorGeometry:
     def basis(self) -> Fact:
         """The fact that says where channels and positions of the motors come from: parameters, or which assumption."""
         return Fact(
-            Source.MOTOR_BASIS,
+            SourceFact.MOTOR_BASIS,
             channels_by=self.channel_source,
             places_by=self.position_source,
             count=len(self.channels),

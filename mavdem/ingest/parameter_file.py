@@ -11,7 +11,7 @@ from dataclasses import replace
 from math import isfinite
 
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.dialect import mavlink_constant
@@ -41,7 +41,7 @@ def read_parameters(path: PathName) -> Parameters:
         if name:
             parameters[name] = value
     if not parameters:
-        raise Unreadable(Source.NO_PARAMETERS_IN_FILE, path=os.fspath(path))
+        raise Unreadable(SourceFact.NO_PARAMETERS_IN_FILE, path=os.fspath(path))
     return parameters
 
 

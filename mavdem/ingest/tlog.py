@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.byte_rows import Bytes, rows_of
 from mavdem.ingest.contents import mapped_bytes
@@ -115,9 +115,9 @@ def _frames_of_log(source: str, data: Bytes) -> tuple[Frames, int]:
     matching = np.count_nonzero(frames.checksum == CHECKSUM_MATCHES)
     if len(frames) and not matching:
         count = len(frames)
-        raise Unreadable(Source.DIALECT_UNKNOWN, path=source, count=count, recording=False)
+        raise Unreadable(SourceFact.DIALECT_UNKNOWN, path=source, count=count, recording=False)
     if matching <= MIN_FRAME_DENSITY * skipped_bytes:
-        raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="mavlink")
+        raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="mavlink")
     return frames, skipped_bytes
 
 

@@ -17,7 +17,7 @@ from pyulog import ULog, ULogIncompatibleFlagException
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_content
 from mavdem.ingest.mavlink.clocks import outlier_stamps
@@ -87,7 +87,7 @@ def read_ulog(path: PathName) -> Log:
     source = os.fspath(path)
     content = file_content(path)
     if content[: len(MAGIC)] != MAGIC:
-        raise Unreadable(Source.FORMAT_UNKNOWN, path=source, name="ulog")
+        raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="ulog")
     records = sound_records(content)
     loss = records.loss
     parsed_records = parse_records(records)
@@ -107,7 +107,10 @@ def read_ulog(path: PathName) -> Log:
     if not messages:
         topic_names = sorted({topic.name for topic in parsed_records.topics})
         raise Unreadable(
-            Source.ULOG_WITHOUT_FLIGHT, path=source, names=topic_names, damaged=loss.lost_bytes > 0
+            SourceFact.ULOG_WITHOUT_FLIGHT,
+            path=source,
+            names=topic_names,
+            damaged=loss.lost_bytes > 0,
         )
     attitude_notes = attitude_repairs(topics, messages)
     if log.logged_messages:
@@ -224,11 +227,13 @@ def _parsed_by_pyulog(content: bytes, path: str) -> ULog:
         with redirect_stdout(io.StringIO()):
             return ULog(io.BytesIO(content))
     except ULogIncompatibleFlagException:
-        raise Unreadable(Source.ULOG_OF_LATER_FORMAT, path=path) from None
+        raise Unreadable(SourceFact.ULOG_OF_LATER_FORMAT, path=path) from None
     except Exception:
         # Damaged definitions may make the library raise any exception. The error lists the topics that the log has,
         # of which none is known here.
-        raise Unreadable(Source.ULOG_WITHOUT_FLIGHT, path=path, names=(), damaged=True) from None
+        raise Unreadable(
+            SourceFact.ULOG_WITHOUT_FLIGHT, path=path, names=(), damaged=True
+        ) from None
 
 
 def _parameter_settings(

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.assessment.autopilot_messages import REPEAT_SECONDS
 from mavdem.facts import Fact
-from mavdem.facts.session import Session, Task
+from mavdem.facts.session import DelayedWork, SessionFact
 from mavdem.live import clock
 from mavdem.live.history import MAX_ROWS
 from mavdem.live.intake import FrameBatch
@@ -16,10 +16,10 @@ STEP_SECONDS = 0.02
 """Duration of analysis between two looks at the link, and of arrival that is analysed at once, s: a choice."""
 
 POSTPONING_DELAYS = {
-    Task.PHYSICAL_FITS: 0.5,
-    Task.REFITS: 1.0,
-    Task.PLOTS: 2.0,
-    Task.ESTIMATES: 3.0,
+    DelayedWork.PHYSICAL_FITS: 0.5,
+    DelayedWork.REFITS: 1.0,
+    DelayedWork.PLOTS: 2.0,
+    DelayedWork.ESTIMATES: 3.0,
 }
 """Delay of the analysis from which on a task is put off, until the delay is half of that, s: a choice.
 
@@ -32,7 +32,7 @@ SUSPENSION_DELAY = 0.1
 It is a fifth of the first delay above: a fit that runs takes longer, and no task has to be put off.
 """
 
-BEHIND_DELAY = POSTPONING_DELAYS[Task.REFITS]
+BEHIND_DELAY = POSTPONING_DELAYS[DelayedWork.REFITS]
 """Delay of the analysis from which on the computer is reported to be too slow, s."""
 
 
@@ -46,7 +46,7 @@ class Backlog:
     """
 
     def __init__(self) -> None:
-        self.postponed = set[Task]()
+        self.postponed = set[DelayedWork]()
         self.longest_delay = 0.0
         self.suspends_learning = False
         self._batches: deque[FrameBatch] = deque()
@@ -131,11 +131,11 @@ class Backlog:
         if delay >= BEHIND_DELAY:
             is_new = self._behind_time is None
             self._behind_time = now
-            return Fact(Session.COMPUTER_BEHIND, delay=delay) if is_new else None
+            return Fact(SessionFact.COMPUTER_BEHIND, delay=delay) if is_new else None
         if self._behind_time is not None and now - self._behind_time >= REPEAT_SECONDS:
             self._behind_time = None
             return Fact(
-                Session.COMPUTER_KEEPS_UP,
+                SessionFact.COMPUTER_KEEPS_UP,
                 delay=self.longest_delay,
                 datagrams=dropped_datagrams,
             )

@@ -25,7 +25,7 @@ from mavdem.dataset.phases import (
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, UNDEFINED_LANDED_STATE
 from mavdem.live.live_signals import LiveSignals
@@ -82,7 +82,7 @@ class FlightPhase:
         if self.is_flying:
             return None
         is_known = self.motors_are_idle or self._is_known
-        return Fact(Session.NOT_FLYING if is_known else Session.FLIGHT_UNKNOWN)
+        return Fact(SessionFact.NOT_FLYING if is_known else SessionFact.FLIGHT_UNKNOWN)
 
     def is_settled(self, time: float) -> bool:
         """Returns whether the flight is settled at ``time``, s; the tilt, which is judged for each row, is left out."""

@@ -19,7 +19,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import GainFact
 from mavdem.ingest import read_log
 from mavdem.loops.advice import Advice
 
@@ -87,7 +87,7 @@ class GainAdviser:
             # It is that of an earlier flight.
             self.judgement = None
             if is_busy and not is_at_end:
-                return (Fact(Gains.ADVICE_WAITS),)
+                return (Fact(GainFact.ADVICE_WAITS),)
             # At the end no sample waits for a core any more, and on a busy computer low priority would take too long.
             self._begin(vehicle, niceness=0 if is_at_end else LOW_PRIORITY)
         if self._pending is None:
@@ -127,7 +127,7 @@ class GainAdviser:
         except Exception as error:
             # Whatever fails in the other process, or takes too long, must not end the session.
             failure = Fact(
-                Gains.ADVICE_FAILED,
+                GainFact.ADVICE_FAILED,
                 error=error,
                 duration=MAX_WAIT_SECONDS,
                 path=str(self._recording),
@@ -157,12 +157,12 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     try:
         assessment = assess(read_log(recording), vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
-        return GainAdvice((Fact(Gains.GAINS_LEFT, because=error.fact),))
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),))
     assert assessment.evidence is not None
     try:
         tuning = tuned(assessment, AXES, is_written=True)
     except Refusal as error:
-        return GainAdvice((Fact(Gains.GAINS_LEFT, because=error.fact),), assessment.judgement)
+        return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),), assessment.judgement)
     facts = facts_of_tuning(tuning)
     if not tuning.parameters:
         return GainAdvice(facts, tuning.judgement)
@@ -174,7 +174,7 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
     for ending, text in texts.items():
         Path(stem + ending).write_text(text, encoding="utf-8")
     files_fact = Fact(
-        Gains.GAINS_WRITTEN,
+        GainFact.GAINS_WRITTEN,
         path=stem + " and ".join(texts),
         because=tuning.judgement.next_step,
     )
@@ -197,7 +197,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         if isinstance(advice, Advice) and advice.parameters:
             new_gains.append(
                 Fact(
-                    Gains.GAINS_ADVISED,
+                    GainFact.GAINS_ADVISED,
                     subject=axis,
                     changes=[(name, *gain) for name, gain in advice.gains.items()],
                     because=advice.sentence,
@@ -213,7 +213,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         return (*new_gains, *decisions)
     least_certain = min(tuning.advice, key=lambda advice: advice.sure)
     axis = least_certain.before.axis
-    return (Fact(Gains.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
+    return (Fact(GainFact.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

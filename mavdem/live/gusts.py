@@ -7,7 +7,7 @@ import numpy as np
 from mavdem.dem import Estimate
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Facts
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.plant.gusts import RUNNING_LEVEL_SECONDS, detect_gusts, min_gust_duration
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS, is_torque_resolved
 
@@ -107,7 +107,7 @@ class GustDetector:
             if former_search_time < start_time + gust.length < time[-1]:
                 facts.append(
                     Fact(
-                        Session.GUST_FELT,
+                        SessionFact.GUST_FELT,
                         clock=start_time,
                         torque=gust.size,
                         duration=gust.length,

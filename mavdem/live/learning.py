@@ -11,7 +11,7 @@ from mavdem.dataset.axes import output_names_and_units
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.live.gusts import GustDetector, ResolvedTorque
@@ -119,7 +119,7 @@ class FlightLearning:
         prior = self._prior
         if prior is not None and prior.record.input_units != row_format.input_units:
             prior = None
-            self._log(Fact(Session.PRIOR_NOT_USED))
+            self._log(Fact(SessionFact.PRIOR_NOT_USED))
         geometry = row_format.geometry
         self.learner = OnlineLearner(
             self._settings,
@@ -178,7 +178,7 @@ class FlightLearning:
         try:
             estimate = learner.update(row.time, row.outputs, row.inputs, weak_since)
         except ValueError as error:
-            self._log(failure_fact(Session.SAMPLE_SKIPPED, error))
+            self._log(failure_fact(SessionFact.SAMPLE_SKIPPED, error))
         self._keep_model(row, learner.learned)
         if estimate is None or self._torque is None:
             return estimate
@@ -219,7 +219,7 @@ class FlightLearning:
         if estimate.unusual and not was_unusual:
             mark = estimate.latest_mark
             cause = None if mark is None else mark.cause
-            self._log(Fact(Session.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
+            self._log(Fact(SessionFact.MOTION_UNEXPECTED, clock=estimate.seen, cause=cause))
         self.estimate = estimate
         assert self._gusts is not None
         for gust in self._gusts.add(estimate):
@@ -275,7 +275,7 @@ class FlightLearning:
             NotLearnable: there is no model; the reason says why.
         """
         if self.learner is None or (self.learned_rows and not self.has_settled):
-            raise NotLearnable(Session.NO_LIVE_FLIGHT)
+            raise NotLearnable(SessionFact.NO_LIVE_FLIGHT)
         self.adopt_model_of_landing(FIT_SECONDS)
         has_model_of_landing = self.has_landed and bool(self._models)
         if not has_model_of_landing:
@@ -284,12 +284,12 @@ class FlightLearning:
             try:
                 return self.named_model(self.learner.learn_now(seconds), parameters)
             except TimeoutError:
-                reason = Fact(Session.NOT_LEARNED_IN_TIME, duration=seconds)
+                reason = Fact(SessionFact.NOT_LEARNED_IN_TIME, duration=seconds)
             except (ValueError, RuntimeError) as error:
                 reason = fact_from_error(error)
             if not self._models:
                 raise NotLearnable(reason)
-            self._log(Fact(Session.FORMER_MODEL_KEPT, because=reason))
+            self._log(Fact(SessionFact.FORMER_MODEL_KEPT, because=reason))
         return self.named_model(self._models[-1].learned, parameters)
 
     def named_model(self, learned: Learned, parameters: Parameters) -> Learned:

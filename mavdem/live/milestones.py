@@ -13,7 +13,7 @@ from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.session_status import SessionStatus
 from mavdem.plant.parameters import Physical
@@ -63,7 +63,7 @@ class Milestones:
         self._has_model = True
         seconds_since_takeoff = now - takeoff_time
         duration = seconds_since_takeoff if isfinite(seconds_since_takeoff) else None
-        first_model = Fact(Session.FIRST_MODEL, clock=now, axis=self._axis, duration=duration)
+        first_model = Fact(SessionFact.FIRST_MODEL, clock=now, axis=self._axis, duration=duration)
         self._log(first_model)
 
     def update(self, learning: FlightLearning, status: SessionStatus, now: float) -> None:
@@ -81,7 +81,7 @@ class Milestones:
         if physical is not None and physical.identifiable and not self._has_parameters:
             self._has_parameters = True
             figures = _parameter_figures(learning, physical)
-            self._log(Fact(Session.PARAMETERS_KNOWN, axis=self._axis, **figures))
+            self._log(Fact(SessionFact.PARAMETERS_KNOWN, axis=self._axis, **figures))
         has_landed = self._was_flying and not status.is_flying
         self._was_flying = status.is_flying
         if has_landed:
@@ -129,7 +129,7 @@ class Milestones:
         delay = status.latency.longest
         self._log(
             Fact(
-                Session.FLIGHT_LEARNED,
+                SessionFact.FLIGHT_LEARNED,
                 clock=now,
                 axis=self._axis,
                 is_flying=status.is_flying,

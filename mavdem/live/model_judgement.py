@@ -17,7 +17,7 @@ from mavdem.dataset.segments import Segment
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
-from mavdem.facts.motors import Trim
+from mavdem.facts.motors import TrimFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.live_signals import LiveFindings, LiveSignals, attitude_from_samples, live_evidence
@@ -92,7 +92,7 @@ def judge_model(
     # These lights need messages that nothing in flight looks at.
     judged_later = Fact(Unjudged.JUDGED_LATER, path=recording_name)
     motors_fact = motors_light(evidence)
-    if motors_fact.code is Trim.TRIM_UNKNOWN:
+    if motors_fact.code is TrimFact.TRIM_UNKNOWN:
         # The trim needs all axes, and the model has one.
         motors_fact = judged_later
     judgement = judge(

@@ -5,8 +5,8 @@ from math import nan
 
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.facts import Fact, Facts
-from mavdem.facts.session import Session
-from mavdem.facts.watch import Watch
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.motors.loss_detection import MAX_GAP, REFERENCE_SECONDS, MotorLossDetector
 from mavdem.motors.motor_changes import MotorAlarm
@@ -55,13 +55,13 @@ class MotorAlarms:
             The reason, as a fact; None if it would.
         """
         if not is_flying:
-            return Fact(Watch.ON_GROUND_NOW)
+            return Fact(WatchFact.ON_GROUND_NOW)
         if self._obstacle is not None:
             return self._obstacle
         if self._watch is None or now - self._watch.latest_time > MAX_GAP:
-            return Fact(Session.NOT_SETTLED)
+            return Fact(SessionFact.NOT_SETTLED)
         if self._watch.reference_time is None:
-            return Fact(Watch.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
+            return Fact(WatchFact.REFERENCE_SHORT, duration=REFERENCE_SECONDS)
         return None
 
     @property

@@ -8,8 +8,8 @@ from mavdem.dem import Estimate, Learned
 from mavdem.errors import failure_fact
 from mavdem.facts import Fact
 from mavdem.facts.event import Event
-from mavdem.facts.session import Session
-from mavdem.facts.watch import Watch
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.live import clock
 from mavdem.live.display import Display, DisplayRow
 from mavdem.live.history import LiveHistory
@@ -71,7 +71,7 @@ class Presentation:
         except Exception as error:
             self._display = None
             self._open_display = _no_display
-            self.log(failure_fact(Session.DISPLAY_FAILED, error))
+            self.log(failure_fact(SessionFact.DISPLAY_FAILED, error))
         if not had_display and self._display is not None:
             for event in self.history.events:
                 self._display.log(event)
@@ -213,7 +213,7 @@ def _repetition_key(fact: Fact) -> tuple[object, ...]:
         The key (code, subject, detail).
     """
     detail = fact.figures.get("text")
-    if fact.code is Watch.OTHER_VEHICLE_ALARM:
+    if fact.code is WatchFact.OTHER_VEHICLE_ALARM:
         detail = fact.figures["because"]
     return fact.code, fact.subject, detail
 

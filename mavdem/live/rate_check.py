@@ -7,7 +7,7 @@ from mavdem.dataset.learnability import slow_streams
 from mavdem.dataset.segments import STEP_TOLERANCE
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.facts import Fact
-from mavdem.facts.session import Rows, VehicleFact
+from mavdem.facts.session import RowsFact, VehicleFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 
 
@@ -31,7 +31,7 @@ class RateCheck:
     @property
     def no_attitude(self) -> Fact:
         """The fact that no attitude comes, with the advice to request it while the user may still be given that."""
-        code = Rows.NO_LIVE_ATTITUDE if self._can_request else Rows.ATTITUDE_ASKED
+        code = RowsFact.NO_LIVE_ATTITUDE if self._can_request else RowsFact.ATTITUDE_ASKED
         return Fact(code, can_ask=self._can_request)
 
     def update(
@@ -59,7 +59,7 @@ class RateCheck:
         if obstacle is not None and self._was_sufficient:
             self._report(obstacle)
         elif is_sufficient and not self._was_sufficient:
-            self._report(Fact(Rows.LIVE_RATES_ENOUGH))
+            self._report(Fact(RowsFact.LIVE_RATES_ENOUGH))
         self._was_sufficient = is_sufficient
         return obstacle
 
@@ -93,7 +93,7 @@ class RateCheck:
             candidates = [name for name in rates if name not in ATTITUDE_MESSAGES]
             motor_message = max(candidates, key=rates.__getitem__, default=None)
         if motor_message is None:
-            return Fact(Rows.NO_LIVE_MOTORS)
+            return Fact(RowsFact.NO_LIVE_MOTORS)
         needed_rates = {name: rates[name] for name in (attitude_message, motor_message)}
         # Hysteresis: as long as nothing was missing, a rate may fall a little below the limit. Otherwise a rate that
         # varies around the limit would be reported twice a second.
@@ -105,4 +105,4 @@ class RateCheck:
         slow_fact = slow_streams(needed_rates, self._axis)
         if slow_fact is None:
             return None
-        return Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=self._can_request, because=slow_fact)
+        return Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=self._can_request, because=slow_fact)

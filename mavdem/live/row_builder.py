@@ -11,7 +11,7 @@ from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.time_series import preferred_message
 from mavdem.facts import Fact
-from mavdem.facts.session import Rows
+from mavdem.facts.session import RowsFact
 from mavdem.ingest.telemetry import Fields, Telemetry
 from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.live_signals import RecentMotion, attitude_from_samples
@@ -179,7 +179,7 @@ class RowBuilder:
             stream: the stream, with the latest sample added.
         """
         if stream.gap:
-            self._report(Fact(Rows.MESSAGE_GAP, subject=name, duration=stream.gap))
+            self._report(Fact(RowsFact.MESSAGE_GAP, subject=name, duration=stream.gap))
             self._grid.end()
             return
         is_rate_check_due = stream.added_count % RATE_CHECK_SAMPLES == 0
@@ -188,7 +188,7 @@ class RowBuilder:
         former_rate = self._grid.changed_rate(stream)
         if former_rate is None:
             return
-        self._report(Fact(Rows.RATE_CHANGED, subject=name, former_rate=former_rate))
+        self._report(Fact(RowsFact.RATE_CHANGED, subject=name, former_rate=former_rate))
         self._grid.end(forget_step=True)
         # The new step must not depend on samples at the former rate.
         for row_stream in self._row_streams:
@@ -235,9 +235,9 @@ class RowBuilder:
         if is_same:
             return
         names = (self.attitude_message, motor_message)
-        self._report(Fact(Rows.ROWS_BEGIN, names=names, step=dt, inputs=len(geometry.names)))
+        self._report(Fact(RowsFact.ROWS_BEGIN, names=names, step=dt, inputs=len(geometry.names)))
         if geometry.assumed:
-            self._report(Fact(Rows.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
+            self._report(Fact(RowsFact.MOTOR_ORDER_ASSUMED, basis=geometry.basis))
 
     def _row(self, point: GridPoint, inputs: MotorInputs) -> AlignedRow:
         """Builds the row of a point of the time grid.
@@ -316,12 +316,12 @@ class RowBuilder:
             return
         geometry = inputs.motors.geometry
         if former_inputs is not None and inputs.identity != former_inputs.identity:
-            self._report(Fact(Rows.INPUTS_CHANGED, names=geometry.names))
+            self._report(Fact(RowsFact.INPUTS_CHANGED, names=geometry.names))
             self._grid.end(forget_step=True)
         elif self.row_format is not None and geometry != self.row_format.geometry:
             self.row_format = replace(self.row_format, geometry=geometry)
             if not geometry.assumed:
-                self._report(Fact(Rows.MOTOR_ORDER_KNOWN, basis=geometry.basis))
+                self._report(Fact(RowsFact.MOTOR_ORDER_KNOWN, basis=geometry.basis))
 
     def clear_inputs(self) -> None:
         """Forgets the inputs, of a vehicle that is no multirotor."""

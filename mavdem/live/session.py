@@ -12,9 +12,9 @@ from mavdem.dem.online.learner import FIRST_FIT_RUNNING
 from mavdem.dem.parallel import LearningProcess
 from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.session import Missing, Session, Spent, Task
+from mavdem.facts.session import DelayedWork, MissingMessages, SessionFact, TimeUse
 from mavdem.live import clock
 from mavdem.live.backlog import STEP_SECONDS, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
@@ -156,7 +156,7 @@ class LiveSession:
             now: present time, s of the monotonic clock.
         """
         self._learning.adopt_model_of_landing()
-        fits_wait = Task.PHYSICAL_FITS in self.backlog.postponed
+        fits_wait = DelayedWork.PHYSICAL_FITS in self.backlog.postponed
         self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
         self.report_gain_advice()
         status = self._update_status(now)
@@ -175,12 +175,13 @@ class LiveSession:
         if isinstance(self._executor, LearningProcess):
             self._executor.suspend(self.backlog.suspends_learning)
         postponed = self.backlog.postponed
-        self._presentation.pause(Task.PLOTS in postponed)
+        self._presentation.pause(DelayedWork.PLOTS in postponed)
         self._learning.set_load(
-            fits_physical=Task.PHYSICAL_FITS not in postponed, refits=Task.REFITS not in postponed
+            fits_physical=DelayedWork.PHYSICAL_FITS not in postponed,
+            refits=DelayedWork.REFITS not in postponed,
         )
         if fact is not None:
-            if fact.code is Session.COMPUTER_KEEPS_UP:
+            if fact.code is SessionFact.COMPUTER_KEEPS_UP:
                 self._latencies.clear()
             self._presentation.log(fact)
 
@@ -208,7 +209,7 @@ class LiveSession:
         self._withdraw_landing()
         motion_silence = self._silence.note_samples(self.stream.sample_count)
         self._silence.note_attitudes(self.stream.attitude_count)
-        silences = ((Missing.MESSAGES, silence), (Missing.MOTION, motion_silence))
+        silences = ((MissingMessages.MESSAGES, silence), (MissingMessages.MOTION, motion_silence))
         for missing, seconds in silences:
             fact = resumption(missing, seconds)
             if fact is not None:
@@ -237,7 +238,7 @@ class LiveSession:
             self._presentation.open(row_format)
         learning.is_free = row.is_free
         estimate: Estimate | None = None
-        if row.is_free and Task.ESTIMATES not in self.backlog.postponed:
+        if row.is_free and DelayedWork.ESTIMATES not in self.backlog.postponed:
             # While a motor is weak, the torque that the others balance is not the wind's.
             estimate = learning.learn_row(row, self.stream.motor_alarms.weak_since)
         self._latencies.add(clock.monotonic() - arrival_time)
@@ -273,7 +274,7 @@ class LiveSession:
             The status.
         """
         status = self.status
-        if Task.ESTIMATES not in self.backlog.postponed:
+        if DelayedWork.ESTIMATES not in self.backlog.postponed:
             self._report_status(status)
         if status.is_flying:
             self._presentation.preview(
@@ -286,7 +287,9 @@ class LiveSession:
             was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle
             if status.obstacle is not None or not was_first_fit:
-                self._presentation.log(status.obstacle or Fact(Session.BEING_LEARNED, Level.GOOD))
+                self._presentation.log(
+                    status.obstacle or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+                )
         # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
         if not self.backlog:
             self._report.account_for(now)
@@ -297,7 +300,7 @@ class LiveSession:
         """The status as of now."""
         return self._report.status
 
-    def time_account(self) -> dict[Spent, float]:
+    def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""
         return self._report.account_for(self.backlog.now)
 
@@ -347,7 +350,7 @@ class LiveSession:
         if is_at_end and self._learning.has_settled and not self._learning.has_landed:
             adviser.is_due = True
         if is_at_end and adviser.is_awaited:
-            self._presentation.log(Fact(Gains.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
+            self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
         advice = adviser.update(vehicle.name, self.backlog.is_late, is_at_end)
         if advice and adviser.judgement is not None:
             margins = adviser.judgement.lights[Light.MARGINS]

@@ -14,7 +14,7 @@ from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.wind import WindEstimate
@@ -183,14 +183,14 @@ class SessionStatus(ImmutableResult):
         """Why no model has been judged yet."""
         if self.obstacle is not None:
             return self.obstacle
-        return Fact(Session.BEING_LEARNED if self.is_flying else Session.NOT_FLYING)
+        return Fact(SessionFact.BEING_LEARNED if self.is_flying else SessionFact.NOT_FLYING)
 
     @property
     def delay_fact(self) -> Fact | None:
         """By how much rows and alarms come late; None while this computer keeps up."""
         if not self.analysis_delay:
             return None
-        return Fact(Session.ESTIMATES_LATE, delay=self.analysis_delay)
+        return Fact(SessionFact.ESTIMATES_LATE, delay=self.analysis_delay)
 
     def with_predictions(self, estimate: Estimate) -> SessionStatus:
         """Fills in ``prediction_band`` and ``useful_horizon``.

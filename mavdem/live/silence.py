@@ -3,7 +3,7 @@
 from math import inf
 
 from mavdem.facts import Fact
-from mavdem.facts.session import Missing, Rows
+from mavdem.facts.session import MissingMessages, RowsFact
 from mavdem.live import clock
 from mavdem.live.link import SILENCE_SECONDS
 
@@ -97,15 +97,15 @@ class SilenceMonitor:
         has_had_motion = self._sample_count > 0
         missing = None
         if self.message_time < silent_since:
-            missing = Missing.MESSAGES
+            missing = MissingMessages.MESSAGES
         elif has_had_motion and self.motion_time < silent_since:
-            missing = Missing.MOTION
+            missing = MissingMessages.MOTION
         if missing is None:
             return None
-        return Fact(Rows.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
+        return Fact(RowsFact.NOTHING_RECEIVED, subject=missing, duration=SILENCE_SECONDS)
 
 
-def resumption(missing: Missing, silence: float) -> Fact | None:
+def resumption(missing: MissingMessages, silence: float) -> Fact | None:
     """Makes the report that messages, or those of the motion, come again after a silence.
 
     Args:
@@ -117,4 +117,4 @@ def resumption(missing: Missing, silence: float) -> Fact | None:
     """
     if silence <= SILENCE_SECONDS or silence == inf:
         return None
-    return Fact(Rows.MESSAGES_RESUMED, subject=missing, duration=silence)
+    return Fact(RowsFact.MESSAGES_RESUMED, subject=missing, duration=silence)

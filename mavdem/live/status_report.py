@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from mavdem.facts import Fact
-from mavdem.facts.session import LinkFact, Missing, Session, Spent
+from mavdem.facts.session import LinkFact, MissingMessages, SessionFact, TimeUse
 from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.intake import LinkIntake
@@ -61,7 +61,7 @@ class StatusReport:
         """
         status = self.stream.status()
         silence = self._silence_fact()
-        is_motion_silent = silence is not None and silence.subject == Missing.MOTION
+        is_motion_silent = silence is not None and silence.subject == MissingMessages.MOTION
         if (
             is_motion_silent
             and status.vehicle is None
@@ -108,13 +108,13 @@ class StatusReport:
             The reason; None if models are learned.
         """
         if not is_flying:
-            return Fact(Session.NOT_FLYING)
+            return Fact(SessionFact.NOT_FLYING)
         if not self.learning.is_free:
-            return Fact(Session.NOT_SETTLED)
+            return Fact(SessionFact.NOT_SETTLED)
         learner = self.learning.learner
         return None if learner is None else learner.obstacle
 
-    def account_for(self, now: float) -> dict[Spent, float]:
+    def account_for(self, now: float) -> dict[TimeUse, float]:
         """Adds the session's time since the last call to the time account, by the session's present state.
 
         Args:

@@ -12,10 +12,10 @@ from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.setpoints import SETPOINT_MESSAGE
 from mavdem.facts import Fact, Facts
 from mavdem.facts.event import Event
-from mavdem.facts.events import Reported
-from mavdem.facts.motors import InFlight
-from mavdem.facts.session import Session
-from mavdem.facts.watch import Watch
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.ingest.mavlink.framing import CHECKSUM_MATCHES
 from mavdem.ingest.motors import MOTOR_MESSAGES
@@ -49,7 +49,7 @@ REPLY_MESSAGES = ("MESSAGE_INTERVAL", "COMMAND_ACK")
 MAX_PORTS = 4
 """Ports of a message of motor outputs that are read, a choice that bounds the memory; PX4 has two."""
 
-OTHER_VEHICLE_CODES = (Session.ALARM, Watch.ALARM_OVER, InFlight.MOTOR_RECOVERED)
+OTHER_VEHICLE_CODES = (SessionFact.ALARM, WatchFact.ALARM_OVER, MotorWatchFact.MOTOR_RECOVERED)
 """What is reported of vehicles that are not followed, besides warnings of their autopilots."""
 
 
@@ -206,10 +206,10 @@ class LiveStream:
         stream.take_without_rows(self._stamp, [frame])
         for event in stream.drain_events():
             fact = event.fact
-            is_warning = isinstance(fact.code, Reported) and not fact.is_good
+            is_warning = isinstance(fact.code, ReportedEvent) and not fact.is_good
             if is_warning or fact.code in OTHER_VEHICLE_CODES:
                 self._report(
-                    Fact(Watch.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
+                    Fact(WatchFact.OTHER_VEHICLE_ALARM, fact.level, subject=name, because=fact)
                 )
 
     @property

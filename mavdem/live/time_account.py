@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from mavdem.facts.session import Session, Spent
+from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.live import clock
 from mavdem.live.session_status import SessionStatus
 
@@ -30,7 +30,7 @@ class AccountedState:
     status: SessionStatus
     """Status of link and vehicle."""
 
-    def kind_at(self, now: float) -> Spent:
+    def kind_at(self, now: float) -> TimeUse:
         """Determines the most basic thing that is missing while nothing is learned.
 
         In this order: the link, messages, a vehicle, its motion at sufficient rates, settled flight. If none of the
@@ -43,19 +43,19 @@ class AccountedState:
             The kind of time that is spent.
         """
         obstacle = self.status.obstacle
-        on_ground_codes = (Session.NOT_FLYING, Session.FLIGHT_UNKNOWN)
+        on_ground_codes = (SessionFact.NOT_FLYING, SessionFact.FLIGHT_UNKNOWN)
         waits_for_messages = obstacle is not None and obstacle.code not in on_ground_codes
         if self.link_is_lost:
-            return Spent.LINK_LOST
+            return TimeUse.LINK_LOST
         if now - self.message_time >= ENTRY_SECONDS:
-            return Spent.SILENT
+            return TimeUse.SILENT
         if self.status.vehicle is None:
-            return Spent.NO_VEHICLE
+            return TimeUse.NO_VEHICLE
         if waits_for_messages or now - self.motion_time >= ENTRY_SECONDS:
-            return Spent.WAITING
+            return TimeUse.WAITING
         if self.status.is_flying:
-            return Spent.UNSETTLED
-        return Spent.ON_GROUND
+            return TimeUse.UNSETTLED
+        return TimeUse.ON_GROUND
 
 
 class TimeAccount:
@@ -68,7 +68,7 @@ class TimeAccount:
     def __init__(self) -> None:
         """Begins now."""
         self.entry_time = clock.monotonic()
-        self._seconds = dict.fromkeys(Spent, 0.0)
+        self._seconds = dict.fromkeys(TimeUse, 0.0)
         self._learned_rows = 0
         # Time of learned samples that is not counted yet, s.
         self._uncounted_learned = 0.0
@@ -77,7 +77,7 @@ class TimeAccount:
         """Returns whether an entry is due at ``now``, s."""
         return now - self.entry_time >= ENTRY_SECONDS
 
-    def update(self, now: float, state: AccountedState) -> dict[Spent, float]:
+    def update(self, now: float, state: AccountedState) -> dict[TimeUse, float]:
         """Assigns the time since the last entry to activities: learning by its rows, the rest by the present state.
 
         The learned time is the number of new learned rows times the step between rows, s. Rows may be analysed some
@@ -99,7 +99,7 @@ class TimeAccount:
         learned = min(self._uncounted_learned, elapsed)
         self._uncounted_learned = min(self._uncounted_learned - learned, ENTRY_SECONDS)
         self._learned_rows = state.learned_rows
-        self._seconds[Spent.LEARNED] += learned
+        self._seconds[TimeUse.LEARNED] += learned
         self._seconds[state.kind_at(now)] += elapsed - learned
         self.entry_time = now
-        return {**self._seconds, Spent.LEFT_OUT: max(clock.monotonic() - now, 0.0)}
+        return {**self._seconds, TimeUse.LEFT_OUT: max(clock.monotonic() - now, 0.0)}

@@ -6,8 +6,8 @@ from math import inf
 
 from mavdem.dataset.phases import AVERAGING_SECONDS
 from mavdem.facts import Fact
-from mavdem.facts.session import Rows
-from mavdem.facts.watch import Watched
+from mavdem.facts.session import RowsFact
+from mavdem.facts.watch import WatchedQuantity
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Fields, Parameters, Telemetry
 from mavdem.live.flight_phase import FlightPhase
@@ -56,7 +56,7 @@ class VehicleReview:
             wind: estimates the wind of its flights.
             report: is called with each fact.
         """
-        self.obstacle: Fact | None = Fact(Rows.RATES_BEING_MEASURED)
+        self.obstacle: Fact | None = Fact(RowsFact.RATES_BEING_MEASURED)
         self._vehicles = vehicles
         self._rate_check = rate_check
         self._motor_alarms = motor_alarms
@@ -285,6 +285,6 @@ class VehicleReview:
             self._report(fact)
         now = self._review_time
         balance_obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
-        self.watchdog.set_watched(Watched.MOTORS, balance_obstacle, now)
+        self.watchdog.set_watched(WatchedQuantity.MOTORS, balance_obstacle, now)
         if balance_obstacle is None:
             self.watchdog.note_motors_watched(now)

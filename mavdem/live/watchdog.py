@@ -24,13 +24,13 @@ from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import Rows
-from mavdem.facts.watch import Watch, Watched
+from mavdem.facts.session import RowsFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 from mavdem.live.live_signals import LiveSignals, RecentMotion, live_evidence
@@ -44,10 +44,10 @@ from mavdem.motors.saturation import most_limited_motors
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 LIGHTS = {
-    Watched.OSCILLATION: Light.MARGINS,
-    Watched.MOTOR_LIMITS: Light.MOTORS,
-    Watched.VIBRATION: Light.VIBRATION,
-    Watched.BATTERY: Light.POWER,
+    WatchedQuantity.OSCILLATION: Light.MARGINS,
+    WatchedQuantity.MOTOR_LIMITS: Light.MOTORS,
+    WatchedQuantity.VIBRATION: Light.VIBRATION,
+    WatchedQuantity.BATTERY: Light.POWER,
 }
 """The light that shows what is wrong with each thing that is watched."""
 
@@ -102,7 +102,7 @@ class _Review:
     recent_signals: Signals | None
     """Signals of the last minute; None where the review neither is thorough nor has an urgent message to judge."""
 
-    facts: dict[Watched, Fact] = field(default_factory=dict)
+    facts: dict[WatchedQuantity, Fact] = field(default_factory=dict)
     """What was found so far, good or bad, by what is watched."""
 
 
@@ -123,8 +123,8 @@ class Watchdog:
     def __init__(self, recent: RecentMessages) -> None:
         """Begins without a review; ``recent`` has the messages of the boot."""
         self.is_thorough = False
-        self.active: dict[Watched, Fact] = {}
-        self.watch_facts: dict[Watched, Fact] = {}
+        self.active: dict[WatchedQuantity, Fact] = {}
+        self.watch_facts: dict[WatchedQuantity, Fact] = {}
         self.worst_lights: dict[str, Fact] = {}
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
@@ -132,7 +132,7 @@ class Watchdog:
         # Reports of the autopilot that the last search found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
-        self._last_seen: dict[Watched, float] = {}
+        self._last_seen: dict[WatchedQuantity, float] = {}
         self._review_time = -inf
         # Times of the latest thorough review and of the latest search for reports, s of the boot clock, and the number
         # of changes of urgent messages until then.
@@ -224,11 +224,11 @@ class Watchdog:
         all_signals = self._signals(review.vehicle, review.now, -inf)
         condition = Condition(duration=review.now - review.phase_start)
         power = power_light(live_evidence(all_signals, condition))
-        review.facts[Watched.BATTERY] = power
+        review.facts[WatchedQuantity.BATTERY] = power
         self._battery_obstacle = _battery_obstacle(power)
         if review.has_settled:
             evidence = live_evidence(review.recent_signals, condition)
-            review.facts[Watched.VIBRATION] = vibration_light(evidence)
+            review.facts[WatchedQuantity.VIBRATION] = vibration_light(evidence)
 
     def finish_review(self, motion: RecentMotion | None) -> list[Fact]:
         """Ends a review: judges the motion in flight, and compares all findings with the alarms that are active.
@@ -306,7 +306,7 @@ class Watchdog:
             is_known = _identity(fact) in former_identities
             is_late = (fact.time or 0.0) <= self._report_time - LATE_REPORT_SECONDS
             # These facts mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
-            is_for_logs_only = fact.code is Reported.RESTARTED or fact.figures.get("is_begun")
+            is_for_logs_only = fact.code is ReportedEvent.RESTARTED or fact.figures.get("is_begun")
             if not is_known and not is_late and not is_for_logs_only:
                 reports.append(fact.replace(height=None))
         return reports
@@ -328,7 +328,7 @@ class Watchdog:
             if cycle is not None:
                 # The same gains are to be lowered as the judgement of the recording says after the landing.
                 lowered_gains = gain_reduction_advice(cycle, review.vehicle.parameters)
-                review.facts[Watched.OSCILLATION] = Fact(
+                review.facts[WatchedQuantity.OSCILLATION] = Fact(
                     MarginsLight.OSCILLATES, because=lowered_gains, **cycle.figures
                 )
         has_just_taken_off = review.now - review.phase_start < DECISION_SECONDS
@@ -336,7 +336,7 @@ class Watchdog:
         if is_latest.any() and not has_just_taken_off:
             limited_motor = _limited_motor(motors.geometry.names, at_upper[is_latest])
             if limited_motor is not None:
-                review.facts[Watched.MOTOR_LIMITS] = limited_motor
+                review.facts[WatchedQuantity.MOTOR_LIMITS] = limited_motor
 
     def _changed_alarms(self, review: _Review) -> list[Fact]:
         """Compares the facts of a review with the active alarms, updates these, and returns what changed.
@@ -368,7 +368,7 @@ class Watchdog:
             last_seen = self._last_seen[kind]
             if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
                 ended = self.active.pop(kind)
-                alarms.append(Fact(Watch.ALARM_OVER, time=last_seen, because=ended))
+                alarms.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended))
         return alarms
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
@@ -385,18 +385,20 @@ class Watchdog:
         if self._first_review_time is None:
             self._first_review_time = review.now
         is_new = review.now - self._first_review_time < LISTENING_SECONDS
-        for kind in Watched:
-            if kind is Watched.MOTORS:
+        for kind in WatchedQuantity:
+            if kind is WatchedQuantity.MOTORS:
                 continue
             obstacle = obstacles.get(kind)
-            if obstacle is not None and obstacle.code is Watch.MESSAGE_MISSING and is_new:
+            if obstacle is not None and obstacle.code is WatchFact.MESSAGE_MISSING and is_new:
                 # Messages of 1 Hz have not had the time to come.
                 continue
-            if obstacle is None and not review.is_flying and kind is not Watched.WARNINGS:
-                obstacle = Fact(Watch.ON_GROUND_NOW)
+            if obstacle is None and not review.is_flying and kind is not WatchedQuantity.WARNINGS:
+                obstacle = Fact(WatchFact.ON_GROUND_NOW)
             self.set_watched(kind, obstacle, review.now)
 
-    def _message_obstacles(self, now: float, motion: RecentMotion | None) -> Mapping[Watched, Fact]:
+    def _message_obstacles(
+        self, now: float, motion: RecentMotion | None
+    ) -> Mapping[WatchedQuantity, Fact]:
         """Finds out what cannot be watched because the messages for it are missing or too slow.
 
         Oscillation and motors at their limits are judged by attitude and motor outputs. To see an oscillation (a limit
@@ -414,24 +416,24 @@ class Watchdog:
         """
         obstacles = {}
         if motion is None:
-            obstacles[Watched.OSCILLATION] = Fact(Rows.NO_LIVE_MOTORS)
-            obstacles[Watched.MOTOR_LIMITS] = Fact(Rows.NO_LIVE_MOTORS)
+            obstacles[WatchedQuantity.OSCILLATION] = Fact(RowsFact.NO_LIVE_MOTORS)
+            obstacles[WatchedQuantity.MOTOR_LIMITS] = Fact(RowsFact.NO_LIVE_MOTORS)
         elif motion.rate < MIN_STREAM_RATE / 2:
-            obstacles[Watched.OSCILLATION] = Fact(
-                Watch.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
+            obstacles[WatchedQuantity.OSCILLATION] = Fact(
+                WatchFact.MESSAGE_MISSING, name=motion.motors.message, rate=motion.rate
             )
         received = self._recent.names_since(now - MEMORY_SECONDS)
         # One of these messages is enough; the first is named where all are missing.
         needed_messages = {
-            Watched.VIBRATION: ("VIBRATION",),
-            Watched.BATTERY: BATTERY_MESSAGES,
-            Watched.WARNINGS: ("HEARTBEAT",),
+            WatchedQuantity.VIBRATION: ("VIBRATION",),
+            WatchedQuantity.BATTERY: BATTERY_MESSAGES,
+            WatchedQuantity.WARNINGS: ("HEARTBEAT",),
         }
         for kind, names in needed_messages.items():
             if not received.intersection(names):
-                obstacles[kind] = Fact(Watch.MESSAGE_MISSING, name=names[0], rate=None)
+                obstacles[kind] = Fact(WatchFact.MESSAGE_MISSING, name=names[0], rate=None)
         if self._battery_obstacle is not None:
-            obstacles.setdefault(Watched.BATTERY, self._battery_obstacle)
+            obstacles.setdefault(WatchedQuantity.BATTERY, self._battery_obstacle)
         return obstacles
 
     def note_motors_watched(self, now: float) -> None:
@@ -442,9 +444,11 @@ class Watchdog:
         Args:
             now: present time on the boot clock, s.
         """
-        self.worst_lights.setdefault(str(Light.MOTORS), Fact(InFlight.NO_LOSS_FOUND, clock=now))
+        self.worst_lights.setdefault(
+            str(Light.MOTORS), Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
+        )
 
-    def set_watched(self, kind: Watched, obstacle: Fact | None, now: float) -> None:
+    def set_watched(self, kind: WatchedQuantity, obstacle: Fact | None, now: float) -> None:
         """Records whether something is monitored, and since when.
 
         It is called at each review. A fact gets the time ``now`` only if something has changed. Otherwise the earlier
@@ -455,7 +459,7 @@ class Watchdog:
             obstacle: reason why it is not monitored; None if it is.
             now: present time on the boot clock, s.
         """
-        code = Watch.NOT_WATCHED if obstacle else Watch.WATCHED
+        code = WatchFact.NOT_WATCHED if obstacle else WatchFact.WATCHED
         noted = self.watch_facts.get(kind)
         is_noted = (
             noted is not None and noted.code is code and noted.figures.get("because") == obstacle
@@ -501,7 +505,7 @@ def not_watched(watch_fact: Fact, reason: Fact, time: float) -> Fact:
     """
     figures = dict(watch_fact.figures)
     figures["because"] = reason
-    return Fact(Watch.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
+    return Fact(WatchFact.NOT_WATCHED, time=time, subject=watch_fact.subject, **figures)
 
 
 def _battery_obstacle(power: Fact) -> Fact | None:
@@ -515,7 +519,7 @@ def _battery_obstacle(power: Fact) -> Fact | None:
     if power.code not in UNWATCHED_BATTERIES:
         return None
     return Fact(
-        Watch.BATTERY_NOT_JUDGED,
+        WatchFact.BATTERY_NOT_JUDGED,
         cause=power.code,
         is_constant=bool(power.figures.get("is_constant") and power.figures.get("voltage")),
     )

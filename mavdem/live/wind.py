@@ -23,7 +23,7 @@ from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.facts.wind import NoWind, WindDoubt, WindLight
 from mavdem.ingest.telemetry import interpolated
 from mavdem.live.link import SILENCE_SECONDS
@@ -165,7 +165,7 @@ class WindEstimate:
         # The lower end of the speed's interval, m/s; 0 where still air is likely as well.
         lowest_speed = lower_speed_bound(wind.speed_low, wind.speed_high)
         speed_fact = Fact(
-            Session.WIND_SPEED,
+            SessionFact.WIND_SPEED,
             speed=wind.speed if lowest_speed else None,
             speed_interval=(lowest_speed, wind.speed_high),
             status=speed_status(wind.speed, wind.speed_low, wind.speed_high),
@@ -173,7 +173,7 @@ class WindEstimate:
         if not lowest_speed or wind.direction_half_width > MAX_DIRECTION_INTERVAL:
             return (speed_fact,)
         direction_fact = Fact(
-            Session.WIND_FROM,
+            SessionFact.WIND_FROM,
             direction=wind.direction,
             point=compass_text(wind.direction),
             half_width=wind.direction_half_width,
@@ -324,7 +324,7 @@ class LiveWind:
         if self.latest is None or self._is_reported:
             return None
         self._is_reported = True
-        return Fact(Session.WIND_KNOWN, because=self.latest.facts)
+        return Fact(SessionFact.WIND_KNOWN, because=self.latest.facts)
 
     def _motion(self, start_time: float, end_time: float) -> _Motion:
         """Selects the attitudes between two times, and interpolates the velocities at their stamps.

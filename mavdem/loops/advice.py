@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import GainFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import (
@@ -111,13 +111,13 @@ class Advice(ImmutableResult):
         rating of the loops with the new gains; and the margins of the target, each under its own name.
         """
         if self.refusals:
-            return Fact(Gains.NO_GAINS_ADVISED, reasons=self.refusals)
+            return Fact(GainFact.NO_GAINS_ADVISED, reasons=self.refusals)
         if not self.parameters:
-            code = Gains.KEEP_GAINS
+            code = GainFact.KEEP_GAINS
         elif self.sure >= SURE_SHARE:
-            code = Gains.SET_GAINS
+            code = GainFact.SET_GAINS
         else:
-            code = Gains.STEP_TOWARDS_MARGINS
+            code = GainFact.STEP_TOWARDS_MARGINS
         return Fact(
             code,
             share=self.sure,
@@ -263,17 +263,17 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
     record = loop.record
     changed_parameters = parameters_changed_in_flight(record, loop.controller)
     if changed_parameters:
-        return (Fact(Gains.GAINS_CHANGED, names=sorted(changed_parameters)),)
+        return (Fact(GainFact.GAINS_CHANGED, names=sorted(changed_parameters)),)
     limited_share = at_limit_share(record, loop.controller)
     if limited_share > MAX_AT_LIMIT_SHARE:
-        return (Fact(Gains.MOTOR_AT_LIMIT, share=limited_share),)
+        return (Fact(GainFact.MOTOR_AT_LIMIT, share=limited_share),)
     # Row 0 is the estimated plant.
     if not (loop.rate.stable[0] and loop.attitude.stable[0]):
-        return (Fact(Gains.LOOP_UNSTABLE),)
+        return (Fact(GainFact.LOOP_UNSTABLE),)
     if loop.disagreement:
         return (loop.disagreement,)
     if raises and not _shows_lag(loop):
-        return (Fact(Gains.LAG_UNRESOLVED, time_step=record.dt),)
+        return (Fact(GainFact.LAG_UNRESOLVED, time_step=record.dt),)
     return ()
 
 
@@ -321,7 +321,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
                 # A gain of 0 is switched off.
                 if value:
                     changes.append((name, value, GAIN_REDUCTION * value))
-    return Fact(Gains.LOWER_GAINS, changes=changes, **oscillation.figures)
+    return Fact(GainFact.LOWER_GAINS, changes=changes, **oscillation.figures)
 
 
 def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
-from mavdem.facts.loops import Controllers
+from mavdem.facts.loops import ControllerFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import (
     DEFAULT_LOOP_RATES,
@@ -211,7 +211,7 @@ def _unknown_mixer(parameters: Parameters) -> NotLearnable:
         parameters: parameters of the log, by name.
     """
     names = ["FRAME"] if _is_frame_compiled_in(parameters) else ["FRAME_CLASS", "FRAME_TYPE"]
-    return NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="ardupilot", names=names)
+    return NotLearnable(ControllerFact.MIXER_UNKNOWN, autopilot="ardupilot", names=names)
 
 
 def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:

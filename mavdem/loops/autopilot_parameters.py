@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from mavdem.errors import NotLearnable
-from mavdem.facts.loops import Controllers
+from mavdem.facts.loops import ControllerFact
 from mavdem.ingest.telemetry import Parameters
 
 ControllerFields = dict[str, Any]
@@ -49,5 +49,5 @@ def required_parameters(parameters: Parameters, *names: str) -> list[float]:
     """
     missing = [name for name in names if name not in parameters]
     if missing:
-        raise NotLearnable(Controllers.PARAMETERS_MISSING, names=missing)
+        raise NotLearnable(ControllerFact.PARAMETERS_MISSING, names=missing)
     return [parameters[name] for name in names]

@@ -17,7 +17,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem.record import Record
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Loops, Responses
+from mavdem.facts.loops import LoopFact, ResponseFact
 from mavdem.facts.model import ModelName
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.controllers import Controller
@@ -209,7 +209,7 @@ class Loop(Margins):
         if self.measured is None:
             return None
         reason = self.measured.reason
-        unknown_codes = (Responses.RESPONSE_UNEXPLAINED, Responses.RESPONSE_LIMITED)
+        unknown_codes = (ResponseFact.RESPONSE_UNEXPLAINED, ResponseFact.RESPONSE_LIMITED)
         if reason is not None and reason.code in unknown_codes:
             return None
         return reason is None
@@ -307,7 +307,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         weaker_loop.gain_margin_interval, LARGEST_REPORTED_GAIN_MARGIN
     )
     return Fact(
-        Loops.MARGIN_RATING,
+        LoopFact.MARGIN_RATING,
         level,
         subject=weaker_name,
         lacking=min(ratios, key=lambda figure: ratios[figure][0]),

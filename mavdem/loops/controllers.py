@@ -20,7 +20,7 @@ from mavdem.containers import Numbers
 from mavdem.dem.engine.model import scalar_recursion
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import Controllers
+from mavdem.facts.loops import ControllerFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Parameters
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
@@ -69,12 +69,12 @@ LIMIT_TOLERANCE = 0.005
 """Fraction of the output's range within which a motor counts as at its limit."""
 
 UNMODELLED_PARAMETERS = {
-    "SMAX": Controllers.SLEW_LIMITED,
-    "PDMX": Controllers.SUM_LIMITED,
-    "FSTRATE_ENABLE": Controllers.RATE_LOOP_FASTER,
-    "MOT_BAT_VOLT_MAX": Controllers.MIXER_BY_VOLTAGE,
-    "MC_BAT_SCALE_EN": Controllers.DEMAND_BY_VOLTAGE,
-    "IMU_GYRO_DNF_EN": Controllers.NOTCHES_UNMODELLED,
+    "SMAX": ControllerFact.SLEW_LIMITED,
+    "PDMX": ControllerFact.SUM_LIMITED,
+    "FSTRATE_ENABLE": ControllerFact.RATE_LOOP_FASTER,
+    "MOT_BAT_VOLT_MAX": ControllerFact.MIXER_BY_VOLTAGE,
+    "MC_BAT_SCALE_EN": ControllerFact.DEMAND_BY_VOLTAGE,
+    "IMU_GYRO_DNF_EN": ControllerFact.NOTCHES_UNMODELLED,
 }
 """Parameters that switch on what is not modelled where they are not 0, each with its caution.
 
@@ -168,7 +168,7 @@ class Controller(ImmutableResult):
             is_too_low = field.endswith("filter") and 0 < value < MIN_CUTOFF
             if is_too_low or not minimum <= value <= maximum:
                 name = self.parameter_names.get(field, field.replace("_", " "))
-                raise NotLearnable(Controllers.PARAMETER_IMPOSSIBLE, name=name, value=value)
+                raise NotLearnable(ControllerFact.PARAMETER_IMPOSSIBLE, name=name, value=value)
 
     @property
     def gyro_path(self) -> GyroPath:
@@ -198,7 +198,7 @@ class Controller(ImmutableResult):
             # In modes above THROTTLE, a notch follows the measured speeds of the motors, or peaks of a spectrum.
             mode = self.parameters.get(f"{prefix}MODE", 0.0)
             if self.parameters.get(f"{prefix}ENABLE") and mode > NotchMode.THROTTLE:
-                codes[f"{prefix}MODE"] = Controllers.NOTCHES_MOVING
+                codes[f"{prefix}MODE"] = ControllerFact.NOTCHES_MOVING
         return tuple(
             Fact(code, name=name) for name, code in codes.items() if self.parameters.get(name)
         )
@@ -324,7 +324,7 @@ def controller_from_parameters(
     elif any(name.startswith("MC_") for name in control_parameters):
         fields = px4_controller(control_parameters, axis, is_demand=len(weights) == 1)
     else:
-        raise NotLearnable(Controllers.NO_GAINS)
+        raise NotLearnable(ControllerFact.NO_GAINS)
     return Controller(axis=axis, parameters=control_parameters, motor_weights=weights, **fields)
 
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import GainFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import Loop, MarginTarget, margin_scores
 from mavdem.loops.demand_noise import GyroNoise, demand_deviation, gyro_noise
@@ -464,7 +464,7 @@ class GainSearch:
             return ()
         notes = []
         if names["angle_gain"] in gains:
-            notes.append(Fact(Gains.ANGLE_FOLLOWS, name=names["angle_gain"]))
+            notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=names["angle_gain"]))
         usual_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
         for field, usual in usual_ratios.items():
             name = names[field]
@@ -475,7 +475,7 @@ class GainSearch:
             if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
                 logged_ratio = logged[name] / logged[names["p"]] / usual
                 notes.append(
-                    Fact(Gains.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio)
+                    Fact(GainFact.RATIO_UNUSUAL, name=name, ratio=ratio, logged_ratio=logged_ratio)
                 )
         return tuple(notes)
 

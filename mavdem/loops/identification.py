@@ -22,8 +22,8 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Loops
+from mavdem.facts.learnability import NotLearnableReason
+from mavdem.facts.loops import LoopFact
 from mavdem.facts.model import ParameterDoubt
 from mavdem.flight import Flight, boot_number
 from mavdem.loops.axis_loops import MARGIN_TARGETS
@@ -102,7 +102,7 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
                 plant, identified_loop.inputs_per_demand, identified_loop.controller
             )
         except np.linalg.LinAlgError:
-            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
+            raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
     return plant._replace(delay=plant.delay + gyro_delay(identified_loop.controller))
 
 
@@ -148,7 +148,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     if len(window_starts) < MIN_WINDOWS:
         # Windows overlap by half, so n of them take n + 1 half windows.
         least_duration = (MIN_WINDOWS + 1) * SPECTRUM_SECONDS / 2
-        raise NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=least_duration)
+        raise NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=least_duration)
     saturated_share = _saturated_share(messages, window_starts)
     known_controller = KnownController(
         partial(controller_response, controller),
@@ -163,19 +163,19 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         # comparisons are negated so that a share of NaN is refused.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
-            raise NotLearnable(Loops.NOT_STEERED, share=coherent_share)
+            raise NotLearnable(LoopFact.NOT_STEERED, share=coherent_share)
         posterior = AxisPosterior(spectra, known_controller, messages.rounding, saturated_share)
         try:
             fit = identify_axis(posterior)
             reference_share = fit.reference_share
         except np.linalg.LinAlgError:
-            raise NotLearnable(Loops.LOOP_NOT_FOUND) from None
+            raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
     # The same check with the fitted model, which takes aliasing into account.
     if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
-        raise NotLearnable(Loops.NOT_STEERED, share=reference_share)
+        raise NotLearnable(LoopFact.NOT_STEERED, share=reference_share)
     # If the fitted gain of the controller differs from that of its parameters, the model of the controller is wrong.
     if not fit.controller_consistent:
-        raise NotLearnable(Loops.LOOP_NOT_FOUND)
+        raise NotLearnable(LoopFact.LOOP_NOT_FOUND)
     return _IdentifiedLoop(fit, controller, mixer_gains)
 
 
@@ -228,7 +228,7 @@ def _loop_messages(
     if "rad/s" not in setpoints:
         is_logged = any(setpoint.unit == "rad/s" for setpoint in signals.setpoints)
         raise NotLearnable(
-            Loops.NO_RATE_SETPOINT, is_logged=is_logged, least_rate=MIN_SLOW_MOTION_RATE
+            LoopFact.NO_RATE_SETPOINT, is_logged=is_logged, least_rate=MIN_SLOW_MOTION_RATE
         )
     # The reference of each candidate is its setpoint plus angle gain × angle: the rate setpoint at an angle of 0.
     rate_setpoint = setpoints["rad/s"]
@@ -274,7 +274,9 @@ def _loop_spectra(
     """
     spectra = cross_spectra(messages.streams, window_starts)
     if spectra.message_rate < MIN_SLOW_MOTION_RATE:
-        raise NotLearnable(Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE)
+        raise NotLearnable(
+            LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=MIN_SLOW_MOTION_RATE
+        )
     _require_resolution(signals, spectra, messages.rounding)
     return _with_best_setpoint(spectra, controller)
 
@@ -376,7 +378,7 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
         assert signals.model_inputs is not None
         scale = signals.model_inputs.scale
         raise NotLearnable(
-            Reason.COMMAND_ROUNDED,
+            NotLearnableReason.COMMAND_ROUNDED,
             axis=signals.axis,
             command=scale.step * np.sqrt(variance) / rounding,
             command_step=scale.step,
@@ -494,7 +496,7 @@ def _require_known_margin(rate: OpenLoop) -> None:
         # The margin is infinite where the gain never crosses 1.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(
-            Loops.MARGIN_UNCERTAIN,
+            LoopFact.MARGIN_UNCERTAIN,
             phase_margin_interval=interval,
             is_stable=bool(rate.stable[0]),
         )

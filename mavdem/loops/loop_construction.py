@@ -12,7 +12,7 @@ from mavdem.dem.engine.linalg import normal_draws
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import Controllers, Loops
+from mavdem.facts.loops import ControllerFact, LoopFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import MOTOR_COUNT
 from mavdem.loops.axis_loops import Loop, parameters_changed_in_flight
@@ -92,19 +92,19 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             against it, or the loop is too fast for the record.
     """
     if plant.caution is not None:
-        raise NotLearnable(Loops.NO_MARGINS, because=plant.caution)
+        raise NotLearnable(LoopFact.NO_MARGINS, because=plant.caution)
     axis = record_axis(record)
     if controller is None:
         controller = logged_controller(record.parameters, axis, record.effect_directions)
     if not controller.p > 0:
         name = controller.parameter_names["p"]
-        raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
+        raise NotLearnable(LoopFact.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     draws = _plant_draws(plant, gyro_delay(controller), record.dt)
     mixer_gains = inputs_per_demand(controller, record)
     effectiveness = draws.effect @ mixer_gains
     # Row 0 is the estimate. Negated, the comparison also refuses NaN.
     if not effectiveness[0] > 0:
-        raise NotLearnable(Loops.MIXER_REVERSED)
+        raise NotLearnable(LoopFact.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
     cautions = _cautions(loop)
     rate = loop.rate
@@ -112,7 +112,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     earlier_values = parameters_changed_in_flight(record, controller)
     if earlier_values:
         changes = [(name, value, record.parameters[name]) for name, value in earlier_values.items()]
-        cautions.append(Fact(Loops.PARAMETERS_CHANGED, changes=changes))
+        cautions.append(Fact(LoopFact.PARAMETERS_CHANGED, changes=changes))
     else:
         # A plant without the gyro's filters was identified in closed loop, with the gain of the controller.
         measured = measured_rate_response(
@@ -148,11 +148,14 @@ def _cautions(loop: Loop) -> list[Fact]:
     plant, record, rate = loop.plant, loop.record, loop.rate
     if rate.crossover < LOWEST_FREQUENCY:
         raise NotLearnable(
-            Loops.CROSSOVER_UNSEEN, crossover=rate.crossover, rate=None, frequency=LOWEST_FREQUENCY
+            LoopFact.CROSSOVER_UNSEEN,
+            crossover=rate.crossover,
+            rate=None,
+            frequency=LOWEST_FREQUENCY,
         )
     cautions = []
     if plant.bias:
-        cautions.append(Fact(Loops.EFFECT_BIASED, because=plant.reasons["effect"]))
+        cautions.append(Fact(LoopFact.EFFECT_BIASED, because=plant.reasons["effect"]))
     nyquist_frequency = 0.5 / record.dt
     if plant.filtered:
         if rate.crossover > nyquist_frequency / 2:
@@ -167,12 +170,12 @@ def _cautions(loop: Loop) -> list[Fact]:
             crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
             nearest = np.argmin(np.abs(rate.response[0] - crossing))
             if rate.frequency[nearest] >= nyquist_frequency:
-                cautions.append(Fact(Loops.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
+                cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
         least_rate = rate.crossover / MAX_CROSSOVER_FRACTION
         cautions.append(
             Fact(
-                Loops.CROSSOVER_FAST,
+                LoopFact.CROSSOVER_FAST,
                 crossover=rate.crossover,
                 rate=1 / record.dt,
                 least_rate=LOG_RATE_STEP * np.ceil(least_rate / LOG_RATE_STEP),
@@ -186,7 +189,7 @@ def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
     crossover = loop.rate.crossover
     _, highest_crossover = loop.rate.crossover_interval
     return NotLearnable(
-        Loops.CROSSOVER_UNSEEN,
+        LoopFact.CROSSOVER_UNSEEN,
         crossover=crossover,
         # Where the estimate itself would be seen, the upper end of its interval is the reason.
         high=highest_crossover if crossover < highest_frequency else None,
@@ -214,7 +217,7 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
         NotLearnable: there are no parameters, or they do not describe a known controller.
     """
     if not parameters:
-        raise NotLearnable(Loops.CONTROLLER_UNKNOWN)
+        raise NotLearnable(LoopFact.CONTROLLER_UNKNOWN)
     weights = () if motor_weights is None else motor_weights.tolist()
     return controller_from_parameters(parameters, axis, weights)
 
@@ -256,7 +259,7 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
     if len(trim) == 1 and record.input_range == (-1.0, 1.0):
         return np.ones(1)
     if len(trim) != MOTOR_COUNT or len(record.input_range) != 2:
-        raise NotLearnable(Controllers.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
+        raise NotLearnable(ControllerFact.MIXER_UNKNOWN, autopilot=None, motors=len(trim))
     low, high = record.input_range
     trim_shares = ((trim - low) / (high - low)).tolist()
     return (high - low) * np.array(controller.outputs_per_demand(trim_shares))

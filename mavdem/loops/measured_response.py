@@ -12,7 +12,7 @@ from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dem.record import Record
 from mavdem.facts import Fact
-from mavdem.facts.loops import Responses
+from mavdem.facts.loops import ResponseFact
 from mavdem.loops.controllers import Controller
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.loops.margins import Complex, controller_response
@@ -101,7 +101,7 @@ def measured_rate_response(
         compared_gain, best_comparison.band[1], best_comparison.agreement
     )
     if reason is not None and limited_share > MIN_AT_LIMIT_SHARE:
-        reason = Fact(Responses.RESPONSE_LIMITED, share=limited_share)
+        reason = Fact(ResponseFact.RESPONSE_LIMITED, share=limited_share)
     return best_comparison._replace(reason=reason)
 
 
@@ -268,13 +268,13 @@ def _reason_of_disagreement(
     """
     # A gain of NaN fails this comparison, and is no reason.
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
-        return Fact(Responses.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
+        return Fact(ResponseFact.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
     if highest_frequency < MIN_COMPARED_BAND:
-        return Fact(Responses.RESPONSE_UNEXPLAINED, rate=highest_frequency)
+        return Fact(ResponseFact.RESPONSE_UNEXPLAINED, rate=highest_frequency)
     if agreement < MIN_RESPONSE_FIT:
         share = agreement / 100
         min_fit = MIN_RESPONSE_FIT / 100
-        return Fact(Responses.RESPONSE_DISAGREES, share=share, needed=min_fit)
+        return Fact(ResponseFact.RESPONSE_DISAGREES, share=share, needed=min_fit)
     return None
 
 

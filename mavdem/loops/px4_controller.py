@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
-from mavdem.facts.loops import Controllers
+from mavdem.facts.loops import ControllerFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.autopilot_parameters import (
     LOOP_RATE_PARAMETERS,
@@ -99,7 +99,7 @@ def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
     """
     airframe = tuple(sorted(item for item in parameters.items() if item[0].startswith("CA_")))
     if not airframe:
-        raise NotLearnable(Controllers.MIXER_IN_FILE)
+        raise NotLearnable(ControllerFact.MIXER_IN_FILE)
     return airframe
 
 
@@ -123,7 +123,7 @@ def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
         NotLearnable: a parameter is missing, or the vehicle is no quadrotor with upright motors of one size that
             controls roll and pitch.
     """
-    unknown_mixer = NotLearnable(Controllers.MIXER_UNKNOWN, autopilot="px4")
+    unknown_mixer = NotLearnable(ControllerFact.MIXER_UNKNOWN, autopilot="px4")
     parameters = dict(airframe)
     effects = _motor_effects(parameters)
     if not _has_equal_upright_motors(parameters):

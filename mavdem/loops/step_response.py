@@ -25,7 +25,7 @@ from mavdem.dataset.signals import (
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
-from mavdem.facts.loops import StepResponses
+from mavdem.facts.loops import StepResponseFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.axis_loops import Loop
@@ -156,7 +156,7 @@ class StepResponse(ImmutableResult):
         """
         figures = {name: getattr(self, name).value for name in FIGURES}
         return Fact(
-            StepResponses.STEP_MEASURED,
+            StepResponseFact.STEP_MEASURED,
             subject=f"{self.axis} {self.loop}",
             overshoot_interval=self.overshoot.interval,
             peak_interval=self.peak.interval,
@@ -189,12 +189,12 @@ class StepResponse(ImmutableResult):
         share = disagrees.mean()
         if share <= MAX_DISAGREEING_SHARE:
             return Fact(
-                StepResponses.PREDICTION_AGREES, subject=subject, highest=self.max_frequency
+                StepResponseFact.PREDICTION_AGREES, subject=subject, highest=self.max_frequency
             )
         is_shown = frequency <= self.max_frequency
-        code = StepResponses.PREDICTION_DOUBTED
+        code = StepResponseFact.PREDICTION_DOUBTED
         if predicted_gain.max() > predicted_gain[is_shown].max(initial=0.0):
-            code = StepResponses.MEASUREMENT_DOUBTED
+            code = StepResponseFact.MEASUREMENT_DOUBTED
         return Fact(
             code,
             subject=subject,
@@ -221,7 +221,7 @@ def rate_step_response(
         The step response, or a fact with the reason.
     """
     if signals.rate_and_setpoint is None:
-        return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} rate")
+        return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} rate")
     rate, setpoint = signals.rate_and_setpoint
     series = [setpoint, rate]
     attitude = signals.attitude
@@ -247,7 +247,7 @@ def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse
         The step response, or a fact with the reason.
     """
     if signals.angle_setpoint is None or signals.attitude is None:
-        return Fact(StepResponses.NO_SETPOINT, subject=f"{signals.axis} attitude")
+        return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
     series = [_unwrapped(signals.angle_setpoint), _unwrapped(signals.attitude.angle_series)]
     return _measured_step_response(signals, "attitude", series, segments, MIN_SLOW_MOTION_RATE)
 
@@ -286,13 +286,15 @@ def _measured_step_response(
     seconds = RESPONSE_SECONDS[loop]
     min_duration = MIN_PIECE_RESPONSES * seconds
     if min(map(rate_between_outages, series)) < min_rate:
-        return Fact(StepResponses.TOO_SLOW, subject=subject, least_rate=min_rate)
+        return Fact(StepResponseFact.TOO_SLOW, subject=subject, least_rate=min_rate)
     signals_on_grid = resampled_signals(
         series, segments, min_duration, min_rate, MAX_SAMPLING_RATES[loop]
     )
     if signals_on_grid is None:
-        return Fact(StepResponses.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration)
-    setpoint_moves_too_little = Fact(StepResponses.TOO_LITTLE_ASKED, subject=subject)
+        return Fact(
+            StepResponseFact.TOO_LITTLE_FLIGHT, subject=subject, least_duration=min_duration
+        )
+    setpoint_moves_too_little = Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=subject)
     sampling_rate = signals_on_grid.rate
     # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
@@ -522,7 +524,7 @@ def _step_response_with_figures(
     known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
     step_half_width = coverage_factor() * steps[1:].std(axis=0)
     if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
-        return Fact(StepResponses.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
+        return Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     frequency = responses.frequency[:known_count]
     gains = gains[:, :known_count]
     figures = step_figures(responses.time, steps, frequency, gains)

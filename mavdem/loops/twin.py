@@ -15,7 +15,7 @@ from mavdem.containers import Numbers
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
-from mavdem.facts.loops import Twins
+from mavdem.facts.loops import TwinFact
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import Position
 from mavdem.ingest.telemetry import Parameters
@@ -143,7 +143,7 @@ def build_twin(
     controller = roll.controller
     spin_min, spin_max = controller.spin_range
     if not max(MIN_HOVER, spin_min) < hover < spin_max:
-        raise NotLearnable(Twins.NO_HOVER, share=hover)
+        raise NotLearnable(TwinFact.NO_HOVER, share=hover)
     wind = None
     if air is not None and air.speed_identifiable and air.direction_identifiable:
         wind = air
@@ -323,21 +323,21 @@ def _notes(
     """
     effectiveness_notes = {axis: _effectiveness_note(loop) for axis, loop in loops.items()}
     notes = {
-        "mass": Fact(Twins.MASS_NOTE, is_given=is_mass_given),
-        "arm": Fact(Twins.ARM_NOTE, is_given=is_arm_measured),
+        "mass": Fact(TwinFact.MASS_NOTE, is_given=is_mass_given),
+        "arm": Fact(TwinFact.ARM_NOTE, is_given=is_arm_measured),
         "inertia": Fact(
-            Twins.INERTIA_NOTE,
+            TwinFact.INERTIA_NOTE,
             roll=effectiveness_notes["roll"],
             pitch=effectiveness_notes.get("pitch"),
         ),
-        "moment": effectiveness_notes.get("yaw", Fact(Twins.MOMENT_NOTE)),
-        "damping": Fact(Twins.DAMPING_NOTE, damping=_half_width(loops["roll"], "damping")),
-        "lag": Fact(Twins.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
+        "moment": effectiveness_notes.get("yaw", Fact(TwinFact.MOMENT_NOTE)),
+        "damping": Fact(TwinFact.DAMPING_NOTE, damping=_half_width(loops["roll"], "damping")),
+        "lag": Fact(TwinFact.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
     }
     for name in ("linear", "quadratic"):
         # The note of each coefficient states the intervals of both: lower and upper end, each the mean over both axes.
         notes[f"drag_{name}"] = Fact(
-            Twins.DRAG_NOTE,
+            TwinFact.DRAG_NOTE,
             subject=name,
             drag_linear_interval=drag.interval("linear").mean(axis=1).tolist(),
             drag_quadratic_interval=drag.interval("quadratic").mean(axis=1).tolist(),
@@ -360,7 +360,7 @@ def _effectiveness_note(loop: Loop) -> Fact:
     estimate = loop.effectiveness[0]
     half_width = coverage_factor() * np.std(loop.effectiveness)
     is_biased = bool(loop.plant.bias != 0)
-    return Fact(Twins.EFFECT_NOTE, share=half_width / estimate, is_biased=is_biased)
+    return Fact(TwinFact.EFFECT_NOTE, share=half_width / estimate, is_biased=is_biased)
 
 
 def _half_width(loop: Loop, parameter: str) -> float | None:

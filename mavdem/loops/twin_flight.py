@@ -10,7 +10,7 @@ from numpy.random import default_rng
 from mavdem.arrays import Array
 from mavdem.dataset.axes import AXES
 from mavdem.errors import NotLearnable
-from mavdem.facts.loops import Twins
+from mavdem.facts.loops import TwinFact
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.measured_response import interpolated_setpoint
 from mavdem.loops.twin import Twin
@@ -219,7 +219,7 @@ def fly_twin(
             twin, loops["roll"].record.dt, setpoints, torque, seed, is_estimated=is_estimated
         )
     except ValueError as error:
-        raise NotLearnable(Twins.CANNOT_FLY, because=error) from None
+        raise NotLearnable(TwinFact.CANNOT_FLY, because=error) from None
 
 
 def _simulated_motion(

@@ -29,7 +29,7 @@ from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.containers import Numbers
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.facts import Fact
-from mavdem.facts.motors import InFlight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motors import MotorGeometry
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.balance_blocks import (
@@ -105,7 +105,7 @@ A load that shifts in wind changes yaw too.
 OTHERS_PER_MOTOR = 0.1
 """Prior odds of such a change against one of a motor. They are high: the worst mistake is to name a sound motor."""
 
-TOO_SLOW = Fact(InFlight.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
+TOO_SLOW = Fact(MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW, needed_rate=MIN_SAMPLE_RATE)
 """Obstacle where motor outputs come too slowly."""
 
 
@@ -154,7 +154,7 @@ class MotorLossDetector:
         self.reference_time: float | None = None
         mixer = motor_signatures(geometry)
         self._is_identifiable = mixer.is_motor_identifiable
-        self.obstacle = None if self._is_identifiable else Fact(InFlight.MOTOR_PLACES_UNKNOWN)
+        self.obstacle = None if self._is_identifiable else Fact(MotorWatchFact.MOTOR_PLACES_UNKNOWN)
         self._geometry = geometry
         self._boot = boot
         self._threshold = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)

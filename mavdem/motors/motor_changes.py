@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 from mavdem.containers import JsonValues, Numbers
 from mavdem.facts import Fact, Level
-from mavdem.facts.motors import InFlight
-from mavdem.facts.session import Session
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import SessionFact
 
-FALSE_ALARMS = Fact(InFlight.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)
+FALSE_ALARMS = Fact(MotorWatchFact.FALSE_ALARMS, duration=5.55 * 3600, alarms_per_hour=0.54)
 """Upper bound of the rate of false alarms, with 95 % confidence, and the seconds of flights without a fault behind it.
 
 It was measured with ``tools/validation/alarms.py``; see docs/evidence/motors.md.
@@ -70,11 +70,11 @@ class MotorAlarm(NamedTuple):
         It is one of three: the steady torque changed, a motor lost thrust, or a motor recovered.
         """
         if self.motor is None:
-            code = InFlight.STEADY_TORQUE_CHANGED
+            code = MotorWatchFact.STEADY_TORQUE_CHANGED
         elif self.is_weak:
-            code = InFlight.MOTOR_LOST_THRUST
+            code = MotorWatchFact.MOTOR_LOST_THRUST
         else:
-            code = InFlight.MOTOR_RECOVERED
+            code = MotorWatchFact.MOTOR_RECOVERED
         return Fact(
             code,
             time=self.since,
@@ -104,7 +104,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
         end.
     """
     if fact.is_bad:
-        return Fact(Session.ALARM, time=time, subject=fact.subject, because=fact)
+        return Fact(SessionFact.ALARM, time=time, subject=fact.subject, because=fact)
     return fact.replace(time=time, until=None)
 
 
@@ -195,9 +195,9 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
         changes, and "false_alarms_per_hour" with the bound and the measurement behind it.
     """
     codes = {
-        "alarms": InFlight.MOTOR_LOST_THRUST,
-        "recoveries": InFlight.MOTOR_RECOVERED,
-        "torque_changes": InFlight.STEADY_TORQUE_CHANGED,
+        "alarms": MotorWatchFact.MOTOR_LOST_THRUST,
+        "recoveries": MotorWatchFact.MOTOR_RECOVERED,
+        "torque_changes": MotorWatchFact.STEADY_TORQUE_CHANGED,
     }
     figures: JsonValues = {}
     for name, code in codes.items():

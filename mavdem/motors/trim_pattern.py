@@ -13,7 +13,7 @@ from mavdem.confidence import half_width
 from mavdem.containers import JsonValues
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.motors import Trim
+from mavdem.facts.motors import TrimFact
 from mavdem.ingest.motors import MotorGeometry, position_name
 from mavdem.motors.balance import (
     BLOCK_SECONDS,
@@ -64,13 +64,13 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
         geometry: Positions and spins of the motors.
 
     Returns:
-        A fact (``Trim``): the pattern; or that the trim is even; or why neither can be said.
+        A fact (``TrimFact``): the pattern; or that the trim is even; or why neither can be said.
     """
     signatures = motor_signatures(geometry)
     if len(signatures.axes) < len(ALL_AXES):
-        return Fact(Trim.TRIM_OF_UNKNOWN_PLACES)
+        return Fact(TrimFact.TRIM_OF_UNKNOWN_PLACES)
     if balance is None:
-        return Fact(Trim.TRIM_UNKNOWN, least_duration=MIN_BLOCKS * BLOCK_SECONDS)
+        return Fact(TrimFact.TRIM_UNKNOWN, least_duration=MIN_BLOCKS * BLOCK_SECONDS)
     level = level_balances([balance])
     level_balance = level.balances[0]
     variance = level.variances[0]
@@ -92,19 +92,19 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
     if not is_uneven:
         if half_widths.max() > FAULT_RISE:
             figures["half"] = half_widths.max()
-            return Fact(Trim.TRIM_UNSURE, **figures)
+            return Fact(TrimFact.TRIM_UNSURE, **figures)
         leading_motor = _leading_motor(deviations, half_widths)
         if leading_motor is not None:
             return Fact(
-                Trim.TRIM_OF_LEADING_MOTOR, subject=geometry.names[leading_motor], **figures
+                TrimFact.TRIM_OF_LEADING_MOTOR, subject=geometry.names[leading_motor], **figures
             )
         # A trim of the vehicle in the opposite direction may have hidden a loss.
         own_rise_ratio = np.diag(allocation @ signatures.mixer_rows[1:])
         hidden_rises = (FAULT_RISE + deviations + half_widths) / own_rise_ratio
         figures["most_loss"] = lost_thrust(hidden_rises.max())
         if abs(deviations[worst_motor]) > FAULT_RISE:
-            return Fact(Trim.TRIM_NEAR_LIMIT, limit=FAULT_RISE, **figures)
-        return Fact(Trim.TRIM_EVEN, **figures)
+            return Fact(TrimFact.TRIM_NEAR_LIMIT, limit=FAULT_RISE, **figures)
+        return Fact(TrimFact.TRIM_EVEN, **figures)
     scale = np.sqrt(PRIOR_BALANCE_SD**2 + variance)
     lean = float(np.linalg.norm(balance.lean))
     deviation = Deviation(level_balance, scale, PRIOR_BALANCE_FREEDOM, lean)
@@ -156,7 +156,7 @@ def _uneven_trim(
     if change.motors[motor] >= MIN_NAMED_PROBABILITY:
         rise = change.rises[:, motor]
         return Fact(
-            Trim.TRIM_OF_ONE_MOTOR,
+            TrimFact.TRIM_OF_ONE_MOTOR,
             subject=geometry.names[motor],
             probability=change.motors[motor],
             rise=rise,
@@ -167,14 +167,14 @@ def _uneven_trim(
     yaw_probability = change.groups["yaw"]
     load_probability = change.groups["load"]
     if yaw_probability >= MIN_REPORTED_PROBABILITY:
-        return Fact(Trim.TRIM_OF_YAW, share=yaw, probability=yaw_probability, **figures)
+        return Fact(TrimFact.TRIM_OF_YAW, share=yaw, probability=yaw_probability, **figures)
     if load_probability >= MIN_REPORTED_PROBABILITY:
         return Fact(
-            Trim.TRIM_OF_CENTRE,
+            TrimFact.TRIM_OF_CENTRE,
             # A centre of gravity in front needs a torque that lifts the nose, one on the right a roll to the left.
             place=position_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
             probability=load_probability,
             **figures,
         )
-    return Fact(Trim.TRIM_OF_SEVERAL, **figures)
+    return Fact(TrimFact.TRIM_OF_SEVERAL, **figures)

@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from mavdem.assessment.axis.tuning import STAGE_REMARKS
 from mavdem.facts import Fact
-from mavdem.facts.loops import Gains, LoopActions
+from mavdem.facts.loops import GainFact, LoopAction
 from mavdem.ingest.parameter_file import parameter_files
 from mavdem.ingest.telemetry import Parameters, Telemetry
 from mavdem.loops.advice import Advice, AdviceByAxis, Gain
@@ -23,7 +23,7 @@ from mavdem.report.templates import sentences_by_axes
 READERS = {".param": "Mission Planner, MAVProxy", ".params": "QGroundControl"}
 """Ground stations that read a parameter file, by the ending of its name."""
 
-LOWERING = (Gains.LOWER_GAINS, LoopActions.LOWER_BY_A_THIRD)
+LOWERING = (GainFact.LOWER_GAINS, LoopAction.LOWER_BY_A_THIRD)
 """Facts whose ``changes`` are gains to lower: name, value now and value to set."""
 
 NO_PARAMETERS: Parameters = MappingProxyType({})
@@ -136,7 +136,7 @@ def _cautions(advice: AdviceByAxis) -> list[Sentence]:
         if not isinstance(axis_advice, Advice) or not axis_advice.parameters:
             continue
         if axis_advice.sure < SURE_SHARE:
-            shares.append((axis, Fact(Gains.SHARE_OF_MODELS, share=axis_advice.sure)))
+            shares.append((axis, Fact(GainFact.SHARE_OF_MODELS, share=axis_advice.sure)))
         for fact in axis_advice.before.cautions:
             if is_about_gains_to_set(fact):
                 cautions.append((axis, fact))

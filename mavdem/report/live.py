@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from math import sqrt
 
 from mavdem.facts import Fact
-from mavdem.facts.session import Session, Spent
+from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.motors.motor_changes import FALSE_ALARMS
@@ -28,7 +28,7 @@ def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None =
 def live_report(
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[Spent, float],
+    account: Mapping[TimeUse, float],
     axis: str,
     learned_seconds: float = 0.0,
 ) -> Blocks:
@@ -62,7 +62,7 @@ def live_report(
     return [headline, *alarms, *state, *error_tables, *learned, _time_table(account), *link]
 
 
-def _time_table(account: Mapping[Spent, float]) -> Table:
+def _time_table(account: Mapping[TimeUse, float]) -> Table:
     """Returns a table of the time of a live session by activity, such as learning, on the ground, or without a link.
 
     Args:
@@ -73,9 +73,9 @@ def _time_table(account: Mapping[Spent, float]) -> Table:
     """
     whole_seconds = {kind: round(seconds) for kind, seconds in account.items()}
     rows = []
-    for kind in Spent:
+    for kind in TimeUse:
         if whole_seconds[kind]:
-            name = capitalize_first(Fact(Session.SECONDS_SPENT, kind=kind))
+            name = capitalize_first(Fact(SessionFact.SECONDS_SPENT, kind=kind))
             rows.append([name, f"{whole_seconds[kind]} s"])
     return Table([f"of {sum(whole_seconds.values())} s", "time"], rows)
 

@@ -16,7 +16,7 @@ from mavdem.containers import group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import Gains, Loops
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
@@ -286,7 +286,7 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
     reason = fact.figures.get("because") or fact
     if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         return True
-    return isinstance(reason.code, Gains | Loops) or reason in lights_of_loops
+    return isinstance(reason.code, GainFact | LoopFact) or reason in lights_of_loops
 
 
 def tuning_result(tuning: Tuning) -> Fact:
@@ -350,7 +350,7 @@ def is_about_gains_to_set(caution_of_loop: Fact) -> bool:
     Args:
         caution_of_loop: one of the loop's cautions.
     """
-    return caution_of_loop.code is not Loops.AUTOTUNED
+    return caution_of_loop.code is not LoopFact.AUTOTUNED
 
 
 def compared_loops(advice: Advice) -> LoopsByAxis:

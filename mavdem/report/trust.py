@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from mavdem.facts import Fact, Level
-from mavdem.facts.trust import Trust
+from mavdem.facts.trust import TrustCheck
 from mavdem.report.blocks import Rated, Table
 from mavdem.witnesses import SensorTrust
 
@@ -11,13 +11,13 @@ HEADER = ["check", "trusted", "why"]
 """Header of the table."""
 
 NAMES = {
-    Trust.FLIGHT: "that it flew",
-    Trust.BAROMETER: "barometer",
-    Trust.ACCELEROMETER: "accelerometer at rest",
-    Trust.POSITION: "position fix",
-    Trust.ATTITUDE_RESPONSE: "attitude response",
-    Trust.GYRO: "gyro against attitude",
-    Trust.STICK: "throttle stick",
+    TrustCheck.FLIGHT: "that it flew",
+    TrustCheck.BAROMETER: "barometer",
+    TrustCheck.ACCELEROMETER: "accelerometer at rest",
+    TrustCheck.POSITION: "position fix",
+    TrustCheck.ATTITUDE_RESPONSE: "attitude response",
+    TrustCheck.GYRO: "gyro against attitude",
+    TrustCheck.STICK: "throttle stick",
 }
 """Names of the rows."""
 
@@ -34,7 +34,7 @@ def trust_table(trust_of_boots: Sequence[SensorTrust]) -> Table:
     rows: list[list[str]] = []
     for trust in trust_of_boots:
         for check in trust.checks:
-            name = NAMES[Trust(check.code)]
+            name = NAMES[TrustCheck(check.code)]
             if len(trust_of_boots) > 1:
                 name = f"{name}, boot {trust.boot + 1}"
             rows.append([name, _answer(check), str(check)])

@@ -27,7 +27,7 @@ from mavdem.documents.library import (
 )
 from mavdem.errors import Refusal
 from mavdem.export.fields import extremes_of_intervals, samples_between
-from mavdem.facts.serve import Crowd, RefusalReason, Sharing, Stage, Use
+from mavdem.facts.serve import LimitedResource, Permission, RefusalReason, Sharing, Stage
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
 from mavdem.serve.field_store import FieldRequest, FieldStore
@@ -129,15 +129,19 @@ class Api:
             Refusal: the sender may not upload, one of the limits is reached, or the upload has no log that can be
                 added.
         """
-        self._rights.require(request, Use.UPLOAD)
+        self._rights.require(request, Permission.UPLOAD)
         # The number of rows that match, without the rows themselves.
         _, waiting_logs = await run_in_threadpool(
             self._library.find, "stage = ?", [Stage.WAITING], 0
         )
         if self._uploads >= MAX_UPLOADS:
-            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=self._uploads, name=Crowd.UPLOADS)
+            raise Refusal(
+                RefusalReason.UPLOADS_TOO_MANY, count=self._uploads, name=LimitedResource.UPLOADS
+            )
         if waiting_logs >= MAX_WAITING_LOGS:
-            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=waiting_logs, name=Crowd.LOGS)
+            raise Refusal(
+                RefusalReason.UPLOADS_TOO_MANY, count=waiting_logs, name=LimitedResource.LOGS
+            )
         self._uploads += 1
         try:
             form = await receive_form(request, self._library)
@@ -175,7 +179,7 @@ class Api:
                 try:
                     refuse_other_files(path, name)
                     entry = self._library.add(path, name, **columns)
-                    if self._rights.allows(request, Use.WRITE):
+                    if self._rights.allows(request, Permission.WRITE):
                         sharing = columns.get("sharing", Sharing.PRIVATE)
                         entry = self._library.widen_sharing(entry, sharing, columns["note"])
                     flights.append(entry)
@@ -213,7 +217,7 @@ class Api:
 
     async def change_flight(self, request: HttpRequest) -> Response:
         """Changes the name, sharing, note or tags of a flight, and answers with the changed flight."""
-        self._rights.require(request, Use.WRITE)
+        self._rights.require(request, Permission.WRITE)
         change = await read_document(request, Change)
         columns = change.model_dump(mode="json", exclude_unset=True)
         if "tags" in columns:
@@ -237,7 +241,7 @@ class Api:
         Raises:
             Refusal: the sender may not change flights, or there is no such flight.
         """
-        self._rights.require(request, Use.WRITE)
+        self._rights.require(request, Permission.WRITE)
         id = request.path_params["id"]
         log = self._library.log_path(self._library.entry(id))
         self._library.delete(id)
@@ -344,7 +348,7 @@ class Api:
         Raises:
             Refusal: the sender may not start programs here, there is no such flight, or it has no recording.
         """
-        self._rights.require(request, Use.WRITE)
+        self._rights.require(request, Permission.WRITE)
         entry = self._visible_library.entry(request, request.path_params["id"])
         if self._open_recording is None or RECORDING_FILE not in entry.file_names:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
@@ -355,14 +359,14 @@ class Api:
 
     async def set_baseline(self, request: HttpRequest) -> Response:
         """Sets the healthy flights with which others are compared, and answers with the same document."""
-        self._rights.require(request, Use.WRITE)
+        self._rights.require(request, Permission.WRITE)
         baseline = await read_document(request, Baseline)
         await run_in_threadpool(self._library.set_baseline, baseline.flights)
         return _json(baseline)
 
     async def name_vehicle(self, request: HttpRequest) -> Response:
         """Gives a name to a vehicle, and answers with the name as it is kept."""
-        self._rights.require(request, Use.WRITE)
+        self._rights.require(request, Permission.WRITE)
         change = await read_document(request, VehicleName)
         name = await run_in_threadpool(self._library.name_vehicle, change.vehicle, change.name)
         return _json(VehicleName(vehicle=change.vehicle, name=name))
@@ -384,7 +388,7 @@ class Api:
         """
         id = request.query_params.get("id")
         if id is None:
-            self._rights.require(request, Use.READ)
+            self._rights.require(request, Permission.READ)
             condition = SqlCondition(UNFINISHED_SQL)
         else:
             # This also checks that the sender may see the flight.
@@ -392,7 +396,9 @@ class Api:
             condition = SqlCondition("id = ?", (entry.id,))
         if self._progress_streams >= MAX_PROGRESS_STREAMS:
             count = self._progress_streams
-            raise Refusal(RefusalReason.UPLOADS_TOO_MANY, count=count, name=Crowd.WATCHERS)
+            raise Refusal(
+                RefusalReason.UPLOADS_TOO_MANY, count=count, name=LimitedResource.WATCHERS
+            )
         events = self._progress_events(request, condition)
         return StreamingResponse(events, media_type="text/event-stream")
 

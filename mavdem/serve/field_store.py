@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 from mavdem.containers import JsonValues
 from mavdem.errors import Refusal
 from mavdem.export.fields import FieldSamples, samples_of
-from mavdem.facts.serve import Crowd, RefusalReason
+from mavdem.facts.serve import LimitedResource, RefusalReason
 from mavdem.fleet.workers import Job, JobLimits, JobOutcome, LogReader, ReadLog
 from mavdem.serve.stored_columns import StoredLog, open_columns, write_columns
 from mavdem.serve.stored_files import ServerLock, is_locked, register_server
@@ -277,7 +277,9 @@ class FieldStore:
         """
         if not self._waiting.acquire(blocking=False):
             raise Refusal(
-                RefusalReason.UPLOADS_TOO_MANY, count=MAX_WAITING_REQUESTS, name=Crowd.FIELDS
+                RefusalReason.UPLOADS_TOO_MANY,
+                count=MAX_WAITING_REQUESTS,
+                name=LimitedResource.FIELDS,
             )
         try:
             with kept_log.reading:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mavdem.containers import JsonValues
 from mavdem.facts.lights import Light
-from mavdem.facts.serve import Order, Sharing, Stage
+from mavdem.facts.serve import ListingOrder, Sharing, Stage
 from mavdem.fleet.names import content_hash
 from mavdem.fleet.row import FlightRow, FlightRows
 from mavdem.fleet.workers import KEY_HASH_DIGITS
@@ -137,8 +137,8 @@ CONTENT_HASH_SQL = (
 """SQL expression of :attr:`Entry.content_hash`."""
 
 SQL_ORDERS = {
-    Order.UPLOAD: "received desc, rowid desc",
-    Order.FLIGHT: "date desc, received desc, rowid desc",
+    ListingOrder.UPLOAD: "received desc, rowid desc",
+    ListingOrder.FLIGHT: "date desc, received desc, rowid desc",
 }
 """SQL of each order, the newest first. An unknown date is an empty text, which comes last."""
 

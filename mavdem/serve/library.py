@@ -25,7 +25,7 @@ from typing import Any
 from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
 from mavdem.facts import Fact
-from mavdem.facts.serve import Order, RefusalReason, Sharing, Stage, Start
+from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
 from mavdem.fleet.names import (
     GivenNames,
     name_flight,
@@ -101,7 +101,9 @@ class Library:
             create_or_update_table(self.db)
             import_former_index(self)
         except (OSError, sqlite3.Error) as error:
-            reason = Fact(Start.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error))
+            reason = Fact(
+                StartFailure.FOLDER_NOT_WRITABLE, path=folder, because=error_message(error)
+            )
             raise Unreadable(reason) from None
         recover(self)
 
@@ -319,7 +321,7 @@ class Library:
         values: Iterable[Any],
         limit: int,
         offset: int = 0,
-        order: Order = Order.UPLOAD,
+        order: ListingOrder = ListingOrder.UPLOAD,
     ) -> tuple[list[Entry], int]:
         """Finds the entries that satisfy a condition.
 

@@ -21,7 +21,7 @@ from starlette.responses import (
 
 from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Order, RefusalReason, Stage, Use
+from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
 from mavdem.fleet.flights import vehicles_of
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -198,7 +198,7 @@ class Pages:
             Refusal: the visitor may not read, there is no such flight, it has no recording, or the server has no
                 viewer.
         """
-        self._rights.require(request, Use.READ)
+        self._rights.require(request, Permission.READ)
         entry = self._visible_library.entry(request, request.path_params["id"])
         has_viewer = self._open_recording is not None
         if not has_viewer or RECORDING_FILE not in entry.file_names:
@@ -302,7 +302,7 @@ class Pages:
 
     def live_session(self, request: HttpRequest) -> Response:
         """Answers with the page of the live session, which the browser loads again every few seconds."""
-        self._rights.require(request, Use.READ)
+        self._rights.require(request, Permission.READ)
         if self._monitor is None:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return HTMLResponse(self._monitor.page, headers={"Refresh": f"{PAGE_SECONDS:g}"})
@@ -321,9 +321,9 @@ class Pages:
         Raises:
             Refusal: the visitor may not read, or the library has no flight of such a vehicle.
         """
-        self._rights.require(request, Use.READ)
+        self._rights.require(request, Permission.READ)
         name = request.query_params.get("name", "")
-        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES, order=Order.FLIGHT)
+        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES, order=ListingOrder.FLIGHT)
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
@@ -360,7 +360,7 @@ class Pages:
         Raises:
             Refusal: the visitor may not read, or there is no such flight.
         """
-        self._rights.require(request, Use.READ)
+        self._rights.require(request, Permission.READ)
         before = self._library.entry(request.query_params.get("a", ""))
         after = self._library.entry(request.query_params.get("b", ""))
         # A is the earlier flight, so that what became worse in time is not called better.
@@ -394,7 +394,7 @@ class Pages:
 
     def sign_in_form(self, request: HttpRequest) -> Response:
         """Refuses the request: the page of that refusal has the form that asks for the token."""
-        raise Refusal(RefusalReason.NO_RIGHT, name=Use.READ)
+        raise Refusal(RefusalReason.NO_RIGHT, name=Permission.READ)
 
     async def sign_in(self, request: HttpRequest) -> Response:
         """Checks the token of a form, and gives the browser the cookie for reading.
@@ -406,11 +406,11 @@ class Pages:
         token = fields.get("token", [""])[0].strip()
         if not self._rights.is_token(token):
             await asyncio.sleep(WRONG_TOKEN_DELAY)
-            raise Refusal(RefusalReason.NO_RIGHT, name=Use.READ)
+            raise Refusal(RefusalReason.NO_RIGHT, name=Permission.READ)
         response = RedirectResponse("/", 303)
         response.set_cookie(
             COOKIE_NAME,
-            self._rights.derived_key(Use.READ),
+            self._rights.derived_key(Permission.READ),
             httponly=True,
             samesite="lax",
             secure=request.url.scheme == "https",

@@ -26,8 +26,8 @@ from mavdem.dataset.signals import Signals
 from mavdem.documents import complete_document
 from mavdem.documents.review import review_document
 from mavdem.errors import Unreadable
-from mavdem.facts.events import Reported
-from mavdem.facts.fleet import Reading
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import Stage
 from mavdem.files import atomic_write
 from mavdem.fleet.judgement import publish
@@ -122,7 +122,7 @@ def read_stored_log(path: Path) -> Log:
     with chdir(path.parent):
         log = read_log(path.name)
     if not log.vehicles:
-        raise Unreadable(Reading.NO_VEHICLE)
+        raise Unreadable(ReadingFact.NO_VEHICLE)
     return log
 
 
@@ -278,7 +278,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     # A dictionary keeps the order of the first use of each mode.
     modes = dict[str, None]()
     for event in assessment.events:
-        if event.code is Reported.MODE_CHANGED:
+        if event.code is ReportedEvent.MODE_CHANGED:
             modes[event.subject] = None
     return {
         **columns_of_flight(rows),

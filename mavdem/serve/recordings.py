@@ -15,7 +15,7 @@ from mavdem.assessment.assess import assess_signals
 from mavdem.assessment.identity import identity_of
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Refusal, Unreadable, error_message
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.workers import JobOutcome, LogRows
 from mavdem.ingest.telemetry import Log, Telemetry
@@ -158,7 +158,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
             if unfinished_path.is_file():
                 os.replace(unfinished_path, results / name)
     except OSError as error:
-        raise Unreadable(Reading.RECORDINGS_NOT_WRITTEN, because=error_message(error)) from None
+        raise Unreadable(ReadingFact.RECORDINGS_NOT_WRITTEN, because=error_message(error)) from None
     finally:
         shutil.rmtree(unfinished_folder, ignore_errors=True)
     return [], {}

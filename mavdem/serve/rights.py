@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
-from mavdem.facts.serve import RefusalReason, Sharing, Start, Use
+from mavdem.facts.serve import Permission, RefusalReason, Sharing, StartFailure
 from mavdem.serve.index import Entry
 
 COOKIE_NAME = "mavdem"
@@ -47,13 +47,13 @@ class Rights:
     This prevents DNS rebinding, where another site's name is made to point to this machine.
     """
 
-    def derived_key(self, use: Use) -> str:
+    def derived_key(self, use: Permission) -> str:
         """Returns the key for one use, an HMAC of its name with the token; empty without a token."""
         if not self.token:
             return ""
         return hmac.new(self.token.encode(), use.encode(), hashlib.sha256).hexdigest()[:KEY_DIGITS]
 
-    def allows(self, request: HTTPConnection, use: Use) -> bool:
+    def allows(self, request: HTTPConnection, use: Permission) -> bool:
         """Returns whether the sender of a request may use all flights of the library in this way.
 
         The token, or the key for writing, in the header Authorization allows every use. The cookie allows reading only,
@@ -63,11 +63,11 @@ class Rights:
             request: the request, whose headers, cookies and path may have a secret.
             use: right that the request needs.
         """
-        if self._secret_allows(_bearer_secret(request), Use.WRITE):
+        if self._secret_allows(_bearer_secret(request), Permission.WRITE):
             return True
-        if use is Use.READ:
+        if use is Permission.READ:
             secret = request.cookies.get(COOKIE_NAME)
-        elif use is Use.UPLOAD:
+        elif use is Permission.UPLOAD:
             secret = request.path_params.get("key")
         else:
             secret = None
@@ -82,9 +82,9 @@ class Rights:
             request: the request.
         """
         secrets = {
-            Use.WRITE: _bearer_secret(request),
-            Use.READ: request.cookies.get(COOKIE_NAME),
-            Use.UPLOAD: request.path_params.get("key"),
+            Permission.WRITE: _bearer_secret(request),
+            Permission.READ: request.cookies.get(COOKIE_NAME),
+            Permission.UPLOAD: request.path_params.get("key"),
         }
         # A request without a secret guesses nothing.
         sent_secrets = {use: secret for use, secret in secrets.items() if secret}
@@ -93,9 +93,9 @@ class Rights:
     def has_wrong_cookie(self, request: HTTPConnection) -> bool:
         """Returns whether a request has the cookie of an earlier token, or a made-up one."""
         secret = request.cookies.get(COOKIE_NAME)
-        return bool(secret) and not self._secret_allows(secret or "", Use.READ)
+        return bool(secret) and not self._secret_allows(secret or "", Permission.READ)
 
-    def require(self, request: HTTPConnection, use: Use) -> None:
+    def require(self, request: HTTPConnection, use: Permission) -> None:
         """Checks that the sender of a request may use the flights of the library in this way.
 
         Args:
@@ -110,13 +110,15 @@ class Rights:
 
     def allows_viewing(self, request: HTTPConnection, entry: Entry) -> bool:
         """Returns whether the sender of a request, who has the flight's link, may see this flight."""
-        return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.allows(request, Use.READ)
+        return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.allows(
+            request, Permission.READ
+        )
 
     def is_token(self, secret: str) -> bool:
         """Returns whether a secret is the token, in a time that does not depend on how much of it agrees."""
         return hmac.compare_digest(secret.encode(), self.token.encode())
 
-    def _secret_allows(self, secret: str, use: Use) -> bool:
+    def _secret_allows(self, secret: str, use: Permission) -> bool:
         """Returns whether a secret is the token or the key for this use; without a token any secret is."""
         if not self.token:
             return True
@@ -161,9 +163,9 @@ def rights_for_host(host: str, token: str, is_behind_proxy: bool) -> Rights:
         Unreadable: the token is too short, or other machines could reach the server and it has no token.
     """
     if token and len(token) < MIN_TOKEN_LETTERS:
-        raise Unreadable(Start.TOKEN_TOO_SHORT, count=len(token), needed=MIN_TOKEN_LETTERS)
+        raise Unreadable(StartFailure.TOKEN_TOO_SHORT, count=len(token), needed=MIN_TOKEN_LETTERS)
     if not token and not is_behind_proxy and host not in LOOPBACK_HOSTS:
-        raise Unreadable(Start.TOKEN_NEEDED, address=host)
+        raise Unreadable(StartFailure.TOKEN_NEEDED, address=host)
     return Rights(token, is_local=not token and not is_behind_proxy)
 
 

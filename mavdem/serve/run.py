@@ -16,7 +16,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol, RequestResponseCycle
 from mavdem.errors import Unreadable, error_message
 from mavdem.extras import missing_modules
 from mavdem.facts import Fact
-from mavdem.facts.serve import Start
+from mavdem.facts.serve import StartFailure
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import JobLimits
 from mavdem.processes import max_open_files
@@ -196,4 +196,4 @@ def _listening_socket(host: str, port: int) -> socket.socket:
     except OSError as error:
         reason = error_message(error)
         address = f"{host}:{port}"
-        raise Unreadable(Start.ADDRESS_NOT_FREE, address=address, because=reason) from None
+        raise Unreadable(StartFailure.ADDRESS_NOT_FREE, address=address, because=reason) from None

@@ -16,7 +16,7 @@ from mavdem.containers import JsonValues
 from mavdem.errors import Refusal, Unreadable
 from mavdem.export.fields import messages_of
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import RefusalReason
 from mavdem.fleet.workers import LogRows
 from mavdem.ingest.all_messages import with_all_messages
@@ -147,7 +147,7 @@ def write_columns(
             for columns in telemetry.messages.values():
                 field_count += _numeric_columns(columns)
             if field_count > MAX_FIELDS:
-                fact = Fact(Reading.FIELDS_TOO_MANY, count=field_count, limit=MAX_FIELDS)
+                fact = Fact(ReadingFact.FIELDS_TOO_MANY, count=field_count, limit=MAX_FIELDS)
                 raise Unreadable(fact)
             stored_vehicles.append(_written_vehicle(telemetry, file))
     Path(folder, VEHICLES_FILE).write_text(json.dumps(stored_vehicles), "utf-8")
@@ -214,7 +214,7 @@ def _written_vehicle(telemetry: Telemetry, file: BinaryIO) -> StoredVehicle:
                 continue
             if file.tell() + values.nbytes > MAX_COLUMN_BYTES:
                 limit = MAX_COLUMN_BYTES >> 20
-                raise Unreadable(Fact(Reading.COLUMNS_TOO_LARGE, memory_limit=limit))
+                raise Unreadable(Fact(ReadingFact.COLUMNS_TOO_LARGE, memory_limit=limit))
             stored_columns[message][name] = StoredColumn(
                 file.tell(), values.dtype.str, values.shape
             )

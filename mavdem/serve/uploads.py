@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import RefusalReason
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.ingest.contents import MAX_LOG_BYTES
 from mavdem.ingest.formats import detect_format
 from mavdem.ingest.tlog import check_beginning
@@ -158,7 +158,7 @@ def refuse_other_files(path: Path, name: str) -> None:
         Unreadable: it is empty, or no log.
     """
     if not path.stat().st_size:
-        raise Unreadable(Source.FILE_EMPTY, path=name, zeros=False)
+        raise Unreadable(SourceFact.FILE_EMPTY, path=name, zeros=False)
     with path.open("rb") as file:
         is_packed = file.read(MAX_SIGNATURE_BYTES).startswith(ARCHIVE_SIGNATURES)
     log_format = detect_format(path)[1]
@@ -169,7 +169,7 @@ def refuse_other_files(path: Path, name: str) -> None:
         except Unreadable:
             # By its name it was meant to be another log, of which it has nothing either.
             if FORMAT_OF_ENDING.get(Path(name.lower()).suffix) is Format.DATAFLASH:
-                raise Unreadable(Source.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
+                raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
             raise
 
 

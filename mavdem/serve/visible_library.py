@@ -12,7 +12,7 @@ from starlette.requests import Request as HttpRequest
 from mavdem.containers import JsonValues, group_by
 from mavdem.documents.library import Flight, Recordings
 from mavdem.errors import Refusal
-from mavdem.facts.serve import Order, RefusalReason, Sharing, Stage, Use
+from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Sharing, Stage
 from mavdem.fleet.flights import worst_row
 from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
@@ -41,7 +41,7 @@ class SearchResult(NamedTuple):
     """number of all flights that match"""
     query: str
     """the search"""
-    order: Order
+    order: ListingOrder
     """the order in which they are listed"""
     offset: int
     """number of matching flights that come before the page"""
@@ -88,16 +88,16 @@ class VisibleLibrary:
         Raises:
             Refusal: the sender may not have the log.
         """
-        if not entry.log_shared and not self.rights.allows(request, Use.READ):
-            raise Refusal(RefusalReason.NO_RIGHT, name=Use.DOWNLOAD)
+        if not entry.log_shared and not self.rights.allows(request, Permission.READ):
+            raise Refusal(RefusalReason.NO_RIGHT, name=Permission.DOWNLOAD)
         return self.library.log_path(entry)
 
     def search(self, request: HttpRequest, limit: int) -> SearchResult:
         """Searches the flights that the sender of a request may list.
 
         Args:
-            request: the request. Its query has the search as ``q``, the order as ``sort``, a value of ``Order``, and
-                the number of flights to skip as ``offset``.
+            request: the request. Its query has the search ``q``, the order ``sort`` (a value of ``ListingOrder``),
+                and the number of flights to skip as ``offset``.
             limit: largest number of flights that are returned.
 
         Returns:
@@ -108,11 +108,11 @@ class VisibleLibrary:
         """
         query = request.query_params.get("q", "")[:MAX_SEARCH_LETTERS]
         offset = query_number(request, "offset", 0)
-        is_by_flight = request.query_params.get("sort") == Order.FLIGHT
-        order = Order.FLIGHT if is_by_flight else Order.UPLOAD
+        is_by_flight = request.query_params.get("sort") == ListingOrder.FLIGHT
+        order = ListingOrder.FLIGHT if is_by_flight else ListingOrder.UPLOAD
         where, values = search_condition(query)
         # Whoever may not read all flights finds only the public ones.
-        if not self.rights.allows(request, Use.READ):
+        if not self.rights.allows(request, Permission.READ):
             where = f"sharing = '{Sharing.PUBLIC}' and {where}"
         entries, total = self.library.find(where, values, limit, offset, order)
         return SearchResult(entries, total, query, order, offset)
@@ -131,7 +131,7 @@ class VisibleLibrary:
         # Copies of the log have the same date: only an earlier one is another flight.
         where = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
-        entries, _ = self.library.find(where, values, 1, order=Order.FLIGHT)
+        entries, _ = self.library.find(where, values, 1, order=ListingOrder.FLIGHT)
         return entries[0] if entries else None
 
     def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
@@ -218,16 +218,16 @@ class VisibleLibrary:
         Returns:
             Values by the names in the templates.
         """
-        may_read = self.rights.allows(request, Use.READ)
+        may_read = self.rights.allows(request, Permission.READ)
         address = str(request.base_url).rstrip("/")
         upload_address = ""
         if may_read:
-            upload_key = self.rights.derived_key(Use.UPLOAD)
+            upload_key = self.rights.derived_key(Permission.UPLOAD)
             upload_path = f"/{upload_key}/upload" if upload_key else "/upload"
             upload_address = address + upload_path
         return {
             "may_read": may_read,
-            "key": self.rights.derived_key(Use.WRITE) if may_read else "",
+            "key": self.rights.derived_key(Permission.WRITE) if may_read else "",
             "has_token": bool(self.rights.token),
             "address": address,
             "upload": upload_address,

@@ -17,8 +17,8 @@ from uuid import UUID, uuid4
 import rerun as rr
 
 from mavdem.facts import Fact, Level
-from mavdem.facts.motors import InFlight
-from mavdem.facts.session import Session
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import SessionFact
 from mavdem.live import Event, SessionStatus
 from mavdem.live.display import DisplayRow
 from mavdem.live.link import RETRY_SECONDS
@@ -134,7 +134,7 @@ class SinkThread(threading.Thread):
         # A row that cannot be drawn ends neither the view nor the flight.
         except Exception as error:
             time = self._last_row.timeline_time if self._last_row else 0.0
-            self.log(Event(time, Fact(Session.ROW_NOT_DRAWN, because=error)))
+            self.log(Event(time, Fact(SessionFact.ROW_NOT_DRAWN, because=error)))
 
     def _give_up_recording(self, error: Exception) -> None:
         """Reports the failure of the sink in ``trouble``, which the user sees, and disconnects the recording.
@@ -246,7 +246,7 @@ class SinkThread(threading.Thread):
         # A fact may state another one as its cause, here possibly the change of a motor.
         cause = event.fact.figures.get("because", event.fact)
         if self._writer is not None and isinstance(cause, Fact):
-            if cause.code in (InFlight.MOTOR_LOST_THRUST, InFlight.MOTOR_RECOVERED):
+            if cause.code in (MotorWatchFact.MOTOR_LOST_THRUST, MotorWatchFact.MOTOR_RECOVERED):
                 self._writer.mark_motor_torque(event.since)
             if event.is_alarm:
                 self._writer.mark_alarm(event.since)

@@ -11,7 +11,7 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.arrays import Array, Flags, Indices, as_real_array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.errors import NotLearnable
-from mavdem.facts.online import Airflow
+from mavdem.facts.online import AirflowFact
 
 GRID_STEP = 0.5
 """Usual time step of the grid, s: a choice. Slower samples have their own step."""
@@ -318,7 +318,7 @@ def flight_grid(
     longest = max(step, np.median(np.diff(time)), (time[-1] - time[0]) / max_steps)
     grid = motion_grid(time, samples.attitude, samples.velocity, longest, wind)
     if grid.complete.sum() * grid.step < MIN_MOTION_SECONDS:
-        raise NotLearnable(Airflow.MOTION_TOO_SHORT, duration=MIN_MOTION_SECONDS)
+        raise NotLearnable(AirflowFact.MOTION_TOO_SHORT, duration=MIN_MOTION_SECONDS)
     return grid
 
 
@@ -352,7 +352,7 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
         finite_yaws = np.isfinite(angles[:, 2]).sum()
         only_yaw_missing = finite_yaws < MIN_SAMPLES <= finite_rolls
         raise NotLearnable(
-            Airflow.MOTION_UNKNOWN, missing="yaw" if only_yaw_missing else "velocity"
+            AirflowFact.MOTION_UNKNOWN, missing="yaw" if only_yaw_missing else "velocity"
         )
     samples = MotionSamples(stamps[usable], angles[usable], speeds[usable], usable)
     if abs(samples.attitude[:, :2]).max() > np.pi:
@@ -412,4 +412,4 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     residuals = np.add.reduceat(products - slope * squares, starts)
     standard_error = np.sqrt((residuals**2).sum()) / squares.sum()
     if slope + SIGNIFICANT_SIGMAS * standard_error < MIN_VELOCITY_RESPONSE:
-        raise NotLearnable(Airflow.VELOCITY_INCONSISTENT)
+        raise NotLearnable(AirflowFact.VELOCITY_INCONSISTENT)

@@ -22,7 +22,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
-from mavdem.facts.witnesses import HeightSource, Witness
+from mavdem.facts.witnesses import HeightSource, WitnessFact
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,
@@ -121,16 +121,16 @@ class Rest:
         A vehicle on its side supports a crash, one that stands upright contradicts it. Without a known angle there is
         no statement on the pose.
         """
-        rested = supporting_statement(Witness.RESTED, time=self.time)
+        rested = supporting_statement(WitnessFact.RESTED, time=self.time)
         if self.angle is None:
             return (rested,)
         if self.is_on_side:
             pose = supporting_statement(
-                Witness.LAY_ON_ITS_SIDE, time=self.time, angle=self.angle, source=self.source
+                WitnessFact.LAY_ON_ITS_SIDE, time=self.time, angle=self.angle, source=self.source
             )
         else:
             pose = contradicting_statement(
-                Witness.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
+                WitnessFact.STOOD_UPRIGHT, time=self.time, angle=self.angle, source=self.source
             )
         return (rested, pose)
 
@@ -212,9 +212,9 @@ class BootSensors:
             rise = float(height_now - height_at_take_off)
             figures = {"time": time, "source": source, "height": max(rise, 0.0)}
             if rise > height:
-                statements.append(supporting_statement(Witness.ROSE, **figures))
+                statements.append(supporting_statement(WitnessFact.ROSE, **figures))
             else:
-                statements.append(contradicting_statement(Witness.STAYED_LEVEL, **figures))
+                statements.append(contradicting_statement(WitnessFact.STAYED_LEVEL, **figures))
         return tuple(statements)
 
     @property
@@ -247,12 +247,12 @@ class BootSensors:
         time, size = peak
         if size >= accelerometer.knock_size:
             return supporting_statement(
-                Witness.KNOCKED, time=time, acceleration=size, name=self.name_of_accelerometer
+                WitnessFact.KNOCKED, time=time, acceleration=size, name=self.name_of_accelerometer
             )
         if not accelerometer.shows_knocks:
             return None
         return contradicting_statement(
-            Witness.NO_KNOCK,
+            WitnessFact.NO_KNOCK,
             time=interval[0],
             until=interval[1],
             acceleration=size,
@@ -271,7 +271,7 @@ class BootSensors:
         fastest = self.fastest_rotation(self.signals.attitudes, interval)
         if fastest.body_rate <= FAST_RATE:
             return None
-        return supporting_statement(Witness.ROTATED, **fastest._asdict())
+        return supporting_statement(WitnessFact.ROTATED, **fastest._asdict())
 
     def fastest_rotation(self, attitudes: Iterable[Attitude], interval: Interval) -> Rotation:
         """Returns the largest body rate in an interval.
@@ -442,11 +442,13 @@ class BootSensors:
                 continue
             figures = {"source": source, "speed": descent.speed}
             if descent.speed > least:
-                statements.append(supporting_statement(Witness.SANK, time=descent.time, **figures))
+                statements.append(
+                    supporting_statement(WitnessFact.SANK, time=descent.time, **figures)
+                )
             else:
                 statements.append(
                     contradicting_statement(
-                        Witness.DID_NOT_SINK, time=interval[0], until=interval[1], **figures
+                        WitnessFact.DID_NOT_SINK, time=interval[0], until=interval[1], **figures
                     )
                 )
         return tuple(statements)
@@ -473,7 +475,7 @@ class BootSensors:
         rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
         if not len(rows):
             return None
-        return supporting_statement(Witness.THROTTLE_CLOSED, time=stick.time[rows[0]])
+        return supporting_statement(WitnessFact.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
         """Returns the rest of the vehicle on the ground between two times.

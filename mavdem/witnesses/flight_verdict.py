@@ -14,7 +14,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.height import height_witnesses, windowed_mean
 from mavdem.witnesses.rotation import rotation_witness
@@ -119,9 +119,9 @@ def _rise_statements(rise: float | None, source: str) -> Facts:
     if rise is None:
         return ()
     if rise > MIN_RISE:
-        return (supporting_statement(Witness.ROSE, source=source, height=rise),)
+        return (supporting_statement(WitnessFact.ROSE, source=source, height=rise),)
     if rise < MAX_LEVEL_RISE:
-        return (contradicting_statement(Witness.STAYED_LEVEL, source=source, height=rise),)
+        return (contradicting_statement(WitnessFact.STAYED_LEVEL, source=source, height=rise),)
     return ()
 
 
@@ -138,13 +138,15 @@ def _rotation_statements(signals: Signals, boot: int) -> Facts:
     statements = []
     if rotation.answers is True:
         correlation = rotation.correlation
-        statements.append(supporting_statement(Witness.ATTITUDE_ANSWERED, correlation=correlation))
+        statements.append(
+            supporting_statement(WitnessFact.ATTITUDE_ANSWERED, correlation=correlation)
+        )
     elif rotation.answers is False:
         error = rotation.median_error
-        statements.append(contradicting_statement(Witness.ATTITUDE_IGNORED, angle=error))
+        statements.append(contradicting_statement(WitnessFact.ATTITUDE_IGNORED, angle=error))
     if rotation.is_held:
         rate = rotation.largest_rate
-        statements.append(contradicting_statement(Witness.DID_NOT_ROTATE, body_rate=rate))
+        statements.append(contradicting_statement(WitnessFact.DID_NOT_ROTATE, body_rate=rate))
     return tuple(statements)
 
 

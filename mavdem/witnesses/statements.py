@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.witnesses import Side, Witness
+from mavdem.facts.witnesses import Side, WitnessFact
 
 MIN_SUPPORT = 2
 """Number of independent witnesses that an event needs: one sensor alone may be wrong."""
@@ -16,31 +16,31 @@ ATTITUDE = "attitude"
 """Source of a pose without an accelerometer: the autopilot's roll and pitch."""
 
 SOURCES = {
-    Witness.ROSE: "height",
-    Witness.SANK: "height",
-    Witness.GROUND_READING_CHANGED: "height",
-    Witness.ATTITUDE_LEFT_SETPOINT: "attitude",
-    Witness.ATTITUDE_ANSWERED: "attitude",
-    Witness.ROTATED: "gyro",
-    Witness.LAY_ON_ITS_SIDE: "direction of gravity",
-    Witness.KNOCKED: "acceleration",
-    Witness.GRAVITY_WRONG: "acceleration",
-    Witness.CLIPPED: "clipping",
-    Witness.VIBRATED: "vibration",
-    Witness.THROTTLE_CLOSED: "stick",
-    Witness.THROTTLE_NOT_RAISED: "stick",
-    Witness.MOTORS_FULL: "motors",
-    Witness.MOTORS_THROTTLED: "motors",
-    Witness.SPEED_ZERO: "speed controller",
-    Witness.ERRORS_COUNTED: "speed controller",
-    Witness.MOTOR_SLOWED: "speed controller",
-    Witness.COMMAND_ROSE: "motors",
-    Witness.COMMAND_ABOVE_OTHERS: "motors",
-    Witness.POSITION_INVALID: "estimator",
-    Witness.NO_FIX: "receiver",
-    Witness.SATELLITES_LEVEL: "receiver",
-    Witness.MODE_CHANGED: "autopilot",
-    Witness.AUTOPILOT_REPORTED: "autopilot",
+    WitnessFact.ROSE: "height",
+    WitnessFact.SANK: "height",
+    WitnessFact.GROUND_READING_CHANGED: "height",
+    WitnessFact.ATTITUDE_LEFT_SETPOINT: "attitude",
+    WitnessFact.ATTITUDE_ANSWERED: "attitude",
+    WitnessFact.ROTATED: "gyro",
+    WitnessFact.LAY_ON_ITS_SIDE: "direction of gravity",
+    WitnessFact.KNOCKED: "acceleration",
+    WitnessFact.GRAVITY_WRONG: "acceleration",
+    WitnessFact.CLIPPED: "clipping",
+    WitnessFact.VIBRATED: "vibration",
+    WitnessFact.THROTTLE_CLOSED: "stick",
+    WitnessFact.THROTTLE_NOT_RAISED: "stick",
+    WitnessFact.MOTORS_FULL: "motors",
+    WitnessFact.MOTORS_THROTTLED: "motors",
+    WitnessFact.SPEED_ZERO: "speed controller",
+    WitnessFact.ERRORS_COUNTED: "speed controller",
+    WitnessFact.MOTOR_SLOWED: "speed controller",
+    WitnessFact.COMMAND_ROSE: "motors",
+    WitnessFact.COMMAND_ABOVE_OTHERS: "motors",
+    WitnessFact.POSITION_INVALID: "estimator",
+    WitnessFact.NO_FIX: "receiver",
+    WitnessFact.SATELLITES_LEVEL: "receiver",
+    WitnessFact.MODE_CHANGED: "autopilot",
+    WitnessFact.AUTOPILOT_REPORTED: "autopilot",
 }
 """What a witness rests on. Statements that rest on the same are one witness.
 
@@ -49,12 +49,12 @@ flight, so that they count for nothing.
 """
 
 
-def supporting_statement(code: Witness, **figures: Any) -> Fact:
+def supporting_statement(code: WitnessFact, **figures: Any) -> Fact:
     """Returns the statement of a witness that supports an event, with its ``figures``, subject and time."""
     return Fact(code, side=Side.FOR, **figures)
 
 
-def contradicting_statement(code: Witness, **figures: Any) -> Fact:
+def contradicting_statement(code: WitnessFact, **figures: Any) -> Fact:
     """Returns the statement of a witness that contradicts an event, with its ``figures``, subject and time."""
     return Fact(code, side=Side.AGAINST, **figures)
 
@@ -82,10 +82,10 @@ def support_count(witnesses: Iterable[Fact]) -> int:
     """
     sources = set()
     for fact in supporting_statements(witnesses):
-        code = Witness(fact.code)
-        if code is Witness.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
+        code = WitnessFact(fact.code)
+        if code is WitnessFact.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
             # Without an accelerometer the pose is the attitude once more.
-            sources.add(SOURCES[Witness.ATTITUDE_LEFT_SETPOINT])
+            sources.add(SOURCES[WitnessFact.ATTITUDE_LEFT_SETPOINT])
         elif code in SOURCES:
             sources.add(SOURCES[code])
     return len(sources)

@@ -10,7 +10,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.trust import Trust
+from mavdem.facts.trust import TrustCheck
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.accelerometer import (
     AccelerometerWitness,
@@ -130,7 +130,7 @@ class SensorTrust:
     def _flight_check(self) -> Fact:
         """Returns the answer to whether the vehicle flew, as a fact with the witnesses that show it."""
         return Fact(
-            Trust.FLIGHT,
+            TrustCheck.FLIGHT,
             _level(self.flew),
             flew=self.flew,
             is_assumed=self.flew is None and self.verdict.had_power,
@@ -148,7 +148,7 @@ class SensorTrust:
         is_sound = self.is_climb_estimate_sound
         first = self._contradictions[0][0] if is_sound is False else None
         return Fact(
-            Trust.BAROMETER,
+            TrustCheck.BAROMETER,
             _level(is_sound if is_usable else is_usable),
             time=first,
             is_usable=is_usable,
@@ -171,7 +171,7 @@ class SensorTrust:
             if candidate is not accelerometer and may_be_used and candidate.is_sound is False:
                 unsound_names.append(candidate.name)
         return Fact(
-            Trust.ACCELEROMETER,
+            TrustCheck.ACCELEROMETER,
             _level(self.is_accelerometer_sound),
             name="" if accelerometer is None else accelerometer.name,
             acceleration=None if accelerometer is None else accelerometer.gravity_at_rest,
@@ -186,7 +186,7 @@ class SensorTrust:
         if share is not None:
             level = Level.GOOD if share >= MIN_FIX_SHARE else Level.WATCH
         is_powered = bool(self.powered)
-        return Fact(Trust.POSITION, level, share=share, is_powered=is_powered, boot=self.boot)
+        return Fact(TrustCheck.POSITION, level, share=share, is_powered=is_powered, boot=self.boot)
 
     def _attitude_check(self) -> Fact:
         """Returns the check of the attitude as a fact: whether roll and pitch follow their setpoints under power.
@@ -195,7 +195,7 @@ class SensorTrust:
         """
         rotation = self.rotation
         return Fact(
-            Trust.ATTITUDE_RESPONSE,
+            TrustCheck.ATTITUDE_RESPONSE,
             _level(self.attitude_answers),
             correlation=None if rotation is None else rotation.correlation,
             angle=None if rotation is None else rotation.median_error,
@@ -204,15 +204,17 @@ class SensorTrust:
 
     def _gyro_check(self) -> Fact:
         """Returns whether the changes of the attitude are the integrals of the gyro."""
-        return Fact(Trust.GYRO, _level(self.gyro_agrees), boot=self.boot)
+        return Fact(TrustCheck.GYRO, _level(self.gyro_agrees), boot=self.boot)
 
     def _stick_check(self) -> Fact:
         """Returns whether the pilot's throttle stick was recorded and moved, so that it can be a cause."""
         if self.stick is None:
-            return Fact(Trust.STICK, Level.UNKNOWN, is_recorded=False, boot=self.boot)
+            return Fact(TrustCheck.STICK, Level.UNKNOWN, is_recorded=False, boot=self.boot)
         lowest, highest = float(self.stick.values.min()), float(self.stick.values.max())
         level = Level.GOOD if highest > lowest else Level.UNKNOWN
-        return Fact(Trust.STICK, level, is_recorded=True, bounds=(lowest, highest), boot=self.boot)
+        return Fact(
+            TrustCheck.STICK, level, is_recorded=True, bounds=(lowest, highest), boot=self.boot
+        )
 
 
 def _level(answer: bool | None) -> Level:

@@ -15,7 +15,7 @@ from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import battery_status, sys_status
@@ -97,7 +97,7 @@ def test_a_single_battery_has_no_number():
 
 
 def test_without_a_flight_the_battery_that_the_autopilot_calls_empty_is_bad():
-    spent = Fact(Reported.BATTERY_SPENT, Level.BAD, time=5.0, boot=0)
+    spent = Fact(ReportedEvent.BATTERY_SPENT, Level.BAD, time=5.0, boot=0)
     on_ground = evidence(only(HOVER.telemetry(20.0, 20.0), lambda time: time < 5.5))
     assert power_light(replace(on_ground, events=(spent,))) == spent
     assert power_light(replace(on_ground, events=())).code is PowerLight.POWER_UNMEASURED
@@ -163,7 +163,7 @@ def test_a_battery_that_the_autopilot_calls_critical_is_bad_and_named(state, is_
     if not is_bad:
         assert fact.level == "good"
         return
-    code = Reported.BATTERY_SPENT if state == EMERGENCY else Reported.BATTERY_ALARMED
+    code = ReportedEvent.BATTERY_SPENT if state == EMERGENCY else ReportedEvent.BATTERY_ALARMED
     assert (fact.code, fact.subject) == (code, "battery 2")
     assert fact.level == "bad" and fact.time == approx(20.2)
     words = "is at its end: emergency" if state == EMERGENCY else "is critical"
@@ -179,12 +179,12 @@ def test_cells_follow_from_the_elements_of_the_message():
 @pytest.mark.parametrize(
     ("text", "code", "subject"),
     [
-        ("Battery 2 is critical 10.42V used 1200 mAh", Reported.BATTERY_ALARMED, "battery 2"),
-        ("Battery 2 is low 13.90V used 1200 mAh", Reported.BATTERY_WARNED, "battery 2"),
-        ("BAT2 failsafe", Reported.BATTERY_ALARMED, "battery 2"),
-        ("Battery Failsafe - RTL", Reported.BATTERY_ALARMED, ""),
-        ("Critical battery, landing", Reported.BATTERY_ALARMED, ""),
-        ("Low battery level, return advised", Reported.BATTERY_WARNED, ""),
+        ("Battery 2 is critical 10.42V used 1200 mAh", ReportedEvent.BATTERY_ALARMED, "battery 2"),
+        ("Battery 2 is low 13.90V used 1200 mAh", ReportedEvent.BATTERY_WARNED, "battery 2"),
+        ("BAT2 failsafe", ReportedEvent.BATTERY_ALARMED, "battery 2"),
+        ("Battery Failsafe - RTL", ReportedEvent.BATTERY_ALARMED, ""),
+        ("Critical battery, landing", ReportedEvent.BATTERY_ALARMED, ""),
+        ("Low battery level, return advised", ReportedEvent.BATTERY_WARNED, ""),
     ],
 )
 def test_what_texts_say_of_a_battery(text, code, subject):
@@ -266,12 +266,12 @@ def test_px4_batteries_are_the_connected_instances():
 def test_of_one_battery_the_emergency_counts_and_not_the_critical_state_before():
     states = {1: np.select([TIME < 20.0, TIME < 30.0, TIME < 45.0], [OK, CRITICAL, EMERGENCY], OK)}
     fact = power_light(evidence(with_batteries({0: FULL, 1: FULL - 0.4}, states)))
-    assert (fact.code, fact.subject) == (Reported.BATTERY_SPENT, "battery 2")
+    assert (fact.code, fact.subject) == (ReportedEvent.BATTERY_SPENT, "battery 2")
 
 
 @pytest.mark.parametrize(("time", "is_on_ground"), [(3.0, True), (30.0, False)])
 def test_a_vehicle_that_did_not_fly_is_not_told_to_land_earlier(time, is_on_ground):
-    spent = Fact(Reported.BATTERY_SPENT, Level.BAD, time=time, boot=0)
+    spent = Fact(ReportedEvent.BATTERY_SPENT, Level.BAD, time=time, boot=0)
     flight = evidence(HOVER.telemetry(20.0, 20.0))
     (event,) = with_batteries_on_ground(replace(flight, events=(spent,)))
     assert ("land earlier" in event.remedy) is not is_on_ground

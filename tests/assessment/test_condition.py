@@ -16,7 +16,7 @@ from mavdem.assessment.mean_interval import mean_interval
 from mavdem.assessment.tier import tier_of
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
-from mavdem.facts.learnability import MotorObstacle, Reason
+from mavdem.facts.learnability import MotorObstacle, NotLearnableReason
 from mavdem.ingest import Log
 from mavdem.ingest.output_scale import OutputScale
 from mavdem.ingest.telemetry import Component
@@ -241,7 +241,7 @@ def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
     assert (found.tier, found.next_tier and found.next_tier.tier) == (name, following)
     if name != "a":
         assert found.tier_reason.remedy
-        assert found.tier_reason.code is Reason.STREAMS_TOO_SLOW
+        assert found.tier_reason.code is NotLearnableReason.STREAMS_TOO_SLOW
     else:
         assert not found.tier_reason.remedy
 
@@ -249,9 +249,9 @@ def test_the_slower_stream_decides_the_tier(attitude, motors, name, following):
 def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     found = tier(disarmed(HOVER.telemetry(10.0, 10.0)))
     assert found.tier is None and found.next_tier.tier == "c"
-    assert found.tier_reason.code is Reason.NEVER_ARMED
+    assert found.tier_reason.code is NotLearnableReason.NEVER_ARMED
     submarine = tier(HOVER.telemetry(100.0, 100.0, vehicle="SUBMARINE"))
-    assert submarine.tier is None and submarine.tier_reason.code is Reason.NO_MULTIROTOR
+    assert submarine.tier is None and submarine.tier_reason.code is NotLearnableReason.NO_MULTIROTOR
     assert not tier(disarmed(HOVER.telemetry())).next_tier.is_slow
 
 

@@ -16,7 +16,7 @@ from mavdem.assessment.motion import motion_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND, attitude_target, quaternion
 from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
 from mavdem.witnesses.boot_sensors import BootSensors
@@ -372,7 +372,9 @@ def test_what_hits_something_first_is_not_said_to_have_lost_a_motor(speed, is_st
 
 
 def thrust_lost(motor):
-    return Fact(Reported.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=f"motor {motor}", boot=0)
+    return Fact(
+        ReportedEvent.THRUST_LOST, Level.BAD, time=FAILS + 1.0, subject=f"motor {motor}", boot=0
+    )
 
 
 def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
@@ -388,7 +390,7 @@ def test_the_autopilots_own_word_names_a_motor_or_is_said_beside_another():
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_an_ending():
-    crash = Fact(Reported.CRASH_DETECTED, Level.BAD, time=FAILS, height=2.0, boot=0)
+    crash = Fact(ReportedEvent.CRASH_DETECTED, Level.BAD, time=FAILS, height=2.0, boot=0)
     _, ending = judged(flight(), crash)
     assert ending.code is Ending.LOSS_REPORTED
     assert ending.figures["cause"] is crash

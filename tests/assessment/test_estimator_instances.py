@@ -12,7 +12,7 @@ from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts.estimator import EstimatorLight
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.sources import Repair
 from mavdem.ingest import read_log
 from mavdem.ingest.px4_instances import estimator_instances, estimator_status
@@ -107,7 +107,7 @@ def test_gps_is_doubted_only_with_a_position_fix(receiver, parameters, is_flagge
     fact = estimator_light(evidence(telemetry))
     assert (fact.code is EstimatorLight.GPS_DOUBTED) == is_flagged
     reports = [event.code for event in reported_events(Signals(telemetry))]
-    assert (Reported.GPS_JUMPED in reports) == is_flagged
+    assert (ReportedEvent.GPS_JUMPED in reports) == is_flagged
 
 
 MOTION = "TimeUS,C,VN,VE,VD,PN,PE,PD"

@@ -21,18 +21,18 @@ from mavdem.dem import Learned
 from mavdem.documents import vehicle
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import (
-    Because,
     BoundTest,
     Caveat,
     Grade,
+    GradeReason,
     InShort,
     NextStep,
     Override,
     Purpose,
 )
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.motors import Trim
+from mavdem.facts.motors import TrimFact
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.motors.motor_changes import MotorAlarm
 from mavdem.report.screen import parameter_reasons
@@ -68,7 +68,7 @@ def test_prediction_is_good_only_beside_the_better_baseline_with_a_band_that_hol
     figures, grade, ratio
 ):
     finding = found(PREDICTION, model(physical()), held_out(**figures))
-    assert (finding.grade, finding.reason.code) == (grade, Because.FORECASTS_COMPARED)
+    assert (finding.grade, finding.reason.code) == (grade, GradeReason.FORECASTS_COMPARED)
     assert finding.reason.figures["ratio"] == (ratio and approx(ratio, abs=0.001))
     if ratio is not None:
         assert finding.reason.figures["name"] == "hold last"
@@ -109,18 +109,21 @@ def test_parameters_doubted_for_one_reason_are_named_together_and_the_reason_onc
     doubted = found(MOTION, model(parameters))
     assert doubted.grade is LIMITED
     (doubt,) = doubted.reason.figures["doubts"]
-    assert (doubt.code, doubt.figures["names"]) == (Because.PARAMETERS_DOUBTED, ("damping", "lag"))
+    assert (doubt.code, doubt.figures["names"]) == (
+        GradeReason.PARAMETERS_DOUBTED,
+        ("damping", "lag"),
+    )
     parameters = physical(**dict.fromkeys(("effect", "damping", "lag"), Status.NOT_IDENTIFIABLE))
     parameters.reasons["damping"] = parameters.reasons["effect"]
-    assert found(MOTION, model(parameters)).reason.code is Because.SAME_AS_EFFECT
+    assert found(MOTION, model(parameters)).reason.code is GradeReason.SAME_AS_EFFECT
 
 
 @mark.parametrize(
     "changes, grade, code",
     [
-        ({"scale_error": 0.151}, GOOD, Because.WIND_SIZE_KNOWN),
-        ({"scale_error": 0.153}, LIMITED, Because.WIND_SIZE_KNOWN),  # 1.645 times: above 0.25
-        ({"reason": Fact(Because.OWN_TORQUE), "resolved": False}, NONE, Because.OWN_TORQUE),
+        ({"scale_error": 0.151}, GOOD, GradeReason.WIND_SIZE_KNOWN),
+        ({"scale_error": 0.153}, LIMITED, GradeReason.WIND_SIZE_KNOWN),  # 1.645 times: above 0.25
+        ({"reason": Fact(GradeReason.OWN_TORQUE), "resolved": False}, NONE, GradeReason.OWN_TORQUE),
     ],
 )
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, grade, code):
@@ -131,14 +134,14 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(changes, 
         biased = found(WIND, model(physical(**{doubtful: Status.BIASED}), **changes))
         assert biased.grade is (NONE if grade is NONE else LIMITED)
         if grade is not NONE:
-            assert biased.reason.code is Because.FOLLOWS_FROM_DOUBTED
+            assert biased.reason.code is GradeReason.FOLLOWS_FROM_DOUBTED
         else:
-            assert biased.reason.code is not Because.FOLLOWS_FROM_DOUBTED
+            assert biased.reason.code is not GradeReason.FOLLOWS_FROM_DOUBTED
     unknown = found(WIND, model(physical(effect=Status.NOT_IDENTIFIABLE), **changes))
-    assert (unknown.grade, unknown.reason.code) == (NONE, Because.EFFECT_UNKNOWN)
+    assert (unknown.grade, unknown.reason.code) == (NONE, GradeReason.EFFECT_UNKNOWN)
     learned = model(physical())
     learned = learned.with_wind_torque(None)
-    assert found(WIND, learned).reason.code is Because.WIND_NOT_ESTIMATED
+    assert found(WIND, learned).reason.code is GradeReason.WIND_NOT_ESTIMATED
 
 
 @mark.parametrize(
@@ -163,7 +166,7 @@ WEAK = MotorAlarm(70.0, 66.4, 1, "motor 1 (front right)", 0.24, 0.99, loss=(0.17
 SATURATED = {"at_upper_limit": (0.0, 0.0, 0.86, 0.0), "trim_share": (0.9, 0.9, 1.3, 0.9)}
 DEVIATION = {"worst": "motor 3 (front left)", "deviation": 0.17, "half": 0.03}
 TWISTED = Fact(
-    Trim.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False, **DEVIATION
+    TrimFact.TRIM_OF_YAW, Level.WATCH, share=0.16, probability=0.97, assumed=False, **DEVIATION
 )
 
 
@@ -192,7 +195,7 @@ def test_what_overrides_leaves_nothing_good_and_decides_what_to_do(known, code, 
     said = str(Fact(InShort.OVERRIDDEN, because=override))
     assert vehicle.Override.model_validate(override).headline == said
     for before, after in zip(sound.purposes, doubted.purposes, strict=True):
-        assert (after.grade, after.reason.code) == (LIMITED, Because.FLIGHT_DOUBTED)
+        assert (after.grade, after.reason.code) == (LIMITED, GradeReason.FLIGHT_DOUBTED)
         because = None if code is Override.OSCILLATION else before.reason
         assert dict(after.reason.figures) == {"because": because, "override": override}
 
@@ -228,7 +231,10 @@ def test_residuals_that_are_far_from_white_are_said():
     findings = findings_of(learned, held_out())
     assert findings.grade(RESIDUALS) is LIMITED
     reason = findings.purposes[-1].reason
-    assert reason.code is Because.RESIDUALS_TESTED and reason.figures["outcome"] is BoundTest.FAILED
+    assert (
+        reason.code is GradeReason.RESIDUALS_TESTED
+        and reason.figures["outcome"] is BoundTest.FAILED
+    )
     # Held-out windows count more than the test of the residuals.
     assert next_step_for_model(findings.purposes).code is NextStep.KEEP_MODEL
 
@@ -265,7 +271,7 @@ def test_warnings_are_only_where_they_mean_something():
     assert larger.code is Caveat.ERRORS_LARGER_THAN_EXPECTED
     assert larger.figures["ratio"] == approx(3.0, abs=0.01)
     failed = replace(held_out(), failures=(prose("It is too short."),))
-    assert [one.code for one in model_warnings(learned, failed)] == [Forecasts.PART_NOT_LEARNED]
+    assert [one.code for one in model_warnings(learned, failed)] == [ForecastFact.PART_NOT_LEARNED]
     unstable = partial_record(Learned, stable=False, physical=None)
     assert [one.code for one in model_warnings(unstable, None)] == [Caveat.UNSTABLE_MODEL]
 
@@ -274,4 +280,4 @@ def test_the_torque_of_a_vehicle_that_oscillates_is_not_the_winds():
     learned = model(physical())
     assert with_oscillation_torque_marked(learned, False) is learned
     marked = with_oscillation_torque_marked(learned, True)
-    assert marked.wind_torque.reason == Fact(Because.OWN_TORQUE)
+    assert marked.wind_torque.reason == Fact(GradeReason.OWN_TORQUE)

@@ -12,15 +12,15 @@ from mavdem.dataset.quality import QualityFigures
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.learnability import Reason
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import LoopActions
-from mavdem.facts.motors import InFlight, MotorsLight
+from mavdem.facts.loops import LoopAction
+from mavdem.facts.motors import MotorsLight, MotorWatchFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
-GROUNDED = Fact(Reason.NEVER_ARMED)
+GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
 CRASH = prose("Lost control.").replace(Level.BAD)
 
 
@@ -109,7 +109,9 @@ BAD_VIBRATION = Fact(
 
 def test_the_next_step_says_do_not_fly_once():
     limited = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1)
-    saturated = Fact(InFlight.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0)
+    saturated = Fact(
+        MotorWatchFact.MOTOR_SATURATED, Level.BAD, subject="motor 3", excess=0.3, time=10.0
+    )
     step = Fact(NextStep.DO_AS_ADVISED, because=limited, also=(BAD_VIBRATION, saturated))
     assert str(step).count("Do not fly") == 1
     assert " Also balance the propellers and mount the autopilot softly. " in str(step)
@@ -136,7 +138,7 @@ def test_after_a_loss_each_bad_light_is_in_the_next_step_and_a_bad_motor_first(c
 def test_a_light_that_only_repeats_what_to_do_first_is_not_in_the_next_step():
     known = lights(vibration="bad")
     lost = Fact(Ending.CRASHED, time=9.0, height=2.0, cause=None, word=None)
-    first = Fact(LoopActions.DO_FIRST, because=lost)
+    first = Fact(LoopAction.DO_FIRST, because=lost)
     known[Light.MARGINS] = prose("Too little margin.").replace(Level.BAD).replace(action=first)
     following = next_step_of(lost, known, None)
     assert following.figures["also"] == (known[Light.VIBRATION],)
@@ -181,7 +183,7 @@ def event(code, level=Level.WATCH, **figures):
     [
         # An impact, a failsafe or a log that ends in the air matters more than a trim or a vibration.
         ({"vibration": "bad"}, (event(MotionEvent.HIT, speed=2.0),), MotionEvent.HIT),
-        ({"motors": "watch"}, (event(Reported.FAILSAFE),), Reported.FAILSAFE),
+        ({"motors": "watch"}, (event(ReportedEvent.FAILSAFE),), ReportedEvent.FAILSAFE),
         (
             {"vibration": "watch"},
             (event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0),),
@@ -190,8 +192,11 @@ def event(code, level=Level.WATCH, **figures):
         # A restart is the reason for whatever followed it.
         (
             {"motors": "bad"},
-            (event(MotionEvent.HIT, Level.BAD), event(Reported.RESTARTED_IN_FLIGHT, Level.BAD)),
-            Reported.RESTARTED_IN_FLIGHT,
+            (
+                event(MotionEvent.HIT, Level.BAD),
+                event(ReportedEvent.RESTARTED_IN_FLIGHT, Level.BAD),
+            ),
+            ReportedEvent.RESTARTED_IN_FLIGHT,
         ),
         # Of several bad events the first one is named.
         (

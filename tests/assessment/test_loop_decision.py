@@ -17,7 +17,7 @@ from mavdem.assessment.axis.loop_decision import (
 from mavdem.assessment.axis.margins import AxisMargins, response_comparison
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending
-from mavdem.facts.loops import Gains, LoopActions, Loops, Responses, StepResponses
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.loops.advice import gain_reduction_advice
 from mavdem.loops.axis_loops import MARGIN_TARGETS
@@ -27,7 +27,7 @@ from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.loops.resonance import Resonance
 from mavdem.loops.step_response import StepResponse
 
-NOT_STEERED = Fact(Loops.NOT_STEERED, share=0.3)
+NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
 FOLLOWS = Fact(TrackingLight.FOLLOWS_SETPOINT, Level.GOOD, axis="roll", angle_error=0.01)
 OVERSHOOTS = Fact(TrackingLight.OVERSHOOTS_SETPOINT, Level.WATCH, axis="roll", overshoot=0.5)
 MISSES = Fact(
@@ -84,17 +84,17 @@ def test_a_loop_below_the_goal_gets_advised_gains_whatever_it_does_in_flight(tra
 
 def test_a_loop_below_the_goal_of_a_biased_effectiveness_gets_advised_gains():
     loop = made_up(2.1)
-    caution = Fact(Loops.EFFECT_BIASED, because=NOT_STEERED)
+    caution = Fact(LoopFact.EFFECT_BIASED, because=NOT_STEERED)
     biased = replace(loop, plant=loop.plant._replace(bias=-0.15), cautions=(caution,))
     decision = decided(biased)
     assert (decision.verdict, decision.doubts) == (LoopVerdict.BELOW_GOAL, ())
-    assert decision.action.code is LoopActions.LOAD_ADVISED_GAINS
+    assert decision.action.code is LoopAction.LOAD_ADVISED_GAINS
 
 
 def test_a_loop_that_meets_the_goal_only_in_many_models_is_flown_first():
     decision = decided(made_up(1.7))
     assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, ())
-    assert decision.action.code is LoopActions.FLY_DOUBLETS
+    assert decision.action.code is LoopAction.FLY_DOUBLETS
 
 
 @mark.parametrize("factor, level", [(1.0, Level.GOOD), (4.0, Level.BAD)])
@@ -102,14 +102,14 @@ def test_sure_margins_of_a_contradicted_model_are_watched_and_give_no_gains(fact
     loop = made_up(factor)
     (sure,) = AxisMargins("roll", loop, None, None).facts
     assert sure.level is level
-    contradiction = Fact(StepResponses.PREDICTION_DOUBTED, subject="roll rate", share=0.4)
+    contradiction = Fact(StepResponseFact.PREDICTION_DOUBTED, subject="roll rate", share=0.4)
     (fact,) = AxisMargins("roll", loop, None, None, contradiction=contradiction).facts
     assert fact.level is Level.WATCH
     assert fact.sentence.startswith("Margins in doubt: the roll ")
     assert fact.sentence.endswith("by a model whose response differs from the flight's.")
     decision = decided(loop, contradiction=contradiction)
     assert (decision.verdict, decision.doubts) == (LoopVerdict.UNKNOWN, (contradiction,))
-    assert decision.action.code is LoopActions.FLY_DOUBLETS
+    assert decision.action.code is LoopAction.FLY_DOUBLETS
     # What was measured of the tracking needs no model.
     overshooting = decided(loop, OVERSHOOTS, contradiction=contradiction)
     assert overshooting.verdict is LoopVerdict.FOLLOWS_BADLY
@@ -130,9 +130,9 @@ def test_the_margin_goal_is_met_if_95_percent_of_the_models_have_it():
 @mark.parametrize(
     "reason, caution, is_contradicted",
     [
-        (Fact(Responses.RESPONSE_UNEXPLAINED, rate=0.5), (), True),
-        (Fact(Responses.RESPONSE_LIMITED, share=0.2), (), False),
-        (None, (Fact(Loops.PARAMETERS_CHANGED, changes=()),), False),
+        (Fact(ResponseFact.RESPONSE_UNEXPLAINED, rate=0.5), (), True),
+        (Fact(ResponseFact.RESPONSE_LIMITED, share=0.2), (), False),
+        (None, (Fact(LoopFact.PARAMETERS_CHANGED, changes=()),), False),
     ],
 )
 def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
@@ -157,7 +157,7 @@ def test_a_response_at_limits_or_of_other_gains_contradicts_no_loop(
 
 
 def test_a_loop_that_the_flight_refutes_gives_no_gains():
-    refusal = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    refusal = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     decision = decided(refusal)
     assert decision.verdict is LoopVerdict.UNKNOWN and decision.doubts == (refusal,)
     assert decision.fact.remedy == refusal.remedy
@@ -213,9 +213,9 @@ def test_an_overshoot_lowers_the_angle_gain_only_where_no_margin_is_small():
 
 def test_an_axis_that_is_too_slow_gets_higher_gains_unless_a_motor_is_at_a_limit():
     slow = decided(made_up(), falls_short(0.0))
-    assert slow.is_too_slow and slow.action.code is LoopActions.RAISE_AS_ADVISED
+    assert slow.is_too_slow and slow.action.code is LoopAction.RAISE_AS_ADVISED
     limited = decided(made_up(), falls_short(0.4))
-    assert not limited.is_too_slow and limited.action.code is LoopActions.SLOWER_TURNS
+    assert not limited.is_too_slow and limited.action.code is LoopAction.SLOWER_TURNS
     unknown = decided(NOT_STEERED, falls_short(None))
     assert unknown.action.sentence == NOT_STEERED.remedy
     for decision in (slow, limited, unknown):
@@ -244,7 +244,7 @@ def test_a_limit_cycle_comes_first_and_hides_the_other_axes():
         decision = decide_on_loops(observations)
         assert (decision.verdict, decision.action) == (verdict, lowered)
         assert decision.fact.is_bad and lowered in decision.doubts
-        assert decision.action.code is Gains.LOWER_GAINS
+        assert decision.action.code is GainFact.LOWER_GAINS
 
 
 def test_a_vehicle_that_must_be_repaired_keeps_its_verdict_and_gets_no_gains():

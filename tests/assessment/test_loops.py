@@ -15,7 +15,7 @@ from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.facts.model import NoPhysical
 from mavdem.plant import NotIdentifiable
 
@@ -44,7 +44,7 @@ def test_the_longest_part_with_one_set_of_gains_has_these():
     (part,), caution = flown([(P, 1.0, 0.5), (P, 30.0, 0.25), (P, 32.0, 0.125)])
     assert (part.time[0], part.time[-1]) == approx((32.0, 51.0), abs=1)
     assert part.provenance["parameters"][P] == 0.125
-    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, (P,))
+    assert (caution.code, caution.figures["names"]) == (LoopFact.GAINS_OF_PART, (P,))
     durations, values = zip(*caution.figures["parts"], strict=True)
     assert durations == approx((18.0, 2.0), abs=1) and values == (((P, 0.5),), ((P, 0.25),))
     assert caution.figures["duration"] == approx(part.duration)
@@ -78,14 +78,14 @@ def test_autotune_has_gains_that_no_parameter_has():
     given = [(P, 1.0, 0.5)]
     parts, caution = flown(given, [(0.0, STABILIZE), (20.0, AUTOTUNE), (30.0, STABILIZE)])
     assert spans(parts) == [(12, 20), (30, 51)]
-    assert (caution.code, caution.figures["names"]) == (Loops.GAINS_OF_PART, ())
-    assert refused(flown, given, [(0.0, AUTOTUNE)]).code is Loops.GAINS_OF_AUTOTUNE
+    assert (caution.code, caution.figures["names"]) == (LoopFact.GAINS_OF_PART, ())
+    assert refused(flown, given, [(0.0, AUTOTUNE)]).code is LoopFact.GAINS_OF_AUTOTUNE
 
 
 @mark.slow
 def test_a_recorded_autotune_has_its_span_and_what_it_found():
     signals = Signals(recorded("sitl_raw/ap_autotune.BIN.xz"))
-    tuned = autotune_fact(signals, refusal := Fact(Loops.NOT_STEERED))
+    tuned = autotune_fact(signals, refusal := Fact(LoopFact.NOT_STEERED))
     assert (round(tuned.time), round(tuned.until)) == (64, 184)
     _, before, after = zip(*sorted(tuned.figures["changes"]), strict=True)
     assert (before, after) == (approx((4.5, 0.0018, 0.0675, 0.0675)), (36.0, 0.0006, 0.116, 0.116))
@@ -96,7 +96,7 @@ def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
     said = "AutoTune: Yaw(E) Rate: P:0.5.1, I:0.05", "AutoTune: Pitch Rate: P:0.2"
     said += ("AutoTune: Yaw Angle P:36.000, Max Accel:609317",)
     tuned = autotune_fact(
-        Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(Loops.NOT_STEERED)
+        Signals(with_texts(Hover().telemetry(), *said), "yaw"), Fact(LoopFact.NOT_STEERED)
     )
     assert tuned.figures["changes"] == (
         ("ATC_RAT_YAW_P", None, 0.5),
@@ -110,7 +110,7 @@ def test_autotune_of_yaw_names_what_it_tuned_and_damage_is_no_number():
 
 def test_without_a_rate_setpoint_the_reason_includes_what_inputs_and_outputs_show(monkeypatch):
     telemetry = Hover().telemetry()
-    not_logged = NotLearnable(Loops.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)
+    not_logged = NotLearnable(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)
     unmoved = NotIdentifiable(Fact(NoPhysical.NO_LIKELIHOOD))
     monkeypatch.setattr(loops, "identify_plant_in_loop", Mock(side_effect=not_logged))
     monkeypatch.setattr(loops, "physical", lambda flights: unmoved)

@@ -35,8 +35,8 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Override
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.identifiability import Status
-from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Gains, Loops, Responses
+from mavdem.facts.learnability import NotLearnableReason
+from mavdem.facts.loops import GainFact, LoopFact, ResponseFact
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind
@@ -106,7 +106,7 @@ def test_where_no_resonance_shows_it_is_said_up_to_which_frequency():
 
 def test_a_peak_asks_for_no_setpoint_where_one_was_logged():
     peak = Resonance("roll", 4.9, 19.0, 0.9, 40.0)
-    (light,) = AxisMargins("roll", Fact(Loops.LOOP_NOT_FOUND), None, peak).facts
+    (light,) = AxisMargins("roll", Fact(LoopFact.LOOP_NOT_FOUND), None, peak).facts
     assert light.remedy.startswith("Check")
 
 
@@ -138,7 +138,7 @@ def test_a_limit_cycle_goes_before_all():
     assert motors_light(swinging).sentence.endswith("upper or lower limit 98 % of the time.")
     light = margins_light(swinging)
     assert (light.code, light.level) == (MarginsLight.OSCILLATES, "bad")
-    assert light.figures["because"].code is Gains.LOWER_GAINS
+    assert light.figures["because"].code is GainFact.LOWER_GAINS
     assert light.sentence.startswith("Pitch and roll oscillate: pitch at 5 Hz, by 40 °/s; roll")
     # Wrong motors make a vehicle tumble; 5 Hz are those of gains.
     assert "Lower" in light.remedy and "frame type" not in light.remedy
@@ -149,15 +149,15 @@ def test_a_limit_cycle_goes_before_all():
 def test_what_hides_the_margins_is_said_at_any_rate():
     for refusal, said in (
         (
-            Fact(Loops.NOT_STEERED, share=0.3),
+            Fact(LoopFact.NOT_STEERED, share=0.3),
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
-            Fact(Loops.NO_MARGINS, because=Fact(Loops.NOT_STEERED, share=0.3)),
+            Fact(LoopFact.NO_MARGINS, because=Fact(LoopFact.NOT_STEERED, share=0.3)),
             "No margins: commands explain only 30 % of the rate's motion, wind and noise the rest.",
         ),
         (
-            Fact(Loops.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0, frequency=7.5),
+            Fact(LoopFact.CROSSOVER_UNSEEN, crossover=9.0, rate=30.0, frequency=7.5),
             "messages at 30 Hz show no motion faster than 7.5 Hz.",
         ),
         (
@@ -194,7 +194,7 @@ def test_the_worst_loop_of_a_flight_is_rated():
     assert light.figures["axis"] == "pitch"
     alive = replace(found, log=replace(log, source="", vehicles=log.vehicles[:1]))
     assert "`mavdem tune --params my.param --axis all`" in judge(alive).lights["margins"].remedy
-    disagrees = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    disagrees = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.5, 9.0), 30.0, 30.0, 1.0, disagrees)
     loops["roll"] = replace(loops["roll"], measured=measured)
     light = margins_light(replace(found, loops=loops))
@@ -405,7 +405,9 @@ def test_rates_that_are_flown_by_hand_have_no_angle_to_follow():
 
 
 def test_nothing_after_the_vehicle_was_lost_counts():
-    lost = replace(following(0.02, late=0.0, error=0.3), ending=Fact(Reason.NEVER_ARMED, time=11.5))
+    lost = replace(
+        following(0.02, late=0.0, error=0.3), ending=Fact(NotLearnableReason.NEVER_ARMED, time=11.5)
+    )
     assert tracking_light(lost).level == "unknown"
 
 

@@ -36,7 +36,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.identifiability import Status
 from mavdem.facts.log import LogLight, Simulator
 from mavdem.facts.power import PowerLight
@@ -331,8 +331,8 @@ def test_a_compass_whose_field_is_another_in_flight(change, before, code):
 
 @mark.parametrize("time, level", [(30.0, "watch"), (2.0, "good")])
 def test_what_the_autopilot_warns_of_in_flight(time, level):
-    warned = Fact(Reported.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
-    flagged = Fact(Reported.BATTERY_WARNED, Level.WATCH, time=time, boot=0)
+    warned = Fact(ReportedEvent.ESTIMATOR_SWITCHED, Level.WATCH, time=time, boot=0)
+    flagged = Fact(ReportedEvent.BATTERY_WARNED, Level.WATCH, time=time, boot=0)
     powered = columns(TIME, voltage_battery=4000 * (3.8 + SAG))
     known = evidence(changed(filtered(), "SYS_STATUS", **powered))
     known = replace(known, events=(warned, flagged))

@@ -14,9 +14,9 @@ from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.motors import InFlight
-from mavdem.facts.witnesses import Side, Witness
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.witnesses import Side, WitnessFact
 
 MOTOR = 1
 """Index of the motor that fails: motor 2, rear left."""
@@ -60,7 +60,7 @@ def test_a_motor_that_stands_still_while_commanded_is_lost_with_a_second_witness
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.is_bad
     assert stood_still.subject == "motor 2 (rear left)"
-    for_it = {Witness.SPEED_ZERO, Witness.COMMAND_ROSE, Witness.ATTITUDE_LEFT_SETPOINT}
+    for_it = {WitnessFact.SPEED_ZERO, WitnessFact.COMMAND_ROSE, WitnessFact.ATTITUDE_LEFT_SETPOINT}
     assert for_it <= codes(stood_still, Side.FOR)
     cause = ending.figures["cause"]
     assert (cause.code, cause.subject) == (
@@ -73,7 +73,10 @@ def test_a_controller_that_reports_0_in_a_sound_hover_is_to_be_watched():
     events, ending = judged(with_speeds(instrumented()))
     stood_still = events[MotionEvent.MOTOR_STOOD_STILL]
     assert stood_still.level == "watch"
-    assert codes(stood_still, Side.AGAINST) == {Witness.COMMAND_UNCHANGED, Witness.ATTITUDE_HELD}
+    assert codes(stood_still, Side.AGAINST) == {
+        WitnessFact.COMMAND_UNCHANGED,
+        WitnessFact.ATTITUDE_HELD,
+    }
     assert "telemetry" in stood_still.remedy
     assert ending is None
 
@@ -90,11 +93,14 @@ def test_motors_that_all_turn_are_no_event():
 
 @mark.parametrize(
     "speed, code, side",
-    [(3000.0, Witness.MOTOR_SLOWED, Side.FOR), (5500.0, Witness.MOTOR_TURNED, Side.AGAINST)],
+    [
+        (3000.0, WitnessFact.MOTOR_SLOWED, Side.FOR),
+        (5500.0, WitnessFact.MOTOR_TURNED, Side.AGAINST),
+    ],
 )
 def test_a_loss_of_thrust_has_the_speed_of_its_motor_for_or_against_it(speed, code, side):
     signals = Signals(with_speeds(instrumented(), speed), inputs="motors")
-    loss = Fact(InFlight.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
+    loss = Fact(MotorWatchFact.MOTOR_LOST_THRUST, time=EVENT, subject="motor 2 (rear left)", boot=0)
     (witnessed,) = with_motor_witnesses(signals, [loss], ())
     assert codes(witnessed, side) == {code}
 
@@ -111,15 +117,15 @@ def test_a_motor_that_its_command_slowed_did_not_slow_by_itself():
 def test_a_loss_states_what_else_of_the_flight_agrees_with_it():
     signals = Signals(lost_motor(), inputs="motors")
     subject = "motor 2 (rear left)"
-    loss = Fact(InFlight.MOTOR_SATURATED, time=EVENT, subject=subject, excess=0.4, boot=0)
-    report = Fact(Reported.THRUST_LOST, time=EVENT + 1.0, subject="motor 2", boot=0)
-    other = Fact(InFlight.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
+    loss = Fact(MotorWatchFact.MOTOR_SATURATED, time=EVENT, subject=subject, excess=0.4, boot=0)
+    report = Fact(ReportedEvent.THRUST_LOST, time=EVENT + 1.0, subject="motor 2", boot=0)
+    other = Fact(MotorWatchFact.STEADY_TORQUE_CHANGED, time=EVENT, boot=0)
     witnessed, unnamed = with_motor_witnesses(signals, [loss, other], [report])
     assert {
-        Witness.COMMAND_ABOVE_OTHERS,
-        Witness.ATTITUDE_LEFT_SETPOINT,
-        Witness.SANK,
-        Witness.AUTOPILOT_REPORTED,
+        WitnessFact.COMMAND_ABOVE_OTHERS,
+        WitnessFact.ATTITUDE_LEFT_SETPOINT,
+        WitnessFact.SANK,
+        WitnessFact.AUTOPILOT_REPORTED,
     } == codes(witnessed, Side.FOR)
     assert unnamed == other
 

@@ -14,9 +14,9 @@ from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.motors import InFlight, MotorsLight, Trim
-from mavdem.facts.session import Session
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
+from mavdem.facts.session import SessionFact
 from mavdem.motors.motor_changes import thrust_losses
 
 HOVER = Hover(hovering=60.0)
@@ -45,9 +45,9 @@ def weak(begin, end=np.inf):
     "pulses, code, level",
     [
         (lambda time: 0.0, MotorsLight.MOTORS_EVEN, "good"),
-        (lambda time: np.array([[80], [80], [-80], [-80]]), Trim.TRIM_OF_YAW, "watch"),
-        (weak(40.0), InFlight.MOTOR_LOST_THRUST, "bad"),
-        (weak(30.0, 50.0), InFlight.MOTOR_LOST_THRUST, "watch"),
+        (lambda time: np.array([[80], [80], [-80], [-80]]), TrimFact.TRIM_OF_YAW, "watch"),
+        (weak(40.0), MotorWatchFact.MOTOR_LOST_THRUST, "bad"),
+        (weak(30.0, 50.0), MotorWatchFact.MOTOR_LOST_THRUST, "watch"),
         (lambda time: 420.0, MotorsLight.HEADROOM_LITTLE, "watch"),
         # All motors together at full throttle: a climb, and no fault of a motor.
         (lambda time: 600.0 * (time % 10 < 0.8), MotorsLight.HEADROOM_LITTLE, "watch"),
@@ -60,7 +60,7 @@ def test_the_worst_is_said(pulses, code, level):
     if code is MotorsLight.HEADROOM_LITTLE:
         # All motors are alike.
         assert len(found.figures["names"]) == 4 and " have " in str(found)
-    if code is InFlight.MOTOR_LOST_THRUST:
+    if code is MotorWatchFact.MOTOR_LOST_THRUST:
         if level == "bad":
             assert found.until is None
             assert found.time == approx(40, abs=1.5)
@@ -71,7 +71,7 @@ def test_the_worst_is_said(pulses, code, level):
 
 def test_an_uneven_trim_does_not_hide_a_small_headroom():
     found = motors_light(evidence(lambda time: np.array([[420], [420], [180], [180]])))
-    assert (found.code, found.level) == (Trim.TRIM_OF_YAW, "watch")
+    assert (found.code, found.level) == (TrimFact.TRIM_OF_YAW, "watch")
     assert found.figures["headroom"] < 0.1
     assert found.sentence.count("% of headroom") == 1
     plenty = motors_light(evidence(lambda time: np.array([[80], [80], [-80], [-80]])))
@@ -85,8 +85,8 @@ def test_what_names_a_motor_before_its_balance_goes_first():
         Fact(code, Level.BAD, time=50.0, subject=subject, boot=0)
         for code, subject in (
             (MotionEvent.MOTOR_OFF, FRONT_LEFT),
-            (Reported.MOTOR_FAILED, FRONT_LEFT),
-            (Session.ALARM, "GPS"),
+            (ReportedEvent.MOTOR_FAILED, FRONT_LEFT),
+            (SessionFact.ALARM, "GPS"),
         )
     )
     first, largest = named.replace(rise=0.2), named.replace(rise=0.4)
@@ -94,13 +94,13 @@ def test_what_names_a_motor_before_its_balance_goes_first():
     for *others, said in ((other, named), (failed,), (first, largest)):
         assert motors_light(replace(even, events=(*others, said))) == said
     # After control was lost the balance says nothing.
-    after = motors_light(evidence(weak(40.0), ending=Fact(Session.ALARM, time=30.0)))
-    assert after.code is not InFlight.MOTOR_LOST_THRUST and not after.subject
+    after = motors_light(evidence(weak(40.0), ending=Fact(SessionFact.ALARM, time=30.0)))
+    assert after.code is not MotorWatchFact.MOTOR_LOST_THRUST and not after.subject
 
 
 def test_a_motor_that_the_autopilot_names_by_its_number_is_in_the_light():
     even = evidence()
-    report = Fact(Reported.THRUST_LOST, Level.BAD, time=50.0, subject="motor 3", boot=0)
+    report = Fact(ReportedEvent.THRUST_LOST, Level.BAD, time=50.0, subject="motor 3", boot=0)
     assert motors_light(replace(even, events=(report,))) == report
     measured = Fact(MotionEvent.MOTOR_OFF, Level.BAD, time=51.0, subject=FRONT_LEFT, boot=0)
     assert motors_light(replace(even, events=(report, measured))) == measured
@@ -123,7 +123,7 @@ def test_without_settled_flight_or_outputs_it_is_not_known():
         )
     )
     assert motors_light(replace(bare, events=(shorter, longer, stop))) == longer
-    lost = replace(bare, events=(stop,), ending=Fact(Session.ALARM, time=40.0))
+    lost = replace(bare, events=(stop,), ending=Fact(SessionFact.ALARM, time=40.0))
     assert motors_light(lost).code is MotorsLight.MOTORS_NOT_SEEN
     assert motors_light(replace(flight, events=(stop,))).level == "good"
 

@@ -10,12 +10,12 @@ from mavdem.dataset.phases import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.events import Reported
-from mavdem.facts.learnability import Reason
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
 from mavdem.facts.log import LogLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.trust import Trust
+from mavdem.facts.trust import TrustCheck
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
 
@@ -98,13 +98,13 @@ def test_channels_of_other_vehicles_are_no_motors(vehicle):
     # Not even when they are at their limit.
     motor_events = [event for event in assessment.events if "motor" in event.subject]
     assert not motor_events
-    take_offs = [event for event in assessment.events if event.code is Reported.OFF_GROUND]
+    take_offs = [event for event in assessment.events if event.code is ReportedEvent.OFF_GROUND]
     assert not take_offs
 
 
 def test_a_vehicle_that_never_armed_did_not_operate(vehicle):
     judgement = assess(log_of(disarmed(telemetry(vehicle)))).judgement
-    assert judgement.headline.code is Reason.NEVER_ARMED
+    assert judgement.headline.code is NotLearnableReason.NEVER_ARMED
 
 
 @mark.parametrize("kind, seconds", [("FIXED_WING", 20.0), ("GROUND_ROVER", 67.0)])
@@ -131,4 +131,9 @@ def test_outputs_of_other_vehicles_are_no_motors_in_the_table_either(vehicle):
 def test_of_other_vehicles_the_sensors_are_checked_and_no_flight(vehicle):
     (trust,) = assess(log_of(telemetry(vehicle))).trust
     codes = [check.code for check in trust.checks]
-    assert codes == [Trust.BAROMETER, Trust.ACCELEROMETER, Trust.POSITION, Trust.STICK]
+    assert codes == [
+        TrustCheck.BAROMETER,
+        TrustCheck.ACCELEROMETER,
+        TrustCheck.POSITION,
+        TrustCheck.STICK,
+    ]

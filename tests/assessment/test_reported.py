@@ -10,7 +10,7 @@ from mavdem.assessment.autopilot_messages import REPEAT_SECONDS, merge_repeats, 
 from mavdem.assessment.lights.power import BOARD_VOLTAGE_LIMITS
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.vocabulary import NO_SEVERITY
 
@@ -26,36 +26,36 @@ def events(telemetry, *codes):
 
 
 TEXTS = {
-    "PreArm: Need Position Estimate": (Reported.ARMING_REFUSED, "good", ""),
+    "PreArm: Need Position Estimate": (ReportedEvent.ARMING_REFUSED, "good", ""),
     "[health_and_arming_checks] Preflight Fail: Attitude failure (roll)": (
-        Reported.ATTITUDE_FAILED,
+        ReportedEvent.ATTITUDE_FAILED,
         "bad",
         "roll",
     ),
-    "Preflight Fail: horizontal position unstable": (Reported.ARMING_REFUSED, "good", ""),
-    "Potential Thrust Loss (6)": (Reported.THRUST_LOST, "bad", "motor 6"),
-    "Motor failure detected": (Reported.MOTOR_FAILED, "bad", ""),
-    "Yaw Imbalance 98%": (Reported.YAW_IMBALANCED, "watch", ""),
-    "Vibration compensation ON": (Reported.VIBRATION_COMPENSATED, "watch", ""),
-    "Altitude failure": (Reported.ALTITUDE_FAILED, "bad", ""),
-    "Crash: Disarming: AngErr=75>30, Accel=1.2<3.0": (Reported.CRASH_DETECTED, "bad", ""),
-    "Parachute: Released": (Reported.PARACHUTE_RELEASED, "bad", ""),
-    "Critical failure detected: terminating flight": (Reported.FLIGHT_TERMINATED, "bad", ""),
-    "Kill-switch engaged": (Reported.MOTORS_STOPPED, "watch", ""),
-    "EKF3 primary changed:1": (Reported.ESTIMATOR_SWITCHED, "watch", "lane 1"),
-    "EKF variance": (Reported.ESTIMATOR_DIVERGED, "watch", ""),
-    "EKF2 IMU0 ground mag anomaly, yaw re-aligned": (Reported.ESTIMATOR_RESET, "good", "yaw"),
-    "EKF3 IMU0 emergency yaw reset": (Reported.ESTIMATOR_RESET, "watch", ""),
-    "GPS Glitch": (Reported.GPS_JUMPED, "watch", ""),
-    "GPS fix lost": (Reported.GPS_LOST, "watch", ""),
-    "Accel #0 fail:  TIMEOUT!": (Reported.SENSOR_FAILED, "watch", "accel"),
-    "Radio Failsafe": (Reported.RADIO_LOST, "watch", ""),
-    "GCS Failsafe": (Reported.GROUND_STATION_LOST, "watch", ""),
-    "Battery 1 is low 10.50V used 1500 mAh": (Reported.BATTERY_WARNED, "watch", "battery 1"),
-    "Battery 1 is critical 10.1V": (Reported.BATTERY_ALARMED, "bad", "battery 1"),
-    "Fence Breached": (Reported.FENCE_BREACHED, "watch", ""),
-    "Failsafe activated": (Reported.FAILSAFE, "watch", ""),
-    "Internal Error 0x1000": (Reported.AUTOPILOT_ERROR, "watch", "internal error"),
+    "Preflight Fail: horizontal position unstable": (ReportedEvent.ARMING_REFUSED, "good", ""),
+    "Potential Thrust Loss (6)": (ReportedEvent.THRUST_LOST, "bad", "motor 6"),
+    "Motor failure detected": (ReportedEvent.MOTOR_FAILED, "bad", ""),
+    "Yaw Imbalance 98%": (ReportedEvent.YAW_IMBALANCED, "watch", ""),
+    "Vibration compensation ON": (ReportedEvent.VIBRATION_COMPENSATED, "watch", ""),
+    "Altitude failure": (ReportedEvent.ALTITUDE_FAILED, "bad", ""),
+    "Crash: Disarming: AngErr=75>30, Accel=1.2<3.0": (ReportedEvent.CRASH_DETECTED, "bad", ""),
+    "Parachute: Released": (ReportedEvent.PARACHUTE_RELEASED, "bad", ""),
+    "Critical failure detected: terminating flight": (ReportedEvent.FLIGHT_TERMINATED, "bad", ""),
+    "Kill-switch engaged": (ReportedEvent.MOTORS_STOPPED, "watch", ""),
+    "EKF3 primary changed:1": (ReportedEvent.ESTIMATOR_SWITCHED, "watch", "lane 1"),
+    "EKF variance": (ReportedEvent.ESTIMATOR_DIVERGED, "watch", ""),
+    "EKF2 IMU0 ground mag anomaly, yaw re-aligned": (ReportedEvent.ESTIMATOR_RESET, "good", "yaw"),
+    "EKF3 IMU0 emergency yaw reset": (ReportedEvent.ESTIMATOR_RESET, "watch", ""),
+    "GPS Glitch": (ReportedEvent.GPS_JUMPED, "watch", ""),
+    "GPS fix lost": (ReportedEvent.GPS_LOST, "watch", ""),
+    "Accel #0 fail:  TIMEOUT!": (ReportedEvent.SENSOR_FAILED, "watch", "accel"),
+    "Radio Failsafe": (ReportedEvent.RADIO_LOST, "watch", ""),
+    "GCS Failsafe": (ReportedEvent.GROUND_STATION_LOST, "watch", ""),
+    "Battery 1 is low 10.50V used 1500 mAh": (ReportedEvent.BATTERY_WARNED, "watch", "battery 1"),
+    "Battery 1 is critical 10.1V": (ReportedEvent.BATTERY_ALARMED, "bad", "battery 1"),
+    "Fence Breached": (ReportedEvent.FENCE_BREACHED, "watch", ""),
+    "Failsafe activated": (ReportedEvent.FAILSAFE, "watch", ""),
+    "Internal Error 0x1000": (ReportedEvent.AUTOPILOT_ERROR, "watch", "internal error"),
 }
 
 
@@ -69,7 +69,7 @@ def test_a_text_says_what_happened(text):
 def test_a_warning_that_nobody_knows_is_quoted_and_what_is_no_warning_is_not():
     telemetry = with_texts(FLOWN, b"Toilet seat up", b"EKF3 active", severity=(4, 6))
     (fact,) = reported_problems(telemetry)
-    assert (fact.code, fact.figures["text"]) == (Reported.AUTOPILOT_SAID, "Toilet seat up")
+    assert (fact.code, fact.figures["text"]) == (ReportedEvent.AUTOPILOT_SAID, "Toilet seat up")
     assert fact.figures["severity"] == "warning"
     assert not reported_problems(with_texts(FLOWN, b"Radio Failsafe Cleared", severity=(4,)))
     assert not reported_problems(with_texts(FLOWN, b"Mission terminated"))
@@ -83,7 +83,7 @@ def test_a_text_in_chunks_is_one():
     telemetry = with_texts(FLOWN, b"Potential Thr", b"other", b"ust Loss (2)", severity=(2, 6, 2))
     telemetry = changed(telemetry, "STATUSTEXT", id=[7, 0, 7], chunk_seq=[0, 0, 1])
     (fact,) = reported_problems(telemetry)
-    assert (fact.code, fact.subject, fact.time) == (Reported.THRUST_LOST, "motor 2", 1.0)
+    assert (fact.code, fact.subject, fact.time) == (ReportedEvent.THRUST_LOST, "motor 2", 1.0)
 
 
 def test_what_is_said_again_soon_is_once_with_its_count_and_span():
@@ -119,11 +119,11 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
     telemetry = changed(changed(FLOWN, "ERR", **rows), "EV", **told)
     found = merge_repeats(reported_problems(telemetry))
     assert [(fact.code, fact.time, fact.until) for fact in found] == [
-        (Reported.ESTIMATOR_DIVERGED, 30.0, None),
-        (Reported.RADIO_LOST, 31.0, 34.0),
-        (Reported.AUTOPILOT_ERROR, 40.0, None),
-        (Reported.PARACHUTE_RELEASED, 45.0, None),
-        (Reported.ESTIMATOR_SWITCHED, 50.0, None),
+        (ReportedEvent.ESTIMATOR_DIVERGED, 30.0, None),
+        (ReportedEvent.RADIO_LOST, 31.0, 34.0),
+        (ReportedEvent.AUTOPILOT_ERROR, 40.0, None),
+        (ReportedEvent.PARACHUTE_RELEASED, 45.0, None),
+        (ReportedEvent.ESTIMATOR_SWITCHED, 50.0, None),
     ]
     assert {fact.figures.get("severity") for fact in found} == {"error", None}
     assert found[2].subject == "flip" and found[2].figures["error_code"] == 2
@@ -132,15 +132,15 @@ def test_errors_of_dataflash_have_their_name_and_last_until_they_are_over():
 
 def test_the_land_detector_dates_the_take_off_of_what_climbed():
     landed = columns([0.0, 5.0, 6.2, 70.0, 75.0], landed_state=[1, 1, 2, 2, 1])
-    (up,) = events(changed(FLOWN, "EXTENDED_SYS_STATE", **landed), Reported.OFF_GROUND)
+    (up,) = events(changed(FLOWN, "EXTENDED_SYS_STATE", **landed), ReportedEvent.OFF_GROUND)
     assert (up.time, up.figures["basis"]) == (6.2, ("EXTENDED_SYS_STATE",))
     held = changed(FLOWN, "LOCAL_POSITION_NED", vz=-0.01 * CLIMB)
-    assert not events(held, Reported.OFF_GROUND)
+    assert not events(held, ReportedEvent.OFF_GROUND)
 
 
 def test_a_mode_has_its_cause():
     modes = columns([5.0, 20.0, 30.0], custom_mode=[5.0, 6.0, 9.0], Rsn=[1, 3, 17])
-    found = events(changed(FLOWN, "CURRENT_MODE", **modes), Reported.MODE_CHANGED)
+    found = events(changed(FLOWN, "CURRENT_MODE", **modes), ReportedEvent.MODE_CHANGED)
     assert [(fact.subject, fact.figures["cause"], fact.level) for fact in found] == [
         ("Loiter", "pilot", "good"),
         ("RTL", "radio failsafe", "watch"),
@@ -151,21 +151,21 @@ def test_a_mode_has_its_cause():
 TIMES = np.arange(0.0, 76.0)
 LOST = (TIMES >= 20.0) & (TIMES <= 24.0)
 STATES = {
-    "GPS_RAW_INT": ("fix_type", 3, 1, Reported.GPS_LOST),
-    "input_rc": ("rc_lost", 0, 1, Reported.RADIO_LOST),
+    "GPS_RAW_INT": ("fix_type", 3, 1, ReportedEvent.GPS_LOST),
+    "input_rc": ("rc_lost", 0, 1, ReportedEvent.RADIO_LOST),
     "POWER_STATUS": (
         "Vcc",
         1000 * BOARD_VOLTAGE_LIMITS.bad,
         1000 * BOARD_VOLTAGE_LIMITS.bad - 1,
-        Reported.BOARD_VOLTAGE_LOW,
+        ReportedEvent.BOARD_VOLTAGE_LOW,
     ),
-    "SYS_STATUS": ("charge_state", 1, 2, Reported.BATTERY_WARNED),
-    "BATTERY_STATUS": ("charge_state", 1, 3, Reported.BATTERY_ALARMED),
+    "SYS_STATUS": ("charge_state", 1, 2, ReportedEvent.BATTERY_WARNED),
+    "BATTERY_STATUS": ("charge_state", 1, 3, ReportedEvent.BATTERY_ALARMED),
 }
 DETECTED = {
-    "fd_pitch": (Reported.ATTITUDE_FAILED, "bad", "pitch"),
-    "fd_imbalanced_prop": (Reported.PROPELLER_IMBALANCED, "watch", ""),
-    "motor_failure_mask": (Reported.MOTOR_FAILED, "bad", "motor 3"),
+    "fd_pitch": (ReportedEvent.ATTITUDE_FAILED, "bad", "pitch"),
+    "fd_imbalanced_prop": (ReportedEvent.PROPELLER_IMBALANCED, "watch", ""),
+    "motor_failure_mask": (ReportedEvent.MOTOR_FAILED, "bad", "motor 3"),
 }
 
 
@@ -174,7 +174,7 @@ def test_what_is_lost_or_low_while_armed_has_its_span(message):
     field, sound, bad, code = STATES[message]
     telemetry = changed(FLOWN, message, **columns(TIMES, **{field: np.where(LOST, bad, sound)}))
     (fact,) = events(telemetry, code)
-    level = "bad" if code is Reported.BATTERY_ALARMED else "watch"
+    level = "bad" if code is ReportedEvent.BATTERY_ALARMED else "watch"
     assert (fact.time, fact.until, fact.level) == (20.0, 24.0, level)
     on_ground = columns(TIMES, **{field: np.where(TIMES < 4.0, bad, sound)})
     assert not events(changed(FLOWN, message, **on_ground), code)
@@ -188,23 +188,25 @@ def test_a_fix_that_a_boot_has_not_had_yet_is_not_lost():
         boot=np.repeat([-1, 0], len(TIMES)),
         fix_type=np.concatenate([0 * TIMES + 3, fix_types]),
     )
-    assert not events(changed(FLOWN, "GPS_RAW_INT", **receiver), Reported.GPS_LOST)
+    assert not events(changed(FLOWN, "GPS_RAW_INT", **receiver), ReportedEvent.GPS_LOST)
 
 
 def test_a_fix_is_not_lost_while_the_second_receiver_has_one():
     first = columns(TIMES, fix_type=np.where(LOST, 1, 3))
     telemetry = changed(FLOWN, "GPS_RAW_INT", **first)
-    assert events(telemetry, Reported.GPS_LOST)
+    assert events(telemetry, ReportedEvent.GPS_LOST)
     for fix_type, count in ((3, 0), (1, 1)):
         second = columns(TIMES + 0.1, fix_type=0 * TIMES + fix_type)
-        assert len(events(changed(telemetry, "GPS2_RAW", **second), Reported.GPS_LOST)) == count
+        assert (
+            len(events(changed(telemetry, "GPS2_RAW", **second), ReportedEvent.GPS_LOST)) == count
+        )
 
 
 def test_a_lost_fix_names_the_receiver_that_was_recorded():
     messages = {name: table for name, table in FLOWN.messages.items() if name != "GPS_RAW_INT"}
     second = columns(TIMES, fix_type=np.where(LOST, 1, 3))
     telemetry = changed(replace(FLOWN, messages=messages), "GPS2_RAW", **second)
-    (lost,) = events(telemetry, Reported.GPS_LOST)
+    (lost,) = events(telemetry, ReportedEvent.GPS_LOST)
     assert lost.figures["basis"] == ("GPS2_RAW",)
 
 
@@ -218,10 +220,10 @@ def test_what_the_failure_detector_found(field):
 
 def test_what_is_said_while_disarmed_is_not_bad():
     telemetry = with_texts(FLOWN, b"Preflight Fail: Attitude failure (roll)")
-    (fact,) = events(telemetry, Reported.ATTITUDE_FAILED)
+    (fact,) = events(telemetry, ReportedEvent.ATTITUDE_FAILED)
     assert fact.level == "watch"
     late = changed(telemetry, "STATUSTEXT", time=np.array([HOVER.landed]))
-    (fact,) = events(late, Reported.ATTITUDE_FAILED)
+    (fact,) = events(late, ReportedEvent.ATTITUDE_FAILED)
     assert fact.level == "bad"
 
 
@@ -229,15 +231,15 @@ def test_a_failsafe_and_a_lane_are_states_too():
     beats = FLOWN.messages["HEARTBEAT"]["time"]
     critical = 4 + (abs(beats - 35) < 5)
     telemetry = changed(FLOWN, "HEARTBEAT", system_status=critical)
-    (fact,) = events(telemetry, Reported.FAILSAFE)
+    (fact,) = events(telemetry, ReportedEvent.FAILSAFE)
     assert (fact.time, fact.until) == (31.0, 39.0)
     lanes = columns(TIMES, primary_instance=1 * LOST)
     switched = changed(FLOWN, "estimator_selector_status", **lanes)
-    found = events(switched, Reported.ESTIMATOR_SWITCHED)
+    found = events(switched, ReportedEvent.ESTIMATOR_SWITCHED)
     assert [(fact.time, fact.subject) for fact in found] == [(20.0, "lane 1"), (25.0, "lane 0")]
     resets = 255 * (np.arange(len(CLIMB)) < 300)
     telemetry = changed(FLOWN, "LOCAL_POSITION_NED", resets=resets)
-    (fact,) = events(telemetry, Reported.ESTIMATOR_RESET)
+    (fact,) = events(telemetry, ReportedEvent.ESTIMATOR_RESET)
     assert (fact.time, fact.level) == (30.0, "good")
 
 
@@ -262,14 +264,14 @@ def test_a_recorded_state_contradicts_or_confirms_a_text(text, message, field, s
 
     times = table["time"]
     confirmed = with_states(times, np.where(times >= 31.0, faulty, sound))
-    (fact,) = events(confirmed, claim.code, Reported.AUTOPILOT_SAID)
+    (fact,) = events(confirmed, claim.code, ReportedEvent.AUTOPILOT_SAID)
     assert fact.code is claim.code
     (fact,) = events(
-        with_states(times, 0 * times.astype(int) + sound), claim.code, Reported.AUTOPILOT_SAID
+        with_states(times, 0 * times.astype(int) + sound), claim.code, ReportedEvent.AUTOPILOT_SAID
     )
     assert fact.level == "watch" and "does not confirm" in fact.sentence and text in fact.sentence
     # A record of the state that ends before the text shows nothing.
-    (fact,) = events(telemetry, claim.code, Reported.AUTOPILOT_SAID)
+    (fact,) = events(telemetry, claim.code, ReportedEvent.AUTOPILOT_SAID)
     assert fact.code is claim.code
 
 
@@ -296,10 +298,10 @@ def test_a_battery_contradicts_no_text_about_another(text, last_of_second, is_co
     )
     (fact,) = events(
         changed(telemetry, "BATTERY_STATUS", **batteries),
-        Reported.BATTERY_ALARMED,
-        Reported.AUTOPILOT_SAID,
+        ReportedEvent.BATTERY_ALARMED,
+        ReportedEvent.AUTOPILOT_SAID,
     )
-    assert (fact.code is Reported.AUTOPILOT_SAID) is is_contradicted
+    assert (fact.code is ReportedEvent.AUTOPILOT_SAID) is is_contradicted
 
 
 def test_a_sensor_that_is_used_and_not_healthy_failed():
@@ -307,7 +309,7 @@ def test_a_sensor_that_is_used_and_not_healthy_failed():
     sensors = {"present": used, "enabled": used, "health": np.where(LOST, 1 << 16, used)}
     fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
     telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
-    (fact,) = events(telemetry, Reported.SENSOR_FAILED, Reported.RADIO_LOST)
+    (fact,) = events(telemetry, ReportedEvent.SENSOR_FAILED, ReportedEvent.RADIO_LOST)
     assert (fact.subject, fact.time, fact.until) == ("barometer", 20.0, 24.0)
 
 
@@ -318,7 +320,7 @@ def test_what_is_reported_just_before_a_failsafe_is_its_trigger(time, is_trigger
     late = changed(
         with_texts(telemetry, b"Battery 1 low voltage"), "STATUSTEXT", time=np.array([time])
     )
-    (fact,) = events(late, Reported.FAILSAFE)
+    (fact,) = events(late, ReportedEvent.FAILSAFE)
     assert ("battery 1 is low" in fact.sentence) is is_trigger
     assert ("fresher battery" in fact.remedy) is is_trigger
 
@@ -328,7 +330,7 @@ def test_the_health_of_the_attitude_is_no_variance_of_the_filter():
     sensors = {"present": attitude, "enabled": attitude, "health": np.where(LOST, 0, attitude)}
     fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
     (fact,) = events(
-        changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields)), Reported.ESTIMATOR_DIVERGED
+        changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields)), ReportedEvent.ESTIMATOR_DIVERGED
     )
     assert fact.sentence == "The autopilot reports that its attitude estimate is not healthy."
 
@@ -338,28 +340,28 @@ def test_a_sensor_that_was_never_healthy_did_not_fail():
     sensors = {"present": used, "enabled": used, "health": 1 << 16}
     fields = {f"onboard_control_sensors_{name}": bits for name, bits in sensors.items()}
     telemetry = changed(FLOWN, "SYS_STATUS", **columns(TIMES, **fields))
-    assert not events(telemetry, Reported.SENSOR_FAILED)
+    assert not events(telemetry, ReportedEvent.SENSOR_FAILED)
 
 
 def test_an_emergency_is_reported_beside_the_critical_battery_before_it():
     state = np.select([TIMES < 20.0, TIMES < 30.0], [1, 3], 4)
     telemetry = changed(FLOWN, "BATTERY_STATUS", **columns(TIMES, charge_state=state))
-    critical, spent = events(telemetry, Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT)
-    assert (critical.code, critical.time) == (Reported.BATTERY_ALARMED, 20.0)
-    assert (spent.code, spent.time, spent.level) == (Reported.BATTERY_SPENT, 30.0, "bad")
+    critical, spent = events(telemetry, ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT)
+    assert (critical.code, critical.time) == (ReportedEvent.BATTERY_ALARMED, 20.0)
+    assert (spent.code, spent.time, spent.level) == (ReportedEvent.BATTERY_SPENT, 30.0, "bad")
     assert spent.sentence == "The autopilot reports that the battery is at its end: emergency."
 
 
 def test_motors_that_stop_high_in_the_air_are_no_landing():
-    (landed,) = events(FLOWN, Reported.ON_GROUND)
+    (landed,) = events(FLOWN, ReportedEvent.ON_GROUND)
     time = FLOWN.messages["LOCAL_POSITION_NED"]["time"]
     seconds_after = np.maximum(time - landed.time, 0.0)
     height = np.where(time < 5.0, 0.0, np.maximum(10.0 - 5 * seconds_after**2, 0.0))
     fallen = changed(FLOWN, "LOCAL_POSITION_NED", z=-height)
-    assert not events(fallen, Reported.ON_GROUND)
+    assert not events(fallen, ReportedEvent.ON_GROUND)
 
 
 def test_a_second_boot_is_a_restart():
     boot = (FLOWN.messages["HEARTBEAT"]["time"] > 40.0).astype(int)
-    (fact,) = events(changed(FLOWN, "HEARTBEAT", boot=boot), Reported.RESTARTED)
+    (fact,) = events(changed(FLOWN, "HEARTBEAT", boot=boot), ReportedEvent.RESTARTED)
     assert (fact.time, fact.figures["boot"], fact.level) == (41.0, 1, "watch")

@@ -7,9 +7,9 @@ from pytest import mark
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 
-RESTARTS = (Reported.RESTARTED, Reported.RESTARTED_IN_FLIGHT)
+RESTARTS = (ReportedEvent.RESTARTED, ReportedEvent.RESTARTED_IN_FLIGHT)
 
 
 def restart_events(telemetry):
@@ -40,7 +40,7 @@ def falling(height, tumbling):
 )
 def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
     (event,) = restart_events(with_texts(falling(20.0, tumbling=False), text))
-    assert event.code is Reported.RESTARTED_IN_FLIGHT
+    assert event.code is ReportedEvent.RESTARTED_IN_FLIGHT
     assert event.level is Level.BAD
     assert event.figures["watchdog"]
     assert 15.0 < event.figures["descent"] <= 20.5
@@ -51,11 +51,11 @@ def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
 def test_the_watchdog_is_stated_once():
     words = (b"WDG: T-3 SL0 FL123 FT3", b"Forcing logging for watchdog reset")
     for telemetry, codes in (
-        (falling(20.0, tumbling=False), [Reported.RESTARTED_IN_FLIGHT]),
-        (falling(0.0, tumbling=False), [Reported.AUTOPILOT_ERROR]),
+        (falling(20.0, tumbling=False), [ReportedEvent.RESTARTED_IN_FLIGHT]),
+        (falling(0.0, tumbling=False), [ReportedEvent.AUTOPILOT_ERROR]),
     ):
         events = reported_events(Signals(with_texts(telemetry, *words)))
-        stated = (Reported.RESTARTED_IN_FLIGHT, Reported.AUTOPILOT_ERROR)
+        stated = (ReportedEvent.RESTARTED_IN_FLIGHT, ReportedEvent.AUTOPILOT_ERROR)
         assert [event.code for event in events if event.code in stated] == codes
 
 
@@ -72,7 +72,7 @@ def test_words_that_look_like_hexadecimal_numbers_are_no_reset():
 
 def test_without_a_report_a_fall_and_a_tumble_are_needed():
     (event,) = restart_events(falling(30.0, tumbling=True))
-    assert event.code is Reported.RESTARTED_IN_FLIGHT
+    assert event.code is ReportedEvent.RESTARTED_IN_FLIGHT
     assert not event.figures["watchdog"]
     assert not restart_events(falling(30.0, tumbling=False))
     assert not restart_events(falling(4.0, tumbling=True))
@@ -87,4 +87,4 @@ def test_a_reboot_between_flights_is_one_on_the_ground():
         name: np.concatenate([values, second.get(name, zeros)]) for name, values in first.items()
     }
     events = restart_events(changed(made, "ATTITUDE", **both))
-    assert [event.code for event in events] == [Reported.RESTARTED]
+    assert [event.code for event in events] == [ReportedEvent.RESTARTED]

@@ -14,7 +14,7 @@ from mavdem.assessment.saturated_motor import (
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
-from mavdem.facts.motors import InFlight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
 HOVER = Hover(sway=0.0)
@@ -69,7 +69,7 @@ def losses(made, ending=None):
 @mark.parametrize("seconds", [1.0, 5.0])
 def test_a_motor_at_its_limit_to_whose_side_the_vehicle_leans_is_named(motor, seconds):
     [loss] = losses(leaning(drifting(flight(), motor, seconds, 2100.0), QUAD[motor], 15.0))
-    assert (loss.code, loss.level) == (InFlight.MOTOR_SATURATED, "bad")
+    assert (loss.code, loss.level) == (MotorWatchFact.MOTOR_SATURATED, "bad")
     assert loss.subject == NAMES[motor]
     assert loss.time == approx(SATURATES, abs=1.3)
     assert loss.figures["excess"] == approx(0.4, abs=0.05)

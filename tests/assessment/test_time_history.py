@@ -10,7 +10,7 @@ from mavdem.assessment.time_history import SECONDS_AROUND_FLIGHT, time_history
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Unjudged
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
@@ -79,10 +79,10 @@ def test_voltages_are_named_by_their_battery():
 
 
 def test_events_of_another_boot_or_of_no_time_are_left_out():
-    here = Fact(Reported.BATTERY_WARNED, time=20.0, boot=0)
-    of_no_boot = Fact(Reported.BATTERY_WARNED, time=30.0)
-    elsewhere = Fact(Reported.BATTERY_WARNED, time=20.0, boot=1)
-    timeless = Fact(Reported.BATTERY_WARNED, boot=0)
+    here = Fact(ReportedEvent.BATTERY_WARNED, time=20.0, boot=0)
+    of_no_boot = Fact(ReportedEvent.BATTERY_WARNED, time=30.0)
+    elsewhere = Fact(ReportedEvent.BATTERY_WARNED, time=20.0, boot=1)
+    timeless = Fact(ReportedEvent.BATTERY_WARNED, boot=0)
     history = history_of(HOVER.telemetry(), here, of_no_boot, elsewhere, timeless)
     assert [event.fact for event in history.events] == [here, of_no_boot]
 

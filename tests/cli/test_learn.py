@@ -20,7 +20,7 @@ from mavdem.cli.output import TERMINAL_LINES, print_blocks, print_screen
 from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.flights import read_flight
 from mavdem.facts import Level
-from mavdem.facts.session import Spent
+from mavdem.facts.session import TimeUse
 from mavdem.fleet.row import FlightRow
 from mavdem.ingest import read_log
 from mavdem.live import SessionStatus
@@ -217,7 +217,7 @@ def test_every_place_says_the_same_of_a_flight(tmp_path, monkeypatch, capsys):
     # A session's page is made of the same record.
     status = SessionStatus("1:1", motor_alarms=(alarm,))
     live = live_page(
-        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(Spent, 0.0), found.model
+        "udpin:0", "roll", LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), found.model
     )
     assert (
         headline in live.replace("\N{NO-BREAK SPACE}", " ")

@@ -13,7 +13,7 @@ import mavdem
 from mavdem.assessment.assess import assess
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
-from mavdem.facts.learnability import Reason
+from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Unjudged
 from mavdem.ingest import read_log
 from mavdem.report.review import first_lines, further_lines, review_screen
@@ -46,7 +46,7 @@ def test_a_log_of_no_vehicle_that_can_be_judged_has_its_page(tmp_path, capsys):
 
 def test_the_library_returns_what_is_printed(tmp_path):
     other = mavdem.review(SLOW, vehicle="9")
-    assert other.headline.code is Reason.NO_SUCH_VEHICLE
+    assert other.headline.code is NotLearnableReason.NO_SUCH_VEHICLE
     assert {light.code for light in other.lights.values()} == {Unjudged.NOT_JUDGED}
     assert other.model is other.wind is None and other.events == ()
     assert other.loops["roll"].refusal == other.headline and not other.spectra

@@ -7,7 +7,7 @@ from pytest import mark
 from recorded_flights import FLIGHT, shared
 
 from mavdem.errors import NotLearnable
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.ingest.parameter_file import read_parameters
 
 pytestmark = [mark.slow, mark.usefixtures("coarse_physics")]
@@ -100,7 +100,7 @@ def test_what_must_not_fly_is_said_before_its_loops(capsys):
 def test_without_a_plant_the_measured_margins_or_what_is_bad_are_shown(capsys, monkeypatch):
     sound = shared("sitl_raw/ap_sid.BIN.xz")
     bad = shared("real/logs/gains_named_before_34.BIN")
-    refusal = NotLearnable(Loops.LOOP_TOO_SHORT, least_duration=20.0)
+    refusal = NotLearnable(LoopFact.LOOP_TOO_SHORT, least_duration=20.0)
     monkeypatch.setattr("mavdem.assessment.axis.loops.loop_from_plant", Mock(side_effect=refusal))
     assert "by system identification" in refused(capsys, 1, "tune", sound, "--axis", "pitch")
     assert "The height estimate diverged" in refused(capsys, 1, "tune", bad)

@@ -31,7 +31,7 @@ from mavdem.dataset.resampling import (
 from mavdem.dataset.segments import settled_segments, slow_steps
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.facts import Fact
-from mavdem.facts.learnability import Caution, Reason, Remedy, Resampling
+from mavdem.facts.learnability import Caution, NotLearnableReason, Remedy, Resampling
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 from mavdem.ingest.vocabulary import attitude_target, quaternion
 
@@ -388,7 +388,7 @@ def test_the_inputs_that_are_asked_for_are_taken():
     neither = learnability_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
     assert neither.reason.figures["remedy"].code is Remedy.ARDUPILOT_STREAMS
     without = learnability_of(Signals(Hover().telemetry(), inputs="demand"))
-    assert without.reason.code is Reason.NO_DEMAND and without.remedy
+    assert without.reason.code is NotLearnableReason.NO_DEMAND and without.remedy
     with raises(ValueError, match="'torque'"):
         learnability_of(Signals(both, inputs="torque"))
 

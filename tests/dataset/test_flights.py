@@ -15,7 +15,7 @@ from mavdem.dataset.learnability import segment_learnabilities
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.setpoints import recorded_setpoints
 from mavdem.dataset.signals import Signals
-from mavdem.facts.learnability import Caution, Reason
+from mavdem.facts.learnability import Caution, NotLearnableReason
 from mavdem.ingest.vocabulary import quaternion
 
 HOVER = Hover()
@@ -66,7 +66,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     log = log_of(hover.telemetry(stamps, stamps))
     (flight,), learnability = segments_of(log)
     judged = {each.reason.code for each in segment_learnabilities(Signals(log.vehicles[0]))}
-    assert judged == {Reason.LEARNABLE, Reason.SLOWER_THAN_LONGEST}
+    assert judged == {NotLearnableReason.LEARNABLE, NotLearnableReason.SLOWER_THAN_LONGEST}
     assert flight.time[0] == approx(36) and flight.dt == 0.01
     (caution,) = set(flight.cautions) - set(learnability.cautions)
     assert caution.code is Caution.SEGMENTS_LEFT_OUT
@@ -84,13 +84,13 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
     assert choose_vehicle((first, dataclasses.replace(first, system=9, messages={}))) is first
     assert choose_vehicle((first, second), "7") is second
     assert choose_vehicle((first, second), "1:1") is first
-    assert not_chosen((first, second)) == (Reason.SEVERAL_VEHICLES, ("1:1", "7:1"))
-    assert not_chosen((first, second), "3") == (Reason.NO_SUCH_VEHICLE, ("1:1", "7:1"))
+    assert not_chosen((first, second)) == (NotLearnableReason.SEVERAL_VEHICLES, ("1:1", "7:1"))
+    assert not_chosen((first, second), "3") == (NotLearnableReason.NO_SUCH_VEHICLE, ("1:1", "7:1"))
     # Of the same ids, as in two logs that were joined, the boards tell.
     joined = [dataclasses.replace(first, board=board) for board in ("2a", "7f")]
     assert choose_vehicle(joined, "7f") is joined[1]
-    assert not_chosen(joined) == (Reason.SEVERAL_VEHICLES, ("2a", "7f"))
-    assert not_chosen(()) == (Reason.LOG_WITHOUT_VEHICLE, None)
+    assert not_chosen(joined) == (NotLearnableReason.SEVERAL_VEHICLES, ("2a", "7f"))
+    assert not_chosen(()) == (NotLearnableReason.LOG_WITHOUT_VEHICLE, None)
 
 
 def with_targets(rate=10.0, type_mask=0, start=0.0, end=np.inf):

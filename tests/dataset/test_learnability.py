@@ -15,7 +15,7 @@ from mavdem.dataset.rate_advice import rate_advice
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.documents.vehicle import Verdict
-from mavdem.facts.learnability import Caution, MotorObstacle, Reason, Remedy
+from mavdem.facts.learnability import Caution, MotorObstacle, NotLearnableReason, Remedy
 from mavdem.ingest import Component
 
 HOVER = Hover()
@@ -75,7 +75,7 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
         [np.arange(0, 100, 1 / 15), np.arange(100, 103, 0.01), np.arange(103, LONG.end, 1 / 15)]
     )
     reason = refused_for(LONG.telemetry(stamps, stamps))
-    assert reason.code is Reason.STREAMS_TOO_SLOW
+    assert reason.code is NotLearnableReason.STREAMS_TOO_SLOW
     assert reason.figures["rates"] == approx((15.0, 15.0), abs=5)
 
 
@@ -93,7 +93,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 
 def test_a_demand_that_never_moves_is_no_input():
     signals = Signals(with_demand(HOVER.telemetry()), "pitch", "demand")
-    assert learnability_of(signals).reason.code is Reason.DEMAND_CONSTANT
+    assert learnability_of(signals).reason.code is NotLearnableReason.DEMAND_CONSTANT
 
 
 def test_what_was_assumed_and_left_out_is_said():
@@ -134,7 +134,7 @@ def test_the_longest_learnable_segment_is_taken_or_the_longest_explains():
     assert learnability.figures.duration == approx(second.duration, abs=0.1)
     refused = judged(with_contradiction(telemetry, 0.0, LONG.end))
     assert not refused.learnable and refused.segment == longest
-    assert refused.reason.code is Reason.RATE_CONTRADICTS_ANGLE
+    assert refused.reason.code is NotLearnableReason.RATE_CONTRADICTS_ANGLE
 
 
 def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
@@ -151,7 +151,7 @@ def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
             controls=controls,
         )
     )
-    assert reason.code is Reason.NO_EVIDENCE_OF_FLIGHT
+    assert reason.code is NotLearnableReason.NO_EVIDENCE_OF_FLIGHT
 
 
 def test_a_hover_on_little_of_the_range_is_a_flight_where_the_autopilot_idles_lower():
@@ -216,31 +216,31 @@ FOUR, SIX = (
 REFUSED = {
     "slow": (
         HOVER.telemetry(100.0, 10.0),
-        Reason.STREAMS_TOO_SLOW,
+        NotLearnableReason.STREAMS_TOO_SLOW,
         Remedy.ARDUPILOT_STREAMS,
         {"names": ("SERVO_OUTPUT_RAW",), "rates": approx((10.0,), 0.01)},
     ),
     "slow PX4": (
         HOVER.telemetry(4.0, 4.0, autopilot="PX4"),
-        Reason.STREAMS_TOO_SLOW,
+        NotLearnableReason.STREAMS_TOO_SLOW,
         Remedy.PX4_STREAMS,
         {},
     ),
     "slow other": (
         HOVER.telemetry(4.0, 4.0, autopilot="INVALID"),
-        Reason.STREAMS_TOO_SLOW,
+        NotLearnableReason.STREAMS_TOO_SLOW,
         Remedy.MESSAGE_INTERVALS,
         {},
     ),
     "gaps": (
         HOVER.telemetry(GAPS, GAPS),
-        Reason.TOO_SHORT,
+        NotLearnableReason.TOO_SHORT,
         None,
         {"duration": approx(2.5, 0.02)},
     ),
     "no attitude": (
         HOVER.telemetry(without=("ATTITUDE",)),
-        Reason.NO_ATTITUDE,
+        NotLearnableReason.NO_ATTITUDE,
         Remedy.ARDUPILOT_STREAMS,
         {},
     ),
@@ -250,7 +250,12 @@ REFUSED = {
         Remedy.ARDUPILOT_STREAMS,
         {},
     ),
-    "disarmed": (disarmed(HOVER.telemetry()), Reason.NEVER_ARMED, Remedy.RECORD_A_FLIGHT, {}),
+    "disarmed": (
+        disarmed(HOVER.telemetry()),
+        NotLearnableReason.NEVER_ARMED,
+        Remedy.RECORD_A_FLIGHT,
+        {},
+    ),
     "still": (with_outputs(1000.0), MotorObstacle.MOTORS_CONSTANT, Remedy.RECORD_A_FLIGHT, {}),
     "other channels": (
         with_outputs(**FOUR),
@@ -264,26 +269,31 @@ REFUSED = {
         Remedy.RECORD_A_FLIGHT,
         {"missing": (10, 12)},
     ),
-    "never changes": (with_steps(1e9, HOVER.telemetry()), Reason.OUTPUT_CONSTANT, None, {}),
+    "never changes": (
+        with_steps(1e9, HOVER.telemetry()),
+        NotLearnableReason.OUTPUT_CONSTANT,
+        None,
+        {},
+    ),
     "idling": (
         idling(),
-        Reason.NEVER_AIRBORNE,
+        NotLearnableReason.NEVER_AIRBORNE,
         Remedy.RECORD_A_FLIGHT,
         {"collective": approx(0.105, abs=0.005), "least_collective": approx(0.2)},
     ),
     "shaking": (
         shaking(0.027, 0.0),
-        Reason.RATE_CONTRADICTS_ANGLE,
+        NotLearnableReason.RATE_CONTRADICTS_ANGLE,
         Remedy.ARDUPILOT_STREAMS,
         {"still": False, "rate": 200},
     ),
     "shaking while it stands": (
         shaking(0.01, 0.0),
-        Reason.RATE_CONTRADICTS_ANGLE,
+        NotLearnableReason.RATE_CONTRADICTS_ANGLE,
         Remedy.ARDUPILOT_STREAMS,
         {"still": True},
     ),
-    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), Reason.NO_MULTIROTOR, None, {}),
+    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), NotLearnableReason.NO_MULTIROTOR, None, {}),
 }
 
 
@@ -328,7 +338,9 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
     assert near.figures.input_snr == approx(truth, rel=0.3)
     assert judged(rounded(Hover(command=0.13))).learnable
     refused = refused_for(rounded(Hover(command=0.1)))
-    assert refused.code is Reason.COMMAND_ROUNDED and refused.figures["command_step"] == 1
+    assert (
+        refused.code is NotLearnableReason.COMMAND_ROUNDED and refused.figures["command_step"] == 1
+    )
 
 
 def random_stamps(random, end):
@@ -396,7 +408,7 @@ def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(
     # A motor that never moves says nothing.
     telemetry = changed(in_whole_pulses(HOVER.telemetry()), "SERVO_OUTPUT_RAW", servo4_raw=1000.0)
     reason = refused_for(held(telemetry, message, rows, (only,)))
-    assert reason.code is Reason.VALUES_REPEATED and reason.figures["name"] == message
+    assert reason.code is NotLearnableReason.VALUES_REPEATED and reason.figures["name"] == message
     assert reason.figures["rate"] == approx(100)
     # At its turning points a rounded command may be the same twice running.
     assert 0.9 * told <= reason.figures["fresh_rate"] <= 1.01 * told
@@ -435,7 +447,7 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     )
     assert judged(slow).learnable
     refused = refused_for(with_steps(0.05, slow))
-    assert refused.code is Reason.OUTPUT_ROUNDED
+    assert refused.code is NotLearnableReason.OUTPUT_ROUNDED
     assert refused.figures["angle_step"] == approx(0.05)
 
 
@@ -447,7 +459,7 @@ def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
     telemetry = HOVER.telemetry()
     nowhere = np.full(len(telemetry.messages["ATTITUDE"]["time"]), wrong)
     reason = refused_for(changed(telemetry, "ATTITUDE", **dict.fromkeys(fields, nowhere)))
-    assert reason.code is Reason.ATTITUDE_NOT_FINITE
+    assert reason.code is NotLearnableReason.ATTITUDE_NOT_FINITE
 
 
 @mark.parametrize("field, wrong", [("rollspeed", 70.0), ("roll", 1e30), ("pitch", -6.3)])
@@ -474,7 +486,10 @@ def test_one_wild_rate_does_not_decide_and_degrees_are_reported_as_such():
     degrees = {
         name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")
     }
-    assert refused_for(changed(telemetry, "ATTITUDE", **degrees)).code is Reason.ATTITUDE_UNIT
+    assert (
+        refused_for(changed(telemetry, "ATTITUDE", **degrees)).code
+        is NotLearnableReason.ATTITUDE_UNIT
+    )
 
 
 def remedy_for(recorder, has_demand=True, **fields):
@@ -581,4 +596,4 @@ def test_the_missing_part_of_a_dataflash_attitude_is_named():
             source_names={"ATTITUDE_TARGET": source},
         )
         reason = learnability_of(Signals(logged)).reason
-        assert (reason.code, reason.sentence) == (Reason.NO_ATTITUDE, sentence)
+        assert (reason.code, reason.sentence) == (NotLearnableReason.NO_ATTITUDE, sentence)

@@ -27,7 +27,7 @@ from mavdem.dataset.phases import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable
-from mavdem.facts.learnability import MotorObstacle, Reason
+from mavdem.facts.learnability import MotorObstacle, NotLearnableReason
 from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.ingest.motors import ChannelSource, PositionSource
 from mavdem.ingest.output_scale import output_scale
@@ -382,12 +382,12 @@ def test_what_is_sought_once_is_known_of_its_axis_and_so_is_why_nothing_was_foun
     def find(signals, boot):
         sought.append((signals.axis, boot))
         if boot:
-            raise NotLearnable(Reason.NO_ATTITUDE)
+            raise NotLearnable(NotLearnableReason.NO_ATTITUDE)
         return signals.axis
 
     roll = Signals(HOVER.telemetry())
     yaw = roll.for_axis("yaw")
     assert [find(each, 0) for each in (roll, yaw, roll)] == ["roll", "yaw", "roll"]
-    assert {refused(find, yaw, 1).code for _ in range(2)} == {Reason.NO_ATTITUDE}
+    assert {refused(find, yaw, 1).code for _ in range(2)} == {NotLearnableReason.NO_ATTITUDE}
     assert sought == [("roll", 0), ("yaw", 0), ("yaw", 1)]
     assert len(pickle.loads(pickle.dumps(roll)).cache) == 3

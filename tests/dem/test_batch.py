@@ -18,7 +18,7 @@ from mavdem import Flight, Learned, Settings, learn, learn_many
 from mavdem.dem.parallel import JOBS_AHEAD, MAX_SERIAL_JOBS
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.model import Workers
+from mavdem.facts.model import WorkerFact
 
 
 def walk(seed):
@@ -152,7 +152,7 @@ def test_a_script_that_its_workers_import_anew_starts_no_others(tmp_path):
     )
     words = [sys.executable, script]
     ended = subprocess.run(words, env=PATH, stderr=subprocess.PIPE, text=True, timeout=300)
-    assert str(Fact(Workers.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
+    assert str(Fact(WorkerFact.SCRIPT_IMPORTED_BY_WORKER)) in ended.stderr
 
 
 @mark.slow

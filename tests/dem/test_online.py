@@ -27,7 +27,7 @@ from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import MAX_QUARTILES, FreeEnergyMonitor, Surprise
 from mavdem.dem.online.learner import LEARNING_SECONDS, NEW_SAMPLE_SHARE
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
-from mavdem.facts.online import Online
+from mavdem.facts.online import OnlineFact
 
 pytestmark = mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
@@ -107,7 +107,9 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
     online = OnlineLearner(dt=dt)
     for row in range(still):
         online.update(dt * row, [0.2, 0.0], [1500.0] * 4)
-    assert online.obstacle.code is Online.LEARNING_FAILED and not online.obstacle.figures["kept"]
+    assert (
+        online.obstacle.code is OnlineFact.LEARNING_FAILED and not online.obstacle.figures["kept"]
+    )
     first = None
     for row in range(700):
         estimate = online.update(dt * (still + row), WINDY.outputs[row], WINDY.inputs[row])
@@ -145,9 +147,9 @@ def test_while_the_first_learning_runs_samples_are_not_too_few():
     executor = Mock(**{"submit.return_value": Future()})
     online = OnlineLearner(dt=WINDY.dt, executor=executor, effect_directions=SIGNS)
     flown(online, WINDY[:150])
-    assert online.obstacle.code is Online.TOO_FEW_SAMPLES_YET
+    assert online.obstacle.code is OnlineFact.TOO_FEW_SAMPLES_YET
     estimates = flown(online, WINDY[150:500])
-    assert online.obstacle.code is Online.FIRST_LEARNING
+    assert online.obstacle.code is OnlineFact.FIRST_LEARNING
     # Samples follow from those before them without that model.
     assert (estimates[-1].expected_band < 0.05 * WINDY.outputs.std(axis=0)).all()
 
@@ -196,7 +198,7 @@ def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step):
             assert online.obstacle is not None
         else:
             assert online.obstacle is None
-    assert online.obstacle.code is Online.SAMPLES_MISPLACED
+    assert online.obstacle.code is OnlineFact.SAMPLES_MISPLACED
     assert online.obstacle.figures == approx({"interval": step, "step": 0.01})
     flown(online, WINDY[460:480])
     assert online.obstacle is None

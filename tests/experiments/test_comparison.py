@@ -18,7 +18,7 @@ from mavdem.experiments.comparison import (
 from mavdem.experiments.scores import FROM_ZERO, KNOWN, UNKNOWN
 from mavdem.experiments.window import windows
 from mavdem.facts import Fact
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
@@ -87,7 +87,7 @@ def whole(outcome, question=KNOWN):
 )
 def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, text):
     found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
-    assert found.failure == Fact(Forecasts.FAILED, error=error, text=text)
+    assert found.failure == Fact(ForecastFact.FAILED, error=error, text=text)
     assert (found.stable, found.forecasts) == (None, {})
     assert all(np.isinf(scores.ratio).all() for scores in found.scores.values())
     assert found.scores[UNKNOWN].steps == HORIZONS
@@ -115,7 +115,7 @@ def test_a_summary_is_the_median_of_its_windows(compared):
     assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
     assert hold["mspe"] == np.mean([one.mspe() for one in column], axis=0).tolist()
     assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
-    assert (refused["failed"], refused["failure"].code) == (3, Forecasts.FAILED)
+    assert (refused["failed"], refused["failure"].code) == (3, ForecastFact.FAILED)
     # The first wins all three windows, of which two do not overlap.
     assert refused["horizons"][-1]["reference"] == Paired(0.0, 3, 3, 2, 0.5)
     assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)

@@ -29,7 +29,7 @@ from mavdem.dem.record import Record
 from mavdem.experiments.methods import maximum_likelihood, subspace_identification
 from mavdem.experiments.methods.maximum_likelihood import iterate_em
 from mavdem.experiments.methods.scaling import NormalizedUnits
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 NO_FEEDBACK = np.zeros((2, 2))
 
@@ -71,7 +71,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 def test_what_has_not_settled_is_said(monkeypatch):
     monkeypatch.setattr(maximum_likelihood, "MAX_ITERATIONS", 1)
     cautions = [caution.code for caution in baselines.pem(TRAIN, 1).cautions]
-    assert Forecasts.STILL_IMPROVING in cautions
+    assert ForecastFact.STILL_IMPROVING in cautions
 
 
 def noisy_system(order):
@@ -129,7 +129,7 @@ def test_a_breakdown_is_an_error(monkeypatch):
         raise np.linalg.LinAlgError
 
     monkeypatch.setattr(maximum_likelihood, "iterate_em", breaks_down)
-    assert refused(baselines.em, TRAIN[:300], 2).code is Forecasts.EM_BROKE_DOWN
+    assert refused(baselines.em, TRAIN[:300], 2).code is ForecastFact.EM_BROKE_DOWN
 
 
 def error_of(model, system, samples, **how):
@@ -190,7 +190,7 @@ def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves(method)
 @mark.parametrize("method", ALL)
 def test_an_unstable_model_is_said_to_be(method):
     as_found = method(growing(), order=1)
-    assert not as_found.stable and as_found.cautions[0].code is Forecasts.MODEL_UNSTABLE
+    assert not as_found.stable and as_found.cautions[0].code is ForecastFact.MODEL_UNSTABLE
 
 
 STILL = replace(TRAIN, outputs=np.zeros((700, 2)))
@@ -222,20 +222,20 @@ def test_what_cannot_be_learned_from_is_named(make, said):
 )
 def test_too_few_samples_for_an_order_are_refused(method, train, order, samples):
     fact = refused(method, train, order)
-    assert (fact.code, fact.figures["samples"]) == (Forecasts.TOO_FEW_FOR_ORDER, samples)
+    assert (fact.code, fact.figures["samples"]) == (ForecastFact.TOO_FEW_FOR_ORDER, samples)
 
 
 def test_more_states_than_the_data_have_are_refused(monkeypatch):
     sine = np.sin(0.3 * np.arange(700))[:, None]
     fact = refused(baselines.subspace, Flight(TRAIN.time, 0 * sine, sine), 4)
-    assert fact.code is Forecasts.TOO_FEW_STATES
+    assert fact.code is ForecastFact.TOO_FEW_STATES
     assert fact.figures == {"order": 4, "states": 2}
 
     def unobservable(*arguments):
         raise np.linalg.LinAlgError
 
     monkeypatch.setattr(subspace_identification, "steady_state_gain", unobservable)
-    assert refused(baselines.subspace, TRAIN, 2).code is Forecasts.NOT_OBSERVABLE
+    assert refused(baselines.subspace, TRAIN, 2).code is ForecastFact.NOT_OBSERVABLE
 
 
 def random_system(seed, order, noise=0.1):

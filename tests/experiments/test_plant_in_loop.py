@@ -16,7 +16,7 @@ from mavdem.dem.engine.gauss_newton import QuadraticExpansion
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.experiments.methods.plant_in_loop import recorded_controller
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior
 from mavdem.plant.closed_loop.state_space import NAMES, sampled_loop, wind_torque_output
@@ -162,5 +162,5 @@ def test_gains_are_those_of_the_parameters() -> None:
 def test_gains_without_a_logarithm_are_refused() -> None:
     row = np.array(X_ROLL) / 2
     without_gain = recorded({**ARDUPILOT, "ATC_RAT_RLL_P": 0.0})
-    assert refused(recorded_controller, without_gain, row).code == Loops.NO_PROPORTIONAL_GAIN
-    assert refused(recorded_controller, recorded(ARDUPILOT), -row).code == Loops.MIXER_REVERSED
+    assert refused(recorded_controller, without_gain, row).code == LoopFact.NO_PROPORTIONAL_GAIN
+    assert refused(recorded_controller, recorded(ARDUPILOT), -row).code == LoopFact.MIXER_REVERSED

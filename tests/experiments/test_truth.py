@@ -12,7 +12,7 @@ from mavdem.dem.record import Record
 from mavdem.experiments.paper.flights import settled_hover
 from mavdem.experiments.truth import compare_with_truth, read_truth, truth_of
 from mavdem.facts import Fact
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.plant import physical
 from mavdem.plant.wind_torque import estimate_wind_torque
@@ -129,7 +129,7 @@ def test_the_truth_of_another_flight_is_refused(flight, motion, path, tmp_path):
     other = dict(np.load(path)) | {"known_rates": motion.known_rates / 1.5}
     np.savez(tmp_path / "other.npz", **other)
     fact = unreadable(truth_of, [flight], tmp_path / "other.npz")
-    assert (fact.code, fact.subject) == (Forecasts.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
+    assert (fact.code, fact.subject) == (ForecastFact.TRUTH_OF_ANOTHER_FLIGHT, "roll rate")
     assert (fact.time, fact.until) == (flight.time[0], flight.time[-1])
     assert unreadable(truth_of, [replace(flight, time=flight.time + 100.0)], path).code is fact.code
 
@@ -150,7 +150,7 @@ def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
     change(parts)
     np.savez(tmp_path / "odd.npz", **parts)
     fact = unreadable(read_truth, tmp_path / "odd.npz", "pitch")
-    assert fact == Fact(Forecasts.NO_TRUTH_FILE, name="odd.npz", error="")
+    assert fact == Fact(ForecastFact.NO_TRUTH_FILE, name="odd.npz", error="")
 
 
 def test_files_of_other_kinds_and_none_are_refused(tmp_path):
@@ -159,6 +159,6 @@ def test_files_of_other_kinds_and_none_are_refused(tmp_path):
     np.save(tmp_path / "array.npy", np.zeros(3))
     for name in ("text.npz", "cut.npz", "array.npy"):
         fact = unreadable(read_truth, tmp_path / name, "roll")
-        assert fact == Fact(Forecasts.NO_TRUTH_FILE, name=name, error="")
+        assert fact == Fact(ForecastFact.NO_TRUTH_FILE, name=name, error="")
     for name in ("nowhere.npz", "."):
         assert unreadable(read_truth, tmp_path / name, "roll").figures["error"]

@@ -8,7 +8,7 @@ from simulated import simulated
 
 from mavdem.assessment.axis.training import flights_after_start
 from mavdem.experiments.window import no_test_window, too_short
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
 
@@ -24,16 +24,16 @@ FLIGHT = replace(simulated(samples=600), provenance={"segment": {"boot": 0}})
 def test_parts_that_are_too_long_are_refused_with_those_that_fit(start, train, options):
     fact = too_short(FLIGHT, start, train, 150, 100).fact
     left = 600 - round(100 * start)
-    assert fact.code is Forecasts.FLIGHT_TOO_SHORT
+    assert fact.code is ForecastFact.FLIGHT_TOO_SHORT
     assert (fact.figures["left"], fact.figures["options"]) == (left, options)
 
 
 def test_a_window_that_fits_into_no_part_is_refused_with_one_that_does():
     fact = no_test_window(600, 0.01, 150, 5).fact
-    assert fact.code is Forecasts.NO_TEST_WINDOW
+    assert fact.code is ForecastFact.NO_TEST_WINDOW
     assert fact.figures["options"] == ("--test", "100")
     assert no_test_window(200, 0.01, 150, 5).fact.figures["options"] == ()
 
 
 def test_a_start_after_the_end_leaves_nothing():
-    assert refused(flights_after_start, [FLIGHT], 5.9).code is Forecasts.NOTHING_LEFT
+    assert refused(flights_after_start, [FLIGHT], 5.9).code is ForecastFact.NOTHING_LEFT

@@ -11,7 +11,7 @@ from pytest import raises
 
 from mavdem.errors import Unreadable
 from mavdem.export.geographic_paths import geographic_paths, write_geojson, write_kml
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 
 KML = {"kml": "http://www.opengis.net/kml/2.2"}
 TIME = np.arange(5.0)
@@ -55,7 +55,7 @@ def test_a_path_comes_back_from_kml_at_its_altitude():
 def test_a_log_without_geographic_positions_has_no_path():
     with raises(Unreadable) as refusal:
         geographic_paths(Hover().telemetry())
-    assert refusal.value.fact.code is Source.NO_GEOGRAPHIC_POSITION
+    assert refusal.value.fact.code is SourceFact.NO_GEOGRAPHIC_POSITION
 
 
 def test_a_map_may_have_any_name():

@@ -12,7 +12,7 @@ from scipy.stats import norm, t
 from mavdem.confidence import coverage_factor
 from mavdem.documents import complete_document
 from mavdem.experiments.paired_test import SIGNIFICANCE
-from mavdem.facts.fleet import Compared, Incomparable, QuantityOutcome
+from mavdem.facts.fleet import ComparedSubject, Incomparable, QuantityOutcome
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.flight_conditions import mean_conditions
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
@@ -263,15 +263,15 @@ BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_in
         ),
         ({"tier": "c", **NO_MODEL}, {SHARE, *LOOP_KINDS}, EFFECT, Incomparable.NOT_ESTIMATED),
         ({"trim_share": None}, {*SD_BETWEEN_FLIGHTS} - {SHARE}, SHARE, Incomparable.NOT_ESTIMATED),
-        (BY_DEMAND, {SHARE, *LOOP_KINDS}, Compared.OF_MODELS, Incomparable.OTHER_INPUTS),
+        (BY_DEMAND, {SHARE, *LOOP_KINDS}, ComparedSubject.OF_MODELS, Incomparable.OTHER_INPUTS),
         (
             {"motors": tuple("123456"), "trim_share": None, "effect": None},
             set(),
-            Compared.EVERYTHING,
+            ComparedSubject.EVERYTHING,
             Incomparable.OTHER_VEHICLES,
         ),
-        ({"trim_unit": "%"}, set(), Compared.EVERYTHING, Incomparable.OTHER_UNITS),
-        ({"status": "It is empty."}, set(), Compared.EVERYTHING, Incomparable.NO_FLIGHT),
+        ({"trim_unit": "%"}, set(), ComparedSubject.EVERYTHING, Incomparable.OTHER_UNITS),
+        ({"status": "It is empty."}, set(), ComparedSubject.EVERYTHING, Incomparable.NO_FLIGHT),
     ],
 )
 def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(

@@ -19,9 +19,9 @@ from refusals import unreadable
 from standin_logs import InThisProcess, fleet_of, make_logs, statuses, table_of, track
 
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Folder, Reading
+from mavdem.facts.fleet import FleetFolderFact, ReadingFact
 from mavdem.facts.motors import HealthUnknown, MotorsBetween
-from mavdem.facts.sources import Package
+from mavdem.facts.sources import PackageFact
 from mavdem.fleet import store, table_files
 from mavdem.fleet.judgement import (
     judgement_lock,
@@ -56,7 +56,7 @@ FULL = FlightRow(
     effect_interval=(0.02, math.nan),
     warnings=("It is windy.",),
 )
-FAILED = FlightRow.without_flight("b.bin", Fact(Reading.NO_VEHICLE))
+FAILED = FlightRow.without_flight("b.bin", Fact(ReadingFact.NO_VEHICLE))
 
 
 def test_rows_come_back_as_they_were(tmp_path):
@@ -97,10 +97,10 @@ def refusal(use):
 
 
 def test_what_is_no_fleet_and_what_is_damaged_is_refused(tmp_path):
-    assert refusal(lambda: read_rows(tmp_path / "none")) is Folder.NO_FLEET
+    assert refusal(lambda: read_rows(tmp_path / "none")) is FleetFolderFact.NO_FLEET
     (tmp_path / STORE).write_bytes(b"SQLite format 3\0 and nothing" * 99)
-    assert refusal(lambda: read_rows(tmp_path)) is Folder.FLEET_DAMAGED
-    assert refusal(open_store(tmp_path).__enter__) is Folder.FLEET_DAMAGED
+    assert refusal(lambda: read_rows(tmp_path)) is FleetFolderFact.FLEET_DAMAGED
+    assert refusal(open_store(tmp_path).__enter__) is FleetFolderFact.FLEET_DAMAGED
 
 
 @mark.parametrize("row", ["[1]", "{"])
@@ -108,12 +108,12 @@ def test_a_damaged_row_is_said_to_be(fleet, row):
     out, folder, (log, _), _ = fleet
     with closing(sqlite3.connect(out / STORE, isolation_level=None)) as db:
         db.execute("update flights set row = ? where rowid = 1", [row])
-    assert refusal(lambda: read_rows(out)) is Folder.FLEET_DAMAGED
+    assert refusal(lambda: read_rows(out)) is FleetFolderFact.FLEET_DAMAGED
     with open_store(out) as store:
         query = "select row, file from flights"
         assert len([*store.sound_rows(query)]) == len([*store.db.execute(query)]) - 1
     table_path(out).unlink()
-    assert refusal(lambda: track(out, folder, log)) is Folder.FLEET_DAMAGED
+    assert refusal(lambda: track(out, folder, log)) is FleetFolderFact.FLEET_DAMAGED
 
 
 @mark.slow
@@ -161,7 +161,7 @@ def test_a_second_run_waits_until_the_first_has_written(fleet, tmp_path, monkeyp
     first.execute("begin immediate")
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
     more = make_logs(tmp_path / "more", 1, "other")
-    assert refusal(lambda: track(out, *more)) is Folder.FLEET_NOT_WRITTEN
+    assert refusal(lambda: track(out, *more)) is FleetFolderFact.FLEET_NOT_WRITTEN
     first.execute("rollback")
     assert track(out, tmp_path / "more").read == 1 and len(read_rows(out)) == 6
 
@@ -202,7 +202,7 @@ def test_a_table_that_could_not_be_written_is_written_by_the_next_run(fleet, mon
         disk.setattr(
             table_files, "write_file", Mock(side_effect=OSError(28, "No space left on device"))
         )
-        assert refusal(lambda: track(out, folder)) is Folder.FLEET_NOT_WRITTEN
+        assert refusal(lambda: track(out, folder)) is FleetFolderFact.FLEET_NOT_WRITTEN
     assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
 
 
@@ -314,7 +314,7 @@ def test_a_whole_table_that_was_not_finished_is_written_anew(tmp_path, monkeypat
     with monkeypatch.context() as disk:
         full_disk = Mock(side_effect=[None, OSError(28, "No space left on device")])
         disk.setattr(table_files, "write_file", full_disk)
-        assert refusal(lambda: fleet_of(tmp_path, [first])) is Folder.FLEET_NOT_WRITTEN
+        assert refusal(lambda: fleet_of(tmp_path, [first])) is FleetFolderFact.FLEET_NOT_WRITTEN
     write_file(table_path(tmp_path), [], tmp_path)
     fleet_of(tmp_path, [first])
     vehicles = parquet.read_table(tmp_path / "flights")["vehicle"].to_pylist()
@@ -389,7 +389,7 @@ def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
     before = table_of(out)
     (tmp_path / "disk").rename(tmp_path / "off")
     (problem,) = track(out, tmp_path / "links").problems
-    assert problem.code is Reading.LOG_KEPT
+    assert problem.code is ReadingFact.LOG_KEPT
     assert table_of(out) == before and statuses(out) == {}
 
 
@@ -402,9 +402,9 @@ def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
     out = tmp_path / "fleet"
     assert track(out, logs).read == 3
     assert {Path(row.file).name: row.status_code for row in read_rows(out)} == {
-        "bug_0.bin": Reading.READING_FAILED,
+        "bug_0.bin": ReadingFact.READING_FAILED,
         "damaged_0.bin": "failed",
-        "extra_0.bin": Package.EXTRA_MISSING,
+        "extra_0.bin": PackageFact.EXTRA_MISSING,
     }
     reason = "The log needs mcap: pip install 'mavdem[mcap]'."
     assert reason in [row.status for row in read_rows(out)]
@@ -468,8 +468,8 @@ def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp
     track(tmp_path / "other", healthy[1])
     assert reasons([tmp_path / "other"]) == {"", healthy[1].name}
     (damaged,) = make_logs(tmp_path, 1, "damaged")
-    assert refusal(lambda: reasons([tmp_path / "nothing"])) is Folder.BASELINE_UNKNOWN
-    assert refusal(lambda: reasons([damaged])) is Folder.BASELINE_WITHOUT_FLIGHT
+    assert refusal(lambda: reasons([tmp_path / "nothing"])) is FleetFolderFact.BASELINE_UNKNOWN
+    assert refusal(lambda: reasons([damaged])) is FleetFolderFact.BASELINE_WITHOUT_FLIGHT
 
 
 @mark.slow

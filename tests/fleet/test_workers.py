@@ -30,8 +30,8 @@ from standin_logs import LIMITS, make_logs, rows_of_log, table_of, track
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Folder, Reading
-from mavdem.facts.sources import Source
+from mavdem.facts.fleet import FleetFolderFact, ReadingFact
+from mavdem.facts.sources import SourceFact
 from mavdem.fleet import cluster, workers
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
@@ -59,10 +59,10 @@ def test_an_outcome_has_the_log_s_name_and_key_and_why_it_has_no_rows(tmp_path):
     (row,) = found.rows
     assert (row.file, row.key) == (path, found.key) and row.mavdem_version
     assert outcome_of(Job(path, (found.key,)), None).ended == "known"
-    cut = Unreadable(Fact(Source.FORMAT_UNKNOWN, path=path, name="text"))
+    cut = Unreadable(Fact(SourceFact.FORMAT_UNKNOWN, path=path, name="text"))
     damaged = outcome_of(Job(path), Mock(side_effect=cut))
     (row,) = damaged.rows
-    assert damaged.ended == "read" and row.status_code == Source.FORMAT_UNKNOWN
+    assert damaged.ended == "read" and row.status_code == SourceFact.FORMAT_UNKNOWN
     assert path not in row.status
     assert (row.file, row.key) == (path, found.key)
     with raises(MemoryError):  # with a higher limit it may be read
@@ -76,7 +76,11 @@ def test_what_is_no_plain_file_is_not_opened(tmp_path):
         outcome_of(Job(str(tmp_path / name)), None).rows[0].status_code
         for name in ("pipe.tlog", "loop.bin", "none")
     ]
-    assert codes == [Reading.NO_PLAIN_FILE, Reading.LOG_UNREACHABLE, Reading.LOG_UNREACHABLE]
+    assert codes == [
+        ReadingFact.NO_PLAIN_FILE,
+        ReadingFact.LOG_UNREACHABLE,
+        ReadingFact.LOG_UNREACHABLE,
+    ]
 
 
 @mark.slow
@@ -96,9 +100,9 @@ def test_no_log_stops_a_run(tmp_path):
     # The process starts no others.
     assert found["where_0.bin"].status == "1"
     assert {name: row.status_code for name, row in found.items() if row.status_code} == {
-        "slow_0.bin": Reading.READING_TOO_LONG,
-        "big_0.bin": Reading.READING_TOO_LARGE,
-        "crash_0.bin": Reading.READER_DIED,
+        "slow_0.bin": ReadingFact.READING_TOO_LONG,
+        "big_0.bin": ReadingFact.READING_TOO_LARGE,
+        "crash_0.bin": ReadingFact.READER_DIED,
     }
 
 
@@ -109,7 +113,7 @@ def test_a_run_that_can_start_no_process_ends_and_says_so(tmp_path):
         fact = unreadable(LogReader().read, Job(str(tmp_path)), LIMITS, rows_of_log)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
-    assert fact.code is Reading.READERS_NOT_STARTED
+    assert fact.code is ReadingFact.READERS_NOT_STARTED
 
 
 @mark.slow
@@ -229,11 +233,11 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
 @mark.parametrize(
     "client, code",
     [
-        ({"run.side_effect": [{}]}, Reading.NO_CLUSTER_WORKERS),
-        ({"run.side_effect": ImportError("mavdem")}, Reading.CLUSTER_CANNOT_READ),
-        ({"run.side_effect": [{"0": "other"}]}, Reading.CLUSTER_OF_OTHER_VERSION),
-        ({"submit.side_effect": OSError("gone")}, Reading.CLUSTER_CANNOT_READ),
-        (None, Reading.NO_SCHEDULER),
+        ({"run.side_effect": [{}]}, ReadingFact.NO_CLUSTER_WORKERS),
+        ({"run.side_effect": ImportError("mavdem")}, ReadingFact.CLUSTER_CANNOT_READ),
+        ({"run.side_effect": [{"0": "other"}]}, ReadingFact.CLUSTER_OF_OTHER_VERSION),
+        ({"submit.side_effect": OSError("gone")}, ReadingFact.CLUSTER_CANNOT_READ),
+        (None, ReadingFact.NO_SCHEDULER),
     ],
 )
 def test_a_cluster_that_cannot_help_is_said(monkeypatch, client, code):
@@ -251,7 +255,7 @@ def test_a_log_that_killed_workers_of_a_cluster_has_a_row(monkeypatch):
     killed = distributed.KilledWorker("log", None, 3)
     stand_in(monkeypatch, {"submit.side_effect": killed})
     [outcome] = Cluster("tcp://127.0.0.1:9", LIMITS, rows_of_log).outcomes(iter([Job("x.bin")]))
-    assert outcome.rows[0].status_code == Reading.CLUSTER_WORKERS_DIED
+    assert outcome.rows[0].status_code == ReadingFact.CLUSTER_WORKERS_DIED
 
 
 def stand_in(monkeypatch, client):
@@ -349,7 +353,7 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     assert names(f"{url}/") == ["log_0.bin", "log_1.bin", "log_2.bin"]
     out = tmp_path / "fleet"
     (problem,) = track(out, f"{url}/log_0.bin", f"{url}/gone.bin").problems
-    assert problem.code is Folder.URL_UNREADABLE and not problem.figures["fetched"]
+    assert problem.code is FleetFolderFact.URL_UNREADABLE and not problem.figures["fetched"]
     assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
     # Where it is fetched to is nobody's business.
     read = Mock(return_value=([], {}))
@@ -363,7 +367,7 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
 def test_what_a_file_system_lacks_is_said(tmp_path):
     for url in ("s3://bucket/flight.bin", "nonsense://x/flight.bin"):
         (problem,) = find_logs([url])[1]
-        assert problem.code is Folder.URL_UNREADABLE and problem.figures["path"] == url
+        assert problem.code is FleetFolderFact.URL_UNREADABLE and problem.figures["path"] == url
     assert unreadable(fetch, "http://127.0.0.1:9/x.bin", tmp_path / "x.bin").figures["fetched"]
 
 

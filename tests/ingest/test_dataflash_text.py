@@ -5,7 +5,7 @@ from pytest import mark
 
 from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.assessment.inventory import inventory
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.sources import Flaw, Repair
 from mavdem.ingest import read_log
 
@@ -40,7 +40,7 @@ def test_errors_and_events_of_a_text_log_are_reported(tmp_path):
     log = text_log(tmp_path, attitude_lines() + "ERR, 1150000, 5, 1\nEV, 1160000, 17\n")
     inventory(log)
     problems = reported_problems(log.vehicles[0])
-    assert problems[0].code is Reported.RADIO_LOST
+    assert problems[0].code is ReportedEvent.RADIO_LOST
     assert problems[0].figures["error_code"] == 1
     events = log.vehicles[0].messages["EV"]["Id"]
     assert events.dtype.kind == "i" and events.tolist() == [17]

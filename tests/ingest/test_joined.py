@@ -10,8 +10,8 @@ from refusals import unreadable
 from mavdem.assessment.assess import assess
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
-from mavdem.facts.events import Reported
-from mavdem.facts.sources import Repair, Separation, Source
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.sources import Repair, Separation, SourceFact
 from mavdem.ingest.joined import join_logs
 from mavdem.ingest.telemetry import selected_rows
 
@@ -60,7 +60,7 @@ def without_clock(telemetry):
 
 def separation(*telemetries):
     fact = unreadable(joined, *telemetries)
-    assert fact.code is Source.LOGS_NOT_JOINED
+    assert fact.code is SourceFact.LOGS_NOT_JOINED
     assert fact.sentence.endswith(".")
     return fact.figures["because"]
 
@@ -79,12 +79,12 @@ def test_a_restart_in_flight_joins_two_logs(has_utc):
     assert (attitude["time"][attitude["boot"] == 1] == second.messages["ATTITUDE"]["time"]).all()
     assert len(attitude["time"]) == sum(len(t.messages["ATTITUDE"]["time"]) for t in halves())
     assert [fact.code for fact in vehicle.repairs] == [Repair.LOGS_JOINED]
-    assert Reported.RESTARTED_IN_FLIGHT in codes_of_reports(vehicle)
+    assert ReportedEvent.RESTARTED_IN_FLIGHT in codes_of_reports(vehicle)
 
 
 @mark.slow
 def test_a_restart_in_flight_is_the_headline():
-    assert assess(joined(*halves())).headline.code is Reported.RESTARTED_IN_FLIGHT
+    assert assess(joined(*halves())).headline.code is ReportedEvent.RESTARTED_IN_FLIGHT
 
 
 def test_logs_with_utc_may_be_in_any_order():
@@ -106,7 +106,7 @@ def test_an_autopilot_that_ran_on_has_one_boot(has_utc):
     for table in vehicle.messages.values():
         assert not table["boot"].any()
         assert (np.diff(table["time"]) > 0).all()
-    restarts = {Reported.RESTARTED, Reported.RESTARTED_IN_FLIGHT}
+    restarts = {ReportedEvent.RESTARTED, ReportedEvent.RESTARTED_IN_FLIGHT}
     assert not restarts & codes_of_reports(vehicle)
 
 

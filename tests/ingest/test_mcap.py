@@ -22,7 +22,7 @@ from ros2_files import UNIX, Ros2Recorder, mavros_flight, px4_flight
 
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import convert
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair, SourceFact
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
@@ -318,7 +318,7 @@ def test_of_damaged_mavlink_alone_it_says_that_it_is_damaged(tmp_path):
     for place in range(60, int.from_bytes(content[-28:-20], "little"), 40):  # up to the summary
         content[place] ^= 0xFF
     (tmp_path / "small.mcap").write_bytes(content)
-    assert unreadable(read_mcap, tmp_path / "small.mcap").code is Source.MCAP_DAMAGED
+    assert unreadable(read_mcap, tmp_path / "small.mcap").code is SourceFact.MCAP_DAMAGED
 
 
 BODIES = [

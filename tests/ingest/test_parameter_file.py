@@ -5,7 +5,7 @@ from pytest import mark
 from recorded_flights import FLIGHT
 from refusals import unreadable
 
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair, SourceFact
 from mavdem.ingest import read_log
 from mavdem.ingest.parameter_file import read_parameters, with_parameters
 
@@ -38,5 +38,5 @@ def test_the_logs_own_parameters_stay(tmp_path):
 def test_a_file_without_parameters_is_refused(tmp_path, capsys):
     path = tmp_path / "file.param"
     path.write_text("no parameters here\n")
-    assert unreadable(read_parameters, path).code is Source.NO_PARAMETERS_IN_FILE
+    assert unreadable(read_parameters, path).code is SourceFact.NO_PARAMETERS_IN_FILE
     assert str(path) in refused(capsys, 2, "tune", FLIGHT, "--params", path)

@@ -17,7 +17,7 @@ from refusals import refused
 
 from mavdem.dataset.attitude import attitude_of_axis
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.mavlink.sender_links import missing_messages
@@ -193,44 +193,44 @@ WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
 @mark.parametrize(
     "name, content, code, figures",
     [
-        ("a.tlog", b"", Source.FILE_EMPTY, {"zeros": False}),
-        ("a.tlog", bytes(99), Source.FILE_EMPTY, {"zeros": True}),
+        ("a.tlog", b"", SourceFact.FILE_EMPTY, {"zeros": False}),
+        ("a.tlog", bytes(99), SourceFact.FILE_EMPTY, {"zeros": True}),
         (
             "a.tlog",
             b"Time,Roll,Pitch\n0,1,2\n" * 50,
-            Source.FORMAT_UNKNOWN,
+            SourceFact.FORMAT_UNKNOWN,
             {"name": "text"},
         ),
-        ("a.tlog", bytes(range(256)) * 40, Source.FORMAT_UNKNOWN, {"name": "mavlink"}),
-        ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), Source.FORMAT_UNKNOWN, {"name": "gzip"}),
-        ("roll.csv", b"time_s,motor_1_us\n", Source.FORMAT_UNKNOWN, {"name": "csv"}),
-        ("a.tlog", b"\x89MCAP0\r\n" + bytes(100), Source.MCAP_WITHOUT_FLIGHT, {"names": ()}),
+        ("a.tlog", bytes(range(256)) * 40, SourceFact.FORMAT_UNKNOWN, {"name": "mavlink"}),
+        ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), SourceFact.FORMAT_UNKNOWN, {"name": "gzip"}),
+        ("roll.csv", b"time_s,motor_1_us\n", SourceFact.FORMAT_UNKNOWN, {"name": "csv"}),
+        ("a.tlog", b"\x89MCAP0\r\n" + bytes(100), SourceFact.MCAP_WITHOUT_FLIGHT, {"names": ()}),
         (
             "a.tlog",
             tlog([frame(64_000, b"abc", seed=3)] * 20),
-            Source.DIALECT_UNKNOWN,
+            SourceFact.DIALECT_UNKNOWN,
             {"count": 20, "recording": False},
         ),
-        ("a.ulg", ulog_files.HEADER[:9], Source.ULOG_WITHOUT_FLIGHT, {"damaged": True}),
+        ("a.ulg", ulog_files.HEADER[:9], SourceFact.ULOG_WITHOUT_FLIGHT, {"damaged": True}),
         (
             "a.ulg",
             LOADS,
-            Source.ULOG_WITHOUT_FLIGHT,
+            SourceFact.ULOG_WITHOUT_FLIGHT,
             {"names": ("cpuload",), "damaged": False},
         ),
-        ("a.ulg", ulog_files.HEADER + BEYOND, Source.ULOG_WITHOUT_FLIGHT, {}),
-        ("a.ulg", bytes(range(256)) * 20, Source.FORMAT_UNKNOWN, {"name": "ulog"}),
-        ("a.ulg", LATER, Source.ULOG_OF_LATER_FORMAT, {}),
-        ("a.tlog", b"\xa3\x95\x80" + bytes(500), Source.DATAFLASH_WITHOUT_FLIGHT, {}),
-        ("a.bin", b"\1" * 100, Source.DATAFLASH_WITHOUT_MESSAGES, {}),
+        ("a.ulg", ulog_files.HEADER + BEYOND, SourceFact.ULOG_WITHOUT_FLIGHT, {}),
+        ("a.ulg", bytes(range(256)) * 20, SourceFact.FORMAT_UNKNOWN, {"name": "ulog"}),
+        ("a.ulg", LATER, SourceFact.ULOG_OF_LATER_FORMAT, {}),
+        ("a.tlog", b"\xa3\x95\x80" + bytes(500), SourceFact.DATAFLASH_WITHOUT_FLIGHT, {}),
+        ("a.bin", b"\1" * 100, SourceFact.DATAFLASH_WITHOUT_MESSAGES, {}),
         (
             "a.bin",
             BEGUN,
-            Source.DATAFLASH_WITHOUT_FLIGHT,
+            SourceFact.DATAFLASH_WITHOUT_FLIGHT,
             {"names": ("FMT", "MSG", "PARM")},
         ),
-        ("a.log", b"FMT, 1\nATT, 2\n", Source.DATAFLASH_WITHOUT_MESSAGES, {}),
-        ("a.log", WITHOUT_CLOCK, Source.DATAFLASH_WITHOUT_FLIGHT, {}),
+        ("a.log", b"FMT, 1\nATT, 2\n", SourceFact.DATAFLASH_WITHOUT_MESSAGES, {}),
+        ("a.log", WITHOUT_CLOCK, SourceFact.DATAFLASH_WITHOUT_FLIGHT, {}),
     ],
 )
 def test_what_cannot_be_read_is_said(tmp_path, name, content, code, figures):
@@ -245,31 +245,31 @@ def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path, name):
     pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
     for reader in (read_log, read_stream):
         (tmp_path / name).write_bytes(pointer)
-        assert unreadable(tmp_path / name, reader).code is Source.GIT_LFS_POINTER
+        assert unreadable(tmp_path / name, reader).code is SourceFact.GIT_LFS_POINTER
 
 
 def test_a_format_without_frames_has_none_to_give(tmp_path):
     (tmp_path / "flight.ulg").write_bytes(LOADS)
-    assert unreadable(tmp_path / "flight.ulg", read_stream).code is Source.FORMAT_WITHOUT_FRAMES
+    assert unreadable(tmp_path / "flight.ulg", read_stream).code is SourceFact.FORMAT_WITHOUT_FRAMES
 
 
 def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path):
     other = random.Random(0).randbytes(1 << 20)
     (tmp_path / "other").write_bytes(other + heartbeat() + other)
-    assert unreadable(tmp_path / "other").code is Source.FORMAT_UNKNOWN
+    assert unreadable(tmp_path / "other").code is SourceFact.FORMAT_UNKNOWN
     assert log_of(heartbeat(), tmp_path).frames == 1
 
 
 def test_what_is_no_file_is_said(tmp_path):
     folder = unreadable(tmp_path)
-    assert (folder.code, folder.figures["count"]) == (Source.FOLDER_GIVEN, 0)
-    assert unreadable(tmp_path / "missing.tlog").code is Source.FILE_MISSING
+    assert (folder.code, folder.figures["count"]) == (SourceFact.FOLDER_GIVEN, 0)
+    assert unreadable(tmp_path / "missing.tlog").code is SourceFact.FILE_MISSING
     pipe = tmp_path / "pipe.tlog"
     os.mkfifo(pipe)
-    assert unreadable(pipe).code is Source.SPECIAL_FILE
+    assert unreadable(pipe).code is SourceFact.SPECIAL_FILE
     (tmp_path / "a.log").write_bytes(b"")
     assert unreadable(tmp_path).figures["example"] == str(tmp_path / "a.log")
-    assert unreadable(tmp_path / f"{'n' * 300}.tlog").code is Source.FILE_NOT_OPENED
+    assert unreadable(tmp_path / f"{'n' * 300}.tlog").code is SourceFact.FILE_NOT_OPENED
 
 
 @mark.parametrize("path", [None, 5, [], 1.5])

@@ -11,7 +11,7 @@ from pytest import mark
 from refusals import unreadable
 from ulog_files import TIMES, flight, log
 
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.ingest import contents, read_log
 from mavdem.ingest.formats import looks_like_log
 
@@ -25,7 +25,7 @@ def refusal(content, folder, name):
 @mark.parametrize("name", ["flight.ulge", "flight.ulg"])
 def test_an_encrypted_ulog_is_to_be_decrypted_first(name, tmp_path):
     fact = refusal(b"ULogEnc\1" + bytes(range(200)), tmp_path, name)
-    assert fact.code is Source.ULOG_ENCRYPTED
+    assert fact.code is SourceFact.ULOG_ENCRYPTED
     assert "encrypted PX4 log: decrypt it first" in str(fact)
     assert "decrypt_ulog.py" in fact.remedy
     assert looks_like_log(tmp_path / name)
@@ -41,28 +41,28 @@ def sdlog2_log():
 @mark.parametrize("name", ["flight.px4log", "log001.bin"])
 def test_a_px4log_names_its_converter(name, tmp_path):
     fact = refusal(sdlog2_log(), tmp_path, name)
-    assert fact.code is Source.PX4_LOG_BEFORE_ULOG
+    assert fact.code is SourceFact.PX4_LOG_BEFORE_ULOG
     assert "sdlog2_dump.py" in fact.remedy
 
 
 def test_a_dataflash_log_without_its_head_lacks_definitions(tmp_path):
     whole = made.formats() + b"".join(made.flight(20 + 0.1 * np.arange(100)))
     fact = refusal(whole[len(made.formats()) + 7 :], tmp_path, "flight.bin")
-    assert fact.code is Source.DATAFLASH_WITHOUT_DEFINITIONS
+    assert fact.code is SourceFact.DATAFLASH_WITHOUT_DEFINITIONS
     assert "its definitions (FMT) are missing" in str(fact)
 
 
 def test_a_text_log_without_its_head_lacks_definitions(tmp_path):
     lines = "".join(f"ATT, {row}000, 0.1, 0.2, 0.3\nIMU, {row}000, 1\n" for row in range(50))
     fact = refusal(lines.encode(), tmp_path, "flight.log")
-    assert fact.code is Source.DATAFLASH_WITHOUT_DEFINITIONS
+    assert fact.code is SourceFact.DATAFLASH_WITHOUT_DEFINITIONS
 
 
 @mark.parametrize("seed", range(3))
 def test_random_bytes_are_no_log_whose_definitions_are_missing(seed, tmp_path):
     content = np.random.default_rng(seed).bytes(200_000)
     fact = refusal(b"\0" + content, tmp_path, "flight.bin")
-    assert fact.code is Source.DATAFLASH_WITHOUT_MESSAGES
+    assert fact.code is SourceFact.DATAFLASH_WITHOUT_MESSAGES
 
 
 LOG = log(*flight(TIMES))
@@ -102,7 +102,7 @@ def test_the_log_in_a_zip_archive_is_read(members, tmp_path):
 def test_a_zip_archive_without_exactly_one_log_is_refused(members, count, tmp_path):
     content = zipped(members) if members else zipped({"folder/": b""})
     fact = refusal(content, tmp_path, "flights.zip")
-    assert fact.code is Source.ARCHIVE_WITHOUT_ONE_LOG
+    assert fact.code is SourceFact.ARCHIVE_WITHOUT_ONE_LOG
     assert fact.figures["count"] == count
     assert looks_like_log(tmp_path / "flights.zip") == (count > 0)
 
@@ -125,14 +125,14 @@ def with_password(content):
 )
 def test_a_zip_archive_that_cannot_be_unpacked_is_refused(spoil, tmp_path):
     fact = refusal(spoil(zipped({"flight.ulg": LOG})), tmp_path, "flight.zip")
-    assert fact.code is Source.ARCHIVE_DAMAGED and "zip" in str(fact)
+    assert fact.code is SourceFact.ARCHIVE_DAMAGED and "zip" in str(fact)
     assert looks_like_log(tmp_path / "flight.zip")
 
 
 def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(contents, "MAX_LOG_BYTES", 1 << 20)
     fact = refusal(zipped({"flight.ulg": b"\1" * 2_000_000}), tmp_path, "flight.zip")
-    assert fact.code is Source.FILE_TOO_LARGE
+    assert fact.code is SourceFact.FILE_TOO_LARGE
 
 
 @mark.parametrize(
@@ -144,5 +144,5 @@ def test_a_zip_archive_that_unpacks_without_end_is_refused(tmp_path, monkeypatch
 )
 def test_a_zip_without_a_log_of_its_own_is_refused(files, sentence, tmp_path):
     fact = refusal(zipped(files), tmp_path, "flight.zip")
-    assert fact.code is Source.ARCHIVE_WITHOUT_ONE_LOG
+    assert fact.code is SourceFact.ARCHIVE_WITHOUT_ONE_LOG
     assert sentence in str(fact)

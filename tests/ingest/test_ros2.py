@@ -29,7 +29,7 @@ from mavdem.dataset.setpoints import recorded_setpoints
 from mavdem.dataset.signals import Signals
 from mavdem.errors import NotLearnable
 from mavdem.extras import MissingExtra
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
 from mavdem.ingest.ros2.log import with_system_ids
@@ -314,7 +314,7 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
     with Recorder(path) as recorder:
         channel = channel_of(recorder._writer, DEFINITIONS[ATTITUDE], language)
         recorder._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
-    assert unreadable(read_log, path).code is Source.ROS2_DAMAGED
+    assert unreadable(read_log, path).code is SourceFact.ROS2_DAMAGED
 
 
 @mark.slow
@@ -369,14 +369,14 @@ def test_setpoints_of_mavros_are_turned_back(recorder):
 def test_what_holds_no_flight_of_a_vehicle_is_refused(tmp_path):
     """Setpoints alone, another sensor's IMU; and where a stream of MAVLink is asked for, topics."""
     for code, write in (
-        (Source.ROS2_DAMAGED, lambda one: one.px4("vehicle_rates_setpoint", 20.0, roll=1.0)),
+        (SourceFact.ROS2_DAMAGED, lambda one: one.px4("vehicle_rates_setpoint", 20.0, roll=1.0)),
         (
-            Source.MCAP_WITHOUT_FLIGHT,
+            SourceFact.MCAP_WITHOUT_FLIGHT,
             lambda one: one.imu(20.0, (0.1, 0, 0), (0, 0, 0), node="/camera"),
         ),
     ):
         assert unreadable(read_log, written(tmp_path, write)).code is code
-    assert unreadable(mcap_stream, written(tmp_path, px4_flight)).code is Source.MCAP_OF_ROS2
+    assert unreadable(mcap_stream, written(tmp_path, px4_flight)).code is SourceFact.MCAP_OF_ROS2
 
 
 @mark.slow

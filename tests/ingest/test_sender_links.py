@@ -7,7 +7,7 @@ from mavlink_streams import heartbeat, message, read, tlog
 from pytest import approx, mark, raises
 
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Repair, Source
+from mavdem.facts.sources import Repair, SourceFact
 
 STEP = 0.02
 
@@ -126,7 +126,7 @@ def test_two_vehicles_under_one_id_are_refused(other, share):
     frames = merged(without(sent(), share, seed=1), without(sent(**other), share, seed=2))
     with raises(Unreadable) as refusal:
         read(tlog(frames))
-    assert refusal.value.fact.code is Source.TWO_VEHICLES_ONE_ID
+    assert refusal.value.fact.code is SourceFact.TWO_VEHICLES_ONE_ID
     assert refusal.value.fact.figures["names"] == ("1:1",)
     assert "MAV_SYS_ID" in refusal.value.fact.advised
 

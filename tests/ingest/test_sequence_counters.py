@@ -7,7 +7,7 @@ from mavlink_streams import message, read, tlog
 from pytest import approx, mark, raises
 
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Source
+from mavdem.facts.sources import SourceFact
 from mavdem.ingest.mavlink.frame_reader import FrameReader
 from mavdem.live.vehicle_selection import Component
 
@@ -92,7 +92,7 @@ def test_two_vehicles_with_equal_clocks_and_headings_are_refused(other):
     frames = merged(swaying(burst=other.get("burst", 1)), swaying(**other))
     with raises(Unreadable) as refusal:
         read(tlog(frames))
-    assert refusal.value.fact.code is Source.TWO_VEHICLES_ONE_ID
+    assert refusal.value.fact.code is SourceFact.TWO_VEHICLES_ONE_ID
     assert live_component(frames).has_two_senders
 
 

@@ -29,7 +29,7 @@ from mavdem.assessment.autopilot_messages import reported_problems
 from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.errors import Unreadable
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
@@ -348,12 +348,12 @@ def test_a_dropout_is_reported(tmp_path):
 @mark.parametrize(
     "spoil, code",
     [
-        (lambda packed: packed[:-300], Source.ARCHIVE_DAMAGED),
+        (lambda packed: packed[:-300], SourceFact.ARCHIVE_DAMAGED),
         (
             lambda packed: packed[:200] + b"\0\xff" * 50 + packed[300:],
-            Source.ARCHIVE_DAMAGED,
+            SourceFact.ARCHIVE_DAMAGED,
         ),
-        (lambda packed: lzma.compress(b"\1" * 2_000_000), Source.FILE_TOO_LARGE),
+        (lambda packed: lzma.compress(b"\1" * 2_000_000), SourceFact.FILE_TOO_LARGE),
     ],
 )
 def test_an_archive_that_cannot_be_unpacked_is_refused(tmp_path, monkeypatch, spoil, code):

@@ -13,7 +13,7 @@ from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import Gains, Twins
+from mavdem.facts.loops import GainFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains
@@ -52,12 +52,12 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     capsys.readouterr()
     advice = advise_gains(recording, "1:1")
     roll, *_, twin, written = advice.facts
-    assert roll.code is Gains.GAINS_ADVISED and roll.figures["expected_error"] > 0
+    assert roll.code is GainFact.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
-    assert (twin.code, twin.subject) == (Gains.TWIN_FLIES, "roll")
+    assert (twin.code, twin.subject) == (GainFact.TWIN_FLIES, "roll")
     assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
     (refused,) = predicted_errors(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
-    assert refused.code is Twins.CANNOT_FLY
+    assert refused.code is TwinFact.CANNOT_FLY
     assert run("tune", recording, "--axis", "all", "--json", "--out", tmp_path) == 0
     told = strict_json(capsys.readouterr().out)
     sentence = told["axes"]["roll"]["sentence"]
@@ -76,7 +76,7 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     recording.write_bytes(SLOW.read_bytes())
     ((left,), judgement) = advise_gains(recording, "1:1")
     assert judgement.lights[Light.MARGINS].code is not MarginsLight.LOOP_MARGINS
-    assert left.code is Gains.GAINS_LEFT and "needs 40 Hz" in left.sentence
+    assert left.code is GainFact.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
 
 
@@ -84,7 +84,7 @@ def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser = adviser_of(tmp_path)
     assert adviser.update("1:1", False, True) == (), "nothing has landed"
     adviser.is_due = True
-    assert [fact.code for fact in adviser.update("1:1", True, False)] == [Gains.ADVICE_WAITS]
+    assert [fact.code for fact in adviser.update("1:1", True, False)] == [GainFact.ADVICE_WAITS]
     assert not adviser._start_executor.called
     monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: GainAdvice(("gains",)))
     assert adviser.update("1:1", False, False) == ("gains",)
@@ -116,5 +116,5 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     adviser.is_due = True
     (failed,) = adviser.update("1:1", True, True)
     reason = str(error) or "within 60 s"
-    assert failed.code is Gains.ADVICE_FAILED and reason in failed.sentence
+    assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."

@@ -11,7 +11,7 @@ from pytest import approx, mark
 
 from mavdem.dem.online.estimate import Estimate
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.live.gusts import GustDetector, ResolvedTorque
 from mavdem.live.session_loop import run_session
 from mavdem.plant.parameters import Physical
@@ -38,7 +38,7 @@ def test_a_gust_is_reported_once_and_a_motor_step_never(changed):
         return
     [(gust, known)] = found
     assert known == approx(20.0, abs=DT), "as soon as there is a level beside it"
-    assert gust.code is Session.GUST_FELT and gust.figures["clock"] == approx(62.0, abs=0.05)
+    assert gust.code is SessionFact.GUST_FELT and gust.figures["clock"] == approx(62.0, abs=0.05)
     # The torque is that beyond the torque so far.
     assert gust.figures["torque"] == approx(20.0, rel=0.05)
     assert gust.figures["duration"] == approx(0.5, abs=0.05)

@@ -10,7 +10,7 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 from pytest import approx, mark
 
-from mavdem.facts.session import Rows, VehicleFact
+from mavdem.facts.session import RowsFact, VehicleFact
 
 pytestmark = [mark.slow, mark.usefixtures("without_alarms")]
 
@@ -36,7 +36,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     # A review, which goes on with the messages, decides anew what rows are made of.
     assert made.segments()[1][0].time == approx(18.0 + silence, abs=0.4)
     assert all(row.is_settled for row in made.segments()[1])
-    assert (VehicleFact.CLOCK_JUMPED if silence > 5 else Rows.MESSAGE_GAP) in made.codes
+    assert (VehicleFact.CLOCK_JUMPED if silence > 5 else RowsFact.MESSAGE_GAP) in made.codes
     if silence >= 1.0:
         assert made.stream.status().gap_seconds == approx(silence, abs=0.1)
     settled_uniform(made)
@@ -59,7 +59,7 @@ def test_another_rate_in_flight_decides_the_step_anew():
     slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(end=18.0)
     made = replay(slow + FLIGHT.frames(start=18.0, end=26.0))
     assert [setup.dt for setup in made.setups.values()] == [0.02, 0.01]
-    changed = [fact for fact in made.facts if fact.code is Rows.RATE_CHANGED]
+    changed = [fact for fact in made.facts if fact.code is RowsFact.RATE_CHANGED]
     assert changed and changed[0].figures["former_rate"] == approx(50.0)
     assert made.segments()[1][0].time < 21.0 and all(row.is_settled for row in made.segments()[1])
     settled_uniform(made)
@@ -82,17 +82,17 @@ def test_a_slow_stream_is_reported_with_its_remedy_and_gives_no_rows():
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
     assert not made.rows
-    (fact,) = (fact for fact in made.facts if fact.code is Rows.LIVE_RATES_TOO_LOW)
+    (fact,) = (fact for fact in made.facts if fact.code is RowsFact.LIVE_RATES_TOO_LOW)
     assert fact.figures["can_ask"] and "SERVO_OUTPUT_RAW" in str(fact)
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
-    assert Rows.LIVE_RATES_ENOUGH in cured.codes
+    assert RowsFact.LIVE_RATES_ENOUGH in cured.codes
     assert cured.rows[0].time < 20.6 and all(row.is_settled for row in cured.rows)
     obstacle = replay(slow[: len(slow) // 2], rates_requested=True).stream.status().obstacle
-    assert obstacle.code is Rows.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
+    assert obstacle.code is RowsFact.LIVE_RATES_TOO_LOW and not obstacle.figures["can_ask"]
     assert not obstacle.remedy, "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
-    assert Rows.NO_LIVE_MOTORS in replay(bare).codes
+    assert RowsFact.NO_LIVE_MOTORS in replay(bare).codes
 
 
 def test_copies_change_nothing():

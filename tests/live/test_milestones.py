@@ -11,7 +11,7 @@ from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.settings import Settings
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.live.learning import FlightLearning
 from mavdem.live.milestones import Milestones
 from mavdem.live.session_status import Latency, SessionStatus
@@ -52,7 +52,10 @@ def test_a_landing_reports_what_the_flight_has_shown():
     for is_flying in (True, True, False, False):
         status = SessionStatus(is_flying=is_flying, latency=Latency(0.001, 0.004, 0.02))
         milestones.update(learning, status, 40.0)
-    assert [fact.code for fact in facts] == [Session.PARAMETERS_KNOWN, Session.FLIGHT_LEARNED]
+    assert [fact.code for fact in facts] == [
+        SessionFact.PARAMETERS_KNOWN,
+        SessionFact.FLIGHT_LEARNED,
+    ]
     sentence = str(facts[1])
     assert sentence.startswith("Landed at 40 s. Roll: control effectiveness 2.86")
     milestones.report_end(learning, status, 41.0, None)

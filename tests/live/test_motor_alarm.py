@@ -12,8 +12,8 @@ from pytest import approx, fixture, mark
 from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.signals import Signals
 from mavdem.experiments.paper.flights import write_log
-from mavdem.facts.motors import InFlight
-from mavdem.facts.session import Session, Spent
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream, SessionStatus
@@ -61,13 +61,15 @@ def test_a_motor_that_weakens_is_named_in_flight_and_by_its_log(flown):
     # Two seconds on the ground before the first arming.
     assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
     assert 27.0 < alarm.time < 32.0 and alarm.since == approx(27.0, abs=1.5)
-    assert [fact.figures["because"] for fact in said if fact.code is Session.ALARM] == [alarm.fact]
+    assert [fact.figures["because"] for fact in said if fact.code is SessionFact.ALARM] == [
+        alarm.fact
+    ]
     assert [alarm[:4]] == [one[:4] for one in logged]
     assert_allclose([alarm[4:6]], [one[4:6] for one in logged], atol=0.01)
     status = stream.status()
     [fact] = status.active_alarms
     assert str(fact) in [said.text for said in render_section("live_status", status=status)]
-    blocks = live_report(LiveHistory(), status, dict.fromkeys(Spent, 0.0), "roll")
+    blocks = live_report(LiveHistory(), status, dict.fromkeys(TimeUse, 0.0), "roll")
     assert any("motor 3 (front left)" in str(block).lower() for block in blocks)
     assert not SessionStatus().active_alarms
 
@@ -113,7 +115,7 @@ def test_a_transient_is_no_loss_live_or_in_the_log():
     # The log's alarms leave out a loss that was withdrawn, and its recovery.
     assert not logged
     assert thrust_losses(status.motor_alarms) == []
-    assert [fact.code for fact in status.active_alarms] == [InFlight.MOTOR_RECOVERED]
+    assert [fact.code for fact in status.active_alarms] == [MotorWatchFact.MOTOR_RECOVERED]
 
 
 def test_an_alarm_is_of_its_flight_and_of_its_boot():

@@ -7,7 +7,7 @@ from pytest import approx, mark
 
 from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARMED, IN_AIR, LANDING, ON_GROUND
 from mavdem.live.flight_phase import FlightPhase
@@ -49,10 +49,10 @@ class Vehicle:
 
 
 def test_what_shows_nothing_is_not_called_the_ground():
-    assert FlightPhase(RecentMessages()).obstacle.code is Session.FLIGHT_UNKNOWN
+    assert FlightPhase(RecentMessages()).obstacle.code is SessionFact.FLIGHT_UNKNOWN
     vehicle = Vehicle()
     vehicle.fly(3.0, collective=ON_THE_GROUND, landed=ON_GROUND)
-    assert vehicle.phase.obstacle.code is Session.NOT_FLYING
+    assert vehicle.phase.obstacle.code is SessionFact.NOT_FLYING
 
 
 @mark.slow

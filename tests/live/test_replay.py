@@ -12,7 +12,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
-from mavdem.facts.session import Rows
+from mavdem.facts.session import RowsFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live.vehicle_review import REVIEW_PERIOD
@@ -134,7 +134,7 @@ def hold_against_offline(path):
     fast = [segment for segment in found if segment.duration > 10]
     if not made.rows:
         if found:
-            assert Rows.LIVE_RATES_TOO_LOW in made.codes
+            assert RowsFact.LIVE_RATES_TOO_LOW in made.codes
         return
     assert fast
     covered = 0.0

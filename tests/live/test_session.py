@@ -22,12 +22,20 @@ from mavdem.dem import Estimate, Settings
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
-from mavdem.facts.forecasts import Forecasts
-from mavdem.facts.loops import Gains
+from mavdem.facts.forecasts import ForecastFact
+from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
-from mavdem.facts.motors import InFlight
-from mavdem.facts.session import LinkError, LinkFact, Missing, RateFact, Rows, Session, VehicleFact
-from mavdem.facts.watch import Watch
+from mavdem.facts.motors import MotorWatchFact
+from mavdem.facts.session import (
+    LinkError,
+    LinkFact,
+    MissingMessages,
+    RateFact,
+    RowsFact,
+    SessionFact,
+    VehicleFact,
+)
+from mavdem.facts.watch import WatchFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
@@ -155,15 +163,15 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
 @mark.parametrize(
     "error, code",
     [
-        (TimeoutError(), Session.NOT_LEARNED_IN_TIME),
-        (RuntimeError("the process ended"), Forecasts.FAILED),
+        (TimeoutError(), SessionFact.NOT_LEARNED_IN_TIME),
+        (RuntimeError("the process ended"), ForecastFact.FAILED),
         (NotLearnable(TOO_FEW_SAMPLES), TOO_FEW_SAMPLES.code),
     ],
 )
 def test_why_there_is_no_model_at_the_end_is_a_fact(error, code):
     one, _, _ = session_of([])
     assert one.status.obstacle == Fact(VehicleFact.NO_VEHICLE_YET)
-    assert refused(one.final_model).code is Session.NO_LIVE_FLIGHT
+    assert refused(one.final_model).code is SessionFact.NO_LIVE_FLIGHT
     one._learning.learner = Mock(**{"learn_now.side_effect": error})
     assert refused(one.final_model).code is code
 
@@ -173,7 +181,7 @@ def test_a_prior_of_other_inputs_is_not_used_and_says_so():
     other = mavdem.learn(simulated(samples=300, wind=1.0))
     one, _, said = session_of(batches(5.0), prior=other)
     run(one)
-    assert [fact.code for fact in said].count(Session.PRIOR_NOT_USED) == 1
+    assert [fact.code for fact in said].count(SessionFact.PRIOR_NOT_USED) == 1
     assert one._learning.learner is not None
 
 
@@ -219,7 +227,7 @@ def test_the_judgement_of_a_recording_waits_for_the_ground_and_for_the_end():
 
 @mark.slow
 def test_a_landing_never_replaces_the_last_model_before_it():
-    written = Fact(Gains.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
+    written = Fact(GainFact.GAINS_WRITTEN, because=TOO_FEW_SAMPLES)
     by_recording = replace(unjudged(written), next_step=TOO_FEW_SAMPLES)
     adviser = Mock(
         is_due=False, facts=(written,), judgement=by_recording, **{"update.return_value": ()}
@@ -267,13 +275,13 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     one._take_row(row._replace(time=80.0), 0.0)
     one.report_gain_advice(is_at_end=True)
     assert adviser.is_due
-    assert kept() == 2 and said[-1].code is Session.FORMER_MODEL_KEPT
+    assert kept() == 2 and said[-1].code is SessionFact.FORMER_MODEL_KEPT
     assert said[-1].figures["because"] == TOO_FEW_SAMPLES
     learner.learn_now.side_effect = TimeoutError
     assert kept() == 2
     assert said[-1].figures["because"] == TOO_FEW_SAMPLES, "it is reported once"
     alarms = [
-        Fact(InFlight.MOTOR_RECOVERED, level, time=at, subject="motor 1")
+        Fact(MotorWatchFact.MOTOR_RECOVERED, level, time=at, subject="motor 1")
         for level, at in 2 * [(Level.BAD, 118.0), (Level.GOOD, 142.0)]  # a fault comes and goes
     ]
     for alarm in alarms:
@@ -330,7 +338,7 @@ def test_motion_is_missed_of_a_followed_vehicle_or_if_none_sends(now, vehicle, i
     silence.note_attitudes(int(is_sending))
     status = SessionStatus(vehicle=vehicle, obstacle=two_vehicles)
     report = replace(one._report, stream=Mock(now=1.0, status=lambda: status))
-    no_motion = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MOTION, duration=3.0)
+    no_motion = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0)
     is_named = vehicle is None and is_sending
     assert report.status.obstacle == (two_vehicles if is_named else no_motion)
     assert report.status.overall_judgement.headline == report.status.obstacle
@@ -346,21 +354,26 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
         one.step(0.0)
     last = screen.statuses[-1]
     assert set(last.rates.values()) == {0.0}
-    silent = Fact(Rows.NOTHING_RECEIVED, subject=Missing.MESSAGES, duration=3.0)
+    silent = Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0)
     assert last.obstacle == silent and said.count(silent) == 1
-    assert {fact.code for fact in last.watch_facts} == {Watch.NOT_WATCHED}
-    assert {fact.figures["because"].code for fact in last.watch_facts} == {Rows.NOTHING_RECEIVED}
+    assert {fact.code for fact in last.watch_facts} == {WatchFact.NOT_WATCHED}
+    assert {fact.figures["because"].code for fact in last.watch_facts} == {
+        RowsFact.NOTHING_RECEIVED
+    }
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for batch in [batches(0.05, start=9.0)[0], *40 * [[(FIRST + 10.0, heartbeat)]]]:
         one.link.script = [batch]
         now[0] += 0.25
         one.step(0.0)
-    assert set(one.status.rates.values()) == {0.0} and one.status.obstacle.subject == Missing.MOTION
+    assert (
+        set(one.status.rates.values()) == {0.0}
+        and one.status.obstacle.subject == MissingMessages.MOTION
+    )
     (resumed,) = (
         fact
         for fact in said
-        if fact.code is Rows.MESSAGES_RESUMED and fact.subject == Missing.MESSAGES
+        if fact.code is RowsFact.MESSAGES_RESUMED and fact.subject == MissingMessages.MESSAGES
     )
     assert resumed.figures["duration"] == approx(600.0, abs=1.0)
     one.link.script = batches(2.0, start=11.0)
@@ -410,12 +423,19 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
         "estimates wait after pictures, and rows do not"
     )
     first, *_ = (status.delay_fact for status in screen.statuses if status.delay_fact)
-    assert first.code is Session.ESTIMATES_LATE and first.figures["delay"] == approx(1.5, abs=0.6)
+    assert first.code is SessionFact.ESTIMATES_LATE and first.figures["delay"] == approx(
+        1.5, abs=0.6
+    )
     begin, end = (fact for fact in said if "delay" in fact.figures)
-    assert (begin.code, end.code) == (Session.COMPUTER_BEHIND, Session.COMPUTER_KEEPS_UP)
+    assert (begin.code, end.code) == (SessionFact.COMPUTER_BEHIND, SessionFact.COMPUTER_KEEPS_UP)
     assert begin.figures["delay"] == approx(1.0, abs=0.05)
     assert end.figures["delay"] == one.backlog.longest_delay > 5.0 and not one.status.delay_fact
-    gaps = Rows.MESSAGES_RESUMED, Rows.NOTHING_RECEIVED, Rows.MESSAGE_GAP, VehicleFact.CLOCK_JUMPED
+    gaps = (
+        RowsFact.MESSAGES_RESUMED,
+        RowsFact.NOTHING_RECEIVED,
+        RowsFact.MESSAGE_GAP,
+        VehicleFact.CLOCK_JUMPED,
+    )
     assert not [fact for fact in said if fact.code in gaps]
     rows = [row for row in screen.rows if row[1] >= 0]
     assert len(rows) == one.status.learned_rows + one.status.unlearned_rows > 2500
@@ -439,7 +459,7 @@ def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypa
     kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
     assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
     codes = [fact.code for fact in said]
-    assert codes.count(Session.SAMPLE_SKIPPED) == codes.count(Session.DISPLAY_FAILED) == 1
+    assert codes.count(SessionFact.SAMPLE_SKIPPED) == codes.count(SessionFact.DISPLAY_FAILED) == 1
     assert codes[-2:] == [LinkFact.CONNECTION_LOST, LinkFact.LINK_OPEN_AGAIN]
     assert said[-2].figures["reopening"]
 
@@ -479,12 +499,12 @@ def test_a_session_with_all_faults_ends_with_a_good_model(
     happened = {
         VehicleFact.VEHICLE_REBOOTED,
         VehicleFact.CLOCK_JUMPED,
-        Rows.MESSAGES_RESUMED,
-        Session.NOT_FLYING,
+        RowsFact.MESSAGES_RESUMED,
+        SessionFact.NOT_FLYING,
         RateFact.RATES_CONTESTED,
     }
     assert happened <= said
-    assert Rows.MOTOR_ORDER_ASSUMED not in said, (
+    assert RowsFact.MOTOR_ORDER_ASSUMED not in said, (
         "parameters say where the motors are, and come when they are asked for"
     )
     assert sum(account.values()) == approx(74.0, abs=0.5)
@@ -531,5 +551,5 @@ def test_unexpected_motion_is_one_event_while_it_lasts(monkeypatch):
     monkeypatch.setattr("mavdem.dem.OnlineLearner.update", update)
     one, _, said = session_of(batches(16.0))
     run(one)
-    begins = [row for row in said if row.code is Session.MOTION_UNEXPECTED]
+    begins = [row for row in said if row.code is SessionFact.MOTION_UNEXPECTED]
     assert len(begins) == 1 and begins[0].level is Level.WATCH

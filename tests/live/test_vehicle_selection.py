@@ -6,7 +6,7 @@ from mavlink_streams import heartbeat, message
 from pytest import mark
 
 from mavdem.facts import Fact
-from mavdem.facts.session import Rows, VehicleFact
+from mavdem.facts.session import RowsFact, VehicleFact
 from mavdem.ingest.motors import PositionSource
 
 TWO = by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
@@ -68,7 +68,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
 def test_the_one_that_is_named_is_followed():
     made = replay(TWO, vehicle="4")
     assert made.stream.status().vehicle == "4:1"
-    assert made.rows and {VehicleFact.OTHER_VEHICLE, Rows.ROWS_BEGIN} <= {*made.codes}
+    assert made.rows and {VehicleFact.OTHER_VEHICLE, RowsFact.ROWS_BEGIN} <= {*made.codes}
 
 
 def test_a_vehicle_that_sends_only_heartbeats_is_followed():
@@ -79,9 +79,9 @@ def test_a_vehicle_that_sends_only_heartbeats_is_followed():
     assert made.codes == [VehicleFact.FOLLOWING_VEHICLE]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert made.stream.status().obstacle == Fact(Rows.NO_LIVE_ATTITUDE, can_ask=True)
+    assert made.stream.status().obstacle == Fact(RowsFact.NO_LIVE_ATTITUDE, can_ask=True)
     asked = replay(only_heartbeats(), rates_requested=True).stream.status().obstacle
-    assert asked.code is Rows.ATTITUDE_ASKED
+    assert asked.code is RowsFact.ATTITUDE_ASKED
 
 
 @mark.slow
@@ -99,12 +99,12 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     values = {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=14.0), values))
-    assert Rows.MOTOR_ORDER_KNOWN not in made.codes, "their places are assumed"
+    assert RowsFact.MOTOR_ORDER_KNOWN not in made.codes, "their places are assumed"
     values |= {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0}
     made = replay(with_parameters(Flight().frames(end=14.0), values))
     assert made.segments().keys() == {0}
-    assert Rows.MOTOR_ORDER_ASSUMED in made.codes
-    assert made.facts[-1].code is Rows.MOTOR_ORDER_KNOWN
+    assert RowsFact.MOTOR_ORDER_ASSUMED in made.codes
+    assert made.facts[-1].code is RowsFact.MOTOR_ORDER_KNOWN
     assert made.facts[-1].figures["basis"].figures["places_by"] is PositionSource.PARAMETERS
     assert made.stream.row_format.geometry.names[0] == "motor 1 (right)"
 
@@ -114,7 +114,7 @@ def test_parameters_that_name_other_channels_begin_a_new_segment():
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
     made = replay(with_parameters(Flight().frames(end=16.0), values))
     assert made.segments().keys() == {0, 1} and made.setups[1].geometry.channels == (4, 3, 2, 1)
-    assert Rows.INPUTS_CHANGED in made.codes
+    assert RowsFact.INPUTS_CHANGED in made.codes
     before = made.segments()[0][-1]
     after = made.segments()[1][-1]
     assert before.inputs[0] != before.inputs[1]

@@ -19,14 +19,14 @@ from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import Rows, Session
+from mavdem.facts.session import RowsFact, SessionFact
 from mavdem.facts.vibration import VibrationLight
-from mavdem.facts.watch import Watch, Watched
+from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live import LiveStream
 from mavdem.live.recent_messages import MAX_ROWS, RecentMessages
 from mavdem.live.session_status import Latency, SessionStatus
@@ -72,13 +72,15 @@ def hot():
 
 @mark.slow
 def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
-    off = next(fact.time for fact in hot.facts if fact.code is Reported.OFF_GROUND)
+    off = next(fact.time for fact in hot.facts if fact.code is ReportedEvent.OFF_GROUND)
     alarm, over, *_ = said(hot, MarginsLight.OSCILLATES)
-    assert alarm.code is Session.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
+    assert (
+        alarm.code is SessionFact.ALARM and alarm.level is Level.BAD and off < alarm.time <= off + 2
+    )
     cycle = alarm.figures["because"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
-    assert over.code is Watch.ALARM_OVER and 19.0 < over.time < 22.6
+    assert over.code is WatchFact.ALARM_OVER and 19.0 < over.time < 22.6
     [shown] = [each for each in hot.events if each.fact is over]
     assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
 
@@ -97,7 +99,7 @@ def test_what_was_wrong_is_the_headline_of_the_session(hot):
 @mark.slow
 def test_a_motor_at_its_limit_is_named(hot):
     [alarm, _] = said(hot, MotorsLight.MOTOR_LIMITED)
-    assert alarm.subject == "motor 1 (front right)" and alarm.code is Session.ALARM
+    assert alarm.subject == "motor 1 (front right)" and alarm.code is SessionFact.ALARM
     begun = 22.0 + ALARMING_SHARE * DECISION_SECONDS
     assert begun <= alarm.time <= begun + 0.6
 
@@ -122,9 +124,9 @@ def test_what_interrupts_a_link_raises_no_alarm():
     another_rate = Flight(flight.hover, motors=25.0).frames(start=21.0, end=24.0)
     made = replay([*lossy, *twice, *swapped, *after_a_gap, *another_rate])
     assert len(made.segments()) > 1, "the gap interrupts the rows"
-    assert Session.ALARM not in made.codes
+    assert SessionFact.ALARM not in made.codes
     watched = {fact.subject: fact.code for fact in made.stream.status().watch_facts}
-    assert watched["oscillation"] is not Watch.NOT_WATCHED
+    assert watched["oscillation"] is not WatchFact.NOT_WATCHED
 
 
 def told(*messages, until=20.0):
@@ -146,12 +148,14 @@ def test_a_low_battery_vibration_and_warnings_are_said_as_they_come():
         (11.0, "STATUSTEXT", {"severity": 4, "text": b"GPS Glitch"}),
     )
     [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
-    assert low.code is Session.ALARM and low.time < 20.0
+    assert low.code is SessionFact.ALARM and low.time < 20.0
     watched, shaking, *_ = said(made, VibrationLight.VIBRATION_MEASURED)
-    assert watched.level is Level.WATCH and shaking.code is Session.ALARM and shaking.time > 15.0
-    [jumped] = said(made, Reported.GPS_JUMPED)
+    assert (
+        watched.level is Level.WATCH and shaking.code is SessionFact.ALARM and shaking.time > 15.0
+    )
+    [jumped] = said(made, ReportedEvent.GPS_JUMPED)
     assert jumped.time == approx(10.0, abs=0.1)
-    assert {fact.subject for fact in made.stream.status().watch_facts} == {*Watched}
+    assert {fact.subject for fact in made.stream.status().watch_facts} == {*WatchedQuantity}
 
 
 @mark.slow
@@ -170,7 +174,7 @@ def test_the_emptiest_of_two_batteries_is_alarmed_and_named():
     )
     [low] = said(made, PowerLight.BATTERY_LOW)[-1:]
     assert low.figures["because"].subject == "battery 2"
-    reports = said(made, Reported.BATTERY_ALARMED)
+    reports = said(made, ReportedEvent.BATTERY_ALARMED)
     assert {report.subject or report.figures["because"].subject for report in reports} == {
         "battery 2"
     }
@@ -199,7 +203,7 @@ def test_an_external_mode_of_px4_is_reported_by_its_announced_name():
         ),
         *((at, "HEARTBEAT", {**beat, "custom_mode": modes[at]}) for at in seconds),
     )
-    [*_, changed] = said(made, Reported.MODE_CHANGED)
+    [*_, changed] = said(made, ReportedEvent.MODE_CHANGED)
     assert changed.subject == "Wall follower"
     assert changed.time == approx(8.0, abs=0.6)
 
@@ -213,16 +217,16 @@ def test_what_is_watched_is_always_shown():
     ]
     stream = LiveStream()
     ground, *_ = replay(parts[0], stream).stream.status().watch_facts
-    assert ground.code is Watch.NOT_WATCHED
+    assert ground.code is WatchFact.NOT_WATCHED
     early = replay(parts[1], stream).stream.status().watch_facts
     reasons = {one.subject: one.figures["because"] for one in early}
-    assert reasons[Watched.MOTORS].code is Watch.REFERENCE_SHORT
+    assert reasons[WatchedQuantity.MOTORS].code is WatchFact.REFERENCE_SHORT
     status = replay(parts[2], stream).stream.status()
     found = {fact.subject: fact for fact in status.watch_facts}
-    assert {Watched.MOTORS, Watched.OSCILLATION, Watched.WARNINGS} == {
-        what for what, fact in found.items() if fact.code is Watch.WATCHED
-    } - {Watched.MOTOR_LIMITS}
-    assert found[Watched.BATTERY].figures["because"].code is Watch.MESSAGE_MISSING
+    assert {WatchedQuantity.MOTORS, WatchedQuantity.OSCILLATION, WatchedQuantity.WARNINGS} == {
+        what for what, fact in found.items() if fact.code is WatchFact.WATCHED
+    } - {WatchedQuantity.MOTOR_LIMITS}
+    assert found[WatchedQuantity.BATTERY].figures["because"].code is WatchFact.MESSAGE_MISSING
     assert "loss of thrust (" in watched_quantities_text(
         status.watch_facts
     ) and "battery" in watched_quantities_text(status.watch_facts)
@@ -231,7 +235,7 @@ def test_what_is_watched_is_always_shown():
 
 @mark.parametrize(
     "volts, code",
-    [(lambda at: 12.6 - 0.01 * at, Watch.WATCHED), (lambda at: 12.6, Watch.NOT_WATCHED)],
+    [(lambda at: 12.6 - 0.01 * at, WatchFact.WATCHED), (lambda at: 12.6, WatchFact.NOT_WATCHED)],
 )
 def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
     seconds = np.arange(4.0, 20.0, 0.5).tolist()
@@ -239,9 +243,9 @@ def test_a_battery_that_nothing_measures_is_not_called_watched(volts, code):
         *((at, "SYS_STATUS", {"voltage_battery": round(1000 * volts(at))}) for at in seconds)
     )
     status = made.stream.status()
-    [battery] = [fact for fact in status.watch_facts if fact.subject == Watched.BATTERY]
+    [battery] = [fact for fact in status.watch_facts if fact.subject == WatchedQuantity.BATTERY]
     assert battery.code is code
-    assert status.worst_lights[Light.POWER].is_good == (code is Watch.WATCHED)
+    assert status.worst_lights[Light.POWER].is_good == (code is WatchFact.WATCHED)
 
 
 def test_rates_that_vary_are_no_news(capsys):
@@ -250,8 +254,8 @@ def test_rates_that_vary_are_no_news(capsys):
     for rate in (5.5, 5.5, 5.6, 4.9):
         rates = {"ATTITUDE": rate, "SERVO_OUTPUT_RAW": 6.0}
         slow = slow_streams(rates, "roll")
-        obstacle = Fact(Rows.LIVE_RATES_TOO_LOW, can_ask=True, because=slow)
-        watch = Fact(Watch.NOT_WATCHED, subject=Watched.OSCILLATION, because=slow)
+        obstacle = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, because=slow)
+        watch = Fact(WatchFact.NOT_WATCHED, subject=WatchedQuantity.OSCILLATION, because=slow)
         status = SessionStatus(vehicle="1:1", obstacle=obstacle, watch_facts=(watch,))
         lines.show(Mock(status=status))
         counts.append(len(capsys.readouterr().err.splitlines()))
@@ -294,13 +298,15 @@ def test_the_status_stands_in_its_place_on_a_terminal():
 
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
-    assert SessionStatus().overall_judgement.headline.code is Session.NOT_FLYING
-    assert SessionStatus(is_flying=True).overall_judgement.headline.code is Session.BEING_LEARNED
+    assert SessionStatus().overall_judgement.headline.code is SessionFact.NOT_FLYING
+    assert (
+        SessionStatus(is_flying=True).overall_judgement.headline.code is SessionFact.BEING_LEARNED
+    )
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
-    waiting = Fact(Session.NOT_FLYING)
-    ground = Fact(Watch.NOT_WATCHED, time=3.0, subject=Watched.MOTORS, because=waiting)
+    waiting = Fact(SessionFact.NOT_FLYING)
+    ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, because=waiting)
     known = {"vehicle": "1:1", "obstacle": waiting, "watch_facts": (ground,)}
     lines = StatusLines(None)
     news = ((0, waiting, 2), (0, waiting, 0), (1, waiting, 0), (1, None, 1))
@@ -313,8 +319,8 @@ def test_a_line_of_a_log_says_what_is_new(capsys):
 def test_slow_messages_show_no_limit_cycle_and_that_is_said():
     made = replay(Flight(Hot(hovering=10.0), attitude=10.0, motors=10.0).frames(end=14.0))
     found = {fact.subject: fact for fact in made.stream.status().watch_facts}
-    because = found[Watched.OSCILLATION].figures["because"]
-    assert because.code is Watch.MESSAGE_MISSING and because.figures["rate"] < 20
+    because = found[WatchedQuantity.OSCILLATION].figures["because"]
+    assert because.code is WatchFact.MESSAGE_MISSING and because.figures["rate"] < 20
 
 
 @mark.slow
@@ -322,13 +328,13 @@ def test_every_vehicle_on_a_link_is_watched():
     flights = (Flight(Hot(hovering=12.0), system=system) for system in (1, 2))
     frames = by_time(*(flight.frames(end=13.0) for flight in flights))
     made = replay(frames)
-    found = said(made, Watch.OTHER_VEHICLE_ALARM)
+    found = said(made, WatchFact.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"1:1", "2:1"}
-    assert {fact.figures["because"].code for fact in found} >= {Session.ALARM}
+    assert {fact.figures["because"].code for fact in found} >= {SessionFact.ALARM}
     assert "vehicle 2:1 watched: " in watched_quantities_text(made.stream.status().watch_facts)
     # One that was chosen is reported as itself.
     made = replay(frames, vehicle="1:1")
-    found = said(made, Watch.OTHER_VEHICLE_ALARM)
+    found = said(made, WatchFact.OTHER_VEHICLE_ALARM)
     assert {fact.subject for fact in found} == {"2:1"} and said(made, MarginsLight.OSCILLATES)
 
 
@@ -364,7 +370,7 @@ class Limited(Hover):
 @mark.slow
 def test_the_first_seconds_of_a_flight_name_no_motor():
     made = replay(Flight(Limited(hovering=8.0)).frames(end=14.0))
-    off = next(fact.time for fact in made.facts if fact.code is Reported.OFF_GROUND)
+    off = next(fact.time for fact in made.facts if fact.code is ReportedEvent.OFF_GROUND)
     alarm, *_ = said(made, MotorsLight.MOTOR_LIMITED)
     assert off + DECISION_SECONDS <= alarm.time <= off + DECISION_SECONDS + 1.0
 

@@ -12,7 +12,7 @@ from pytest import approx, mark
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import Gains, Loops
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
 from mavdem.loops.gain_design import (
@@ -92,11 +92,11 @@ def test_steps_lead_to_the_margins_and_end_there():
     scores = [margin_scores(target, loop.rate)[0]]
     advice = advise(loop)
     while advice.parameters:
-        assert advice.stage is Stage.RATE and advice.sentence.code is Gains.STEP_TOWARDS_MARGINS
+        assert advice.stage is Stage.RATE and advice.sentence.code is GainFact.STEP_TOWARDS_MARGINS
         loop = loop.with_parameters(advice.parameters)
         scores.append(margin_scores(target, loop.rate)[0])
         advice = advise(loop)
-    assert advice.sentence.code is Gains.KEEP_GAINS
+    assert advice.sentence.code is GainFact.KEEP_GAINS
     assert len(scores) <= 4 and scores == sorted(scores) and scores[-1] >= 1
 
 
@@ -128,7 +128,7 @@ def test_the_angles_gain_falls_with_the_rate_gains_only_where_its_loop_would_lac
     assert "MC_ROLL_P" not in usual.parameters and not usual.notes
     fast_angle = advise(made_up(4.5).with_parameters({"MC_ROLL_P": 20.0}))
     assert fast_angle.parameters["MC_ROLL_P"] == approx(20 / MAX_GAIN_STEP, rel=0.01)
-    assert [note.code for note in fast_angle.notes] == [Gains.ANGLE_FOLLOWS]
+    assert [note.code for note in fast_angle.notes] == [GainFact.ANGLE_FOLLOWS]
 
 
 @mark.slow
@@ -162,7 +162,7 @@ def test_an_unusual_ratio_of_the_log_is_named():
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters
-    assert (advice.sentence.code, advice.sentence.level) == (Gains.KEEP_GAINS, "good")
+    assert (advice.sentence.code, advice.sentence.level) == (GainFact.KEEP_GAINS, "good")
     assert advice.after.controller.parameters == loop.controller.parameters
     (light,) = AxisMargins(loop.axis, loop, None, None).facts
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
@@ -171,12 +171,12 @@ def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
 @mark.slow
 def test_a_biased_effectiveness_is_allowed_for_by_its_draws_and_gives_gains():
     lacking = made_up(2.5)
-    caution = Fact(Loops.EFFECT_BIASED, because=Fact(Gains.LOOP_UNSTABLE))
+    caution = Fact(LoopFact.EFFECT_BIASED, because=Fact(GainFact.LOOP_UNSTABLE))
     biased = replace(lacking, plant=lacking.plant._replace(bias=0.1), cautions=(caution,))
     assert advise(biased).parameters == advise(lacking).parameters
 
 
-@mark.parametrize("share, code", [(0.1, None), (0.2, Gains.MOTOR_AT_LIMIT)])
+@mark.parametrize("share, code", [(0.1, None), (0.2, GainFact.MOTOR_AT_LIMIT)])
 def test_gains_are_refused_only_where_motors_are_at_limits_for_longer_than_was_tried(share, code):
     loop = made_up(2.5)
     inputs = loop.record.inputs.copy()
@@ -191,7 +191,7 @@ def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_n
     short_lag = loop.dynamics * [1.0, 0.1, 1.0]
     by_motion_alone = replace(loop, dynamics=short_lag, plant=loop.plant._replace(filtered=True))
     (reason,) = reasons_for_no_gains(by_motion_alone, raises=True)
-    assert reason.code is Gains.LAG_UNRESOLVED and not reasons_for_no_gains(by_motion_alone)
+    assert reason.code is GainFact.LAG_UNRESOLVED and not reasons_for_no_gains(by_motion_alone)
     in_loop = replace(by_motion_alone, plant=loop.plant._replace(filtered=False))
     assert not reasons_for_no_gains(in_loop, raises=True)
 
@@ -231,16 +231,16 @@ def test_refusals_say_why():
     inputs = np.where(np.arange(2000)[:, None] % 5 == 0, 2000.0, record.inputs)
     stuck = advise(replace(sound, record=replace(record, inputs=inputs)))
     retuned = advise(replace(sound, record=replace(record, earlier={"MC_ROLL_P": 5.0})))
-    doubt = Fact(Loops.MIXER_REVERSED)
+    doubt = Fact(LoopFact.MIXER_REVERSED)
     cases = {
         doubt: advise(sound, doubts=[doubt]),
-        Fact(Gains.MOTOR_AT_LIMIT, share=0.2): stuck,
-        Fact(Gains.LOOP_UNSTABLE): advise(made_up(6.0)),
-        Fact(Gains.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
+        Fact(GainFact.MOTOR_AT_LIMIT, share=0.2): stuck,
+        Fact(GainFact.LOOP_UNSTABLE): advise(made_up(6.0)),
+        Fact(GainFact.GAINS_CHANGED, names=["MC_ROLL_P"]): retuned,
     }
     for refusal, found in cases.items():
         assert found.refusals == (refusal,) and not found.gains
-        assert found.sentence == Fact(Gains.NO_GAINS_ADVISED, reasons=[refusal])
+        assert found.sentence == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
 
 
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():

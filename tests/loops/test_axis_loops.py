@@ -28,7 +28,14 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.identifiability import Status
-from mavdem.facts.loops import Controllers, Gains, LoopActions, Loops, Responses, Twins
+from mavdem.facts.loops import (
+    ControllerFact,
+    GainFact,
+    LoopAction,
+    LoopFact,
+    ResponseFact,
+    TwinFact,
+)
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.noise import NotchAdvice
@@ -138,38 +145,38 @@ def test_the_frame_of_older_firmware_is_its_class():
 @mark.parametrize(
     "parameters, weights, code, figures",
     [
-        ({}, X_ROLL, Controllers.NO_GAINS, {}),
+        ({}, X_ROLL, ControllerFact.NO_GAINS, {}),
         (
             {name: value for name, value in ARDUPILOT.items() if name != "ATC_RAT_RLL_D"},
             X_ROLL,
-            Controllers.PARAMETERS_MISSING,
+            ControllerFact.PARAMETERS_MISSING,
             {"names": ("ATC_RAT_RLL_D",)},
         ),
         (
             ARDUPILOT | {"FRAME_CLASS": 2.0},
             (1.0,) * 6,
-            Controllers.MIXER_UNKNOWN,
+            ControllerFact.MIXER_UNKNOWN,
             {"autopilot": "ardupilot", "names": ("FRAME_CLASS", "FRAME_TYPE")},
         ),
         (
             ARDUPILOT,
             (),
-            Controllers.MIXER_UNKNOWN,
+            ControllerFact.MIXER_UNKNOWN,
             {"autopilot": "ardupilot", "names": ("FRAME_CLASS", "FRAME_TYPE")},
         ),
-        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
-        (PX4 | {"CA_ROTOR1_PY": 1e3}, (), Controllers.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (PX4 | {"CA_ROTOR_COUNT": 8.0}, (), ControllerFact.MIXER_UNKNOWN, {"autopilot": "px4"}),
+        (PX4 | {"CA_ROTOR1_PY": 1e3}, (), ControllerFact.MIXER_UNKNOWN, {"autopilot": "px4"}),
         # Older firmware has no such parameters, so they are not asked for.
         (
             {name: value for name, value in PX4.items() if not name.startswith("CA_")},
             (),
-            Controllers.MIXER_IN_FILE,
+            ControllerFact.MIXER_IN_FILE,
             {},
         ),
         (
             PX4 | {"MC_ROLL_P": 0.0},
             (),
-            Controllers.PARAMETER_IMPOSSIBLE,
+            ControllerFact.PARAMETER_IMPOSSIBLE,
             {"name": "MC_ROLL_P", "value": 0.0},
         ),
     ],
@@ -184,8 +191,8 @@ def test_parameters_that_the_controller_model_leaves_out_are_reported():
     cautions = controller_from_parameters(unmodelled, "roll", X_ROLL).cautions
     assert [fact.figures["name"] for fact in cautions] == names
     assert {fact.code for fact in cautions} == set(UNMODELLED_PARAMETERS.values()) - {
-        Controllers.DEMAND_BY_VOLTAGE,
-        Controllers.NOTCHES_UNMODELLED,
+        ControllerFact.DEMAND_BY_VOLTAGE,
+        ControllerFact.NOTCHES_UNMODELLED,
     }
     theirs = controller_from_parameters(
         PX4 | {"MC_BAT_SCALE_EN": 1.0, "IMU_GYRO_DNF_EN": 1.0}
@@ -279,8 +286,8 @@ def test_an_axis_that_is_too_slow_gets_more_gain_with_a_notch_too():
 
 
 def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_needs_new_ones():
-    to_tune = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
-    reason = Fact(Loops.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
+    to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="pitch", action=to_tune)
     decision = LoopDecision("pitch", LoopVerdict.BELOW_GOAL, reason, to_tune)
     tuning = tuned_by({"roll": made_up()}, {"pitch": decision}, headline=reason)
     assert not tuning.parameters
@@ -291,8 +298,8 @@ def test_of_one_axis_that_keeps_its_gains_the_next_step_names_the_axis_that_need
 
 
 def test_gains_that_no_model_supports_are_not_to_be_loaded():
-    to_tune = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
-    reason = Fact(Loops.MARGIN_RATING, Level.BAD, axis="roll", action=to_tune)
+    to_tune = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=("flight.tlog",))
+    reason = Fact(LoopFact.MARGIN_RATING, Level.BAD, axis="roll", action=to_tune)
     tuning = tuned_by({"roll": made_up()}, headline=reason)
     assert not tuning.parameters
     assert "advises" not in tuning.judgement.next_step.sentence
@@ -317,7 +324,7 @@ def test_each_stage_has_its_own_files_with_its_own_gains():
 
 
 def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
-    mixer, steered = Fact(Loops.MIXER_REVERSED), Fact(Loops.NOT_STEERED, share=0.3)
+    mixer, steered = Fact(LoopFact.MIXER_REVERSED), Fact(LoopFact.NOT_STEERED, share=0.3)
     assert refused(tuned_by, {"roll": mixer}) == mixer
     several = refused(tuned_by, {"roll": mixer, "pitch": steered, "yaw": mixer})
     named = [fact.figures["names"] for fact in several.figures["reasons"]]
@@ -337,7 +344,7 @@ def test_one_axis_without_a_loop_has_its_own_reason_and_several_have_theirs():
 def test_a_loop_is_rated_by_its_weaker_margins(factor, level, lacking):
     rating = margin_rating(loop := made_up(factor))
     weak = getattr(loop, rating.subject)
-    assert (rating.code, rating.level) == (Loops.MARGIN_RATING, level)
+    assert (rating.code, rating.level) == (LoopFact.MARGIN_RATING, level)
     assert rating.figures["phase_margin"] == weak.phase_margin
     if level != "bad":
         assert rating.figures["share"] >= 1
@@ -388,7 +395,7 @@ def test_an_oscillating_vehicle_lowers_the_gains_that_act_at_its_frequency(frequ
     both = oscillation._replace(other_axes=(oscillation,))
     assert [*gain_reduction_advice(both, PX4).figures["changes"]] == 2 * lower
     unknown = gain_reduction_advice(oscillation, {})
-    assert (unknown.code, unknown.figures["changes"]) == (Gains.LOWER_GAINS, ())
+    assert (unknown.code, unknown.figures["changes"]) == (GainFact.LOWER_GAINS, ())
 
 
 def test_an_oscillating_axis_without_p_lowers_its_integral():
@@ -401,12 +408,12 @@ def test_an_oscillating_axis_without_p_lowers_its_integral():
 @mark.parametrize(
     "plant, record, code",
     [
-        ({}, {"parameters": {}}, Loops.CONTROLLER_UNKNOWN),
-        ({}, {"parameters": PX4 | {"MC_ROLLRATE_P": 0.0}}, Loops.NO_PROPORTIONAL_GAIN),
-        ({"effect": -0.18 * np.array(X_ROLL)}, {}, Loops.MIXER_REVERSED),
-        ({}, {"input_range": ()}, Controllers.MIXER_UNKNOWN),
-        ({}, {"dt": 0.05}, Loops.CROSSOVER_UNSEEN),
-        ({"filtered": False}, {"dt": 0.1}, Loops.CROSSOVER_UNSEEN),
+        ({}, {"parameters": {}}, LoopFact.CONTROLLER_UNKNOWN),
+        ({}, {"parameters": PX4 | {"MC_ROLLRATE_P": 0.0}}, LoopFact.NO_PROPORTIONAL_GAIN),
+        ({"effect": -0.18 * np.array(X_ROLL)}, {}, LoopFact.MIXER_REVERSED),
+        ({}, {"input_range": ()}, ControllerFact.MIXER_UNKNOWN),
+        ({}, {"dt": 0.05}, LoopFact.CROSSOVER_UNSEEN),
+        ({"filtered": False}, {"dt": 0.1}, LoopFact.CROSSOVER_UNSEEN),
     ],
 )
 def test_a_flight_without_loops_says_why(plant, record, code):
@@ -429,17 +436,17 @@ def test_a_twin_says_of_each_figure_how_sure_it_is():
     assert phase.marks[0].name.endswith("°") and not sensitivity.marks[0].name
     found = twin(loop)
     notes = found.notes
-    assert notes["mass"] == Fact(Twins.MASS_NOTE, is_given=False)
-    assert notes["arm"] == Fact(Twins.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
+    assert notes["mass"] == Fact(TwinFact.MASS_NOTE, is_given=False)
+    assert notes["arm"] == Fact(TwinFact.ARM_NOTE, is_given=True) and found.arm == (0.1, 0.2)
     inertia = notes["inertia"].figures
-    assert inertia["pitch"] is None and inertia["roll"].code is Twins.EFFECT_NOTE
+    assert inertia["pitch"] is None and inertia["roll"].code is TwinFact.EFFECT_NOTE
     assert inertia["roll"].figures["share"] == approx(1.645 * 0.0095 / 0.36, rel=0.1)
-    assert notes["moment"].code is Twins.MOMENT_NOTE
-    assert notes["damping"] == Fact(Twins.DAMPING_NOTE, damping=loop.plant.interval().damping)
+    assert notes["moment"].code is TwinFact.MOMENT_NOTE
+    assert notes["damping"] == Fact(TwinFact.DAMPING_NOTE, damping=loop.plant.interval().damping)
     status = {**loop.plant.status, "lag": Status.NOT_IDENTIFIABLE}
     unsure = twin(replace(loop, plant=loop.plant._replace(status=status)), mass=2.0).notes
-    assert unsure["lag"] == Fact(Twins.LAG_NOTE, lag=None) and unsure["mass"].figures["is_given"]
-    assert refused(twin, loop, hover=0.05) == Fact(Twins.NO_HOVER, share=0.05)
+    assert unsure["lag"] == Fact(TwinFact.LAG_NOTE, lag=None) and unsure["mass"].figures["is_given"]
+    assert refused(twin, loop, hover=0.05) == Fact(TwinFact.NO_HOVER, share=0.05)
 
 
 @mark.slow
@@ -496,9 +503,9 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     "by_wind, factor, limited_share, code, agrees",
     [
         (0.0, 1.0, 0.1, None, True),
-        (0.0, 3.0, 0.0, Responses.RESPONSE_DISAGREES, False),
-        (0.0, 3.0, 0.1, Responses.RESPONSE_LIMITED, None),
-        (30.0, 1.0, 0.0, Responses.RESPONSE_UNEXPLAINED, None),
+        (0.0, 3.0, 0.0, ResponseFact.RESPONSE_DISAGREES, False),
+        (0.0, 3.0, 0.1, ResponseFact.RESPONSE_LIMITED, None),
+        (30.0, 1.0, 0.0, ResponseFact.RESPONSE_UNEXPLAINED, None),
     ],
 )
 def test_a_response_that_is_not_the_predicted_one_says_how(

@@ -11,7 +11,7 @@ from recorded_flights import recorded
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
-from mavdem.facts.noise import Noise as Codes
+from mavdem.facts.noise import NoiseFact
 from mavdem.loops.autopilot_parameters import Notch
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_delay, gyro_filters, gyro_response
@@ -106,7 +106,7 @@ def test_the_raw_gyro_through_the_filters_is_the_filtered_one():
     seen = MeasuredNoise(
         found, {name: find_spectral_lines(spectrum) for name, spectrum in found.items()}
     )
-    (removed,) = (fact for fact in seen.facts if fact.code is Codes.FILTERS_REMOVE)
+    (removed,) = (fact for fact in seen.facts if fact.code is NoiseFact.FILTERS_REMOVE)
     left = behind.mean_power(104, 188) / before.mean_power(104, 188)
     assert removed.figures["frequency"] == approx(139.0, rel=0.02)
     assert removed.figures["share"] == approx(1 - left, abs=0.1 * left)

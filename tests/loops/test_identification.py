@@ -21,8 +21,8 @@ from mavdem.dem.record import Record
 from mavdem.experiments.paper.flights import write_log
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status
-from mavdem.facts.learnability import Reason
-from mavdem.facts.loops import Loops, Responses
+from mavdem.facts.learnability import NotLearnableReason
+from mavdem.facts.loops import LoopFact, ResponseFact
 from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
 from mavdem.loops.controllers import controller_from_parameters
@@ -106,9 +106,9 @@ def test_a_loop_has_its_true_margins_at_200_and_at_25_hz(flight, every, within):
         assert low - wider <= true <= high + wider
     codes = [caution.code for caution in loop.cautions]
     if every == 8:
-        assert Loops.GAIN_MARGIN_EXTRAPOLATED in codes
+        assert LoopFact.GAIN_MARGIN_EXTRAPOLATED in codes
     else:
-        assert Loops.GAIN_MARGIN_EXTRAPOLATED not in codes
+        assert LoopFact.GAIN_MARGIN_EXTRAPOLATED not in codes
 
 
 def test_a_loop_has_nearly_its_true_margins_at_400_hz():
@@ -135,23 +135,23 @@ def refusal(signals, flights):
 def test_what_a_plant_in_its_loop_takes_is_said(log, monkeypatch):
     signals, flights = flown(log)
     (flight,) = flights
-    assert refusal(signals, [flight[:2000]]) is Loops.LOOP_TOO_SHORT
+    assert refusal(signals, [flight[:2000]]) is LoopFact.LOOP_TOO_SHORT
     without = {k: v for k, v in signals.telemetry.messages.items() if k != "ATTITUDE_TARGET"}
     blind = Signals(replace(signals.telemetry, messages=without))
-    assert refusal(blind, flights) is Loops.NO_RATE_SETPOINT
+    assert refusal(blind, flights) is LoopFact.NO_RATE_SETPOINT
     # The last reason first, so that each stands before those that are there already.
     monkeypatch.setattr(in_flight, "MAX_PHASE_MARGIN_HALF_WIDTH", 0.1)
-    assert refusal(signals, flights) is Loops.MARGIN_UNCERTAIN
+    assert refusal(signals, flights) is LoopFact.MARGIN_UNCERTAIN
     monkeypatch.setattr(in_flight, "MIN_REFERENCE_SHARE", 2.0)
-    assert refusal(signals, flights) is Loops.NOT_STEERED
+    assert refusal(signals, flights) is LoopFact.NOT_STEERED
     monkeypatch.undo()
     monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 0.0)
     rounded = refused(identify_plant_in_loop, Signals(signals.telemetry), flights)
-    assert rounded.code is Reason.COMMAND_ROUNDED
+    assert rounded.code is NotLearnableReason.COMMAND_ROUNDED
     # A step's rounding has a twelfth of its square as variance.
     share = (rounded.figures["command_step"] / rounded.figures["command"]) ** 2 / 12
     monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 0.9 * share)
-    assert refusal(signals, flights) is Reason.COMMAND_ROUNDED
+    assert refusal(signals, flights) is NotLearnableReason.COMMAND_ROUNDED
     monkeypatch.setattr(in_flight, "MAX_ROUNDING_SHARE", 1.1 * share)
     assert identify_plant_in_loop(Signals(signals.telemetry), flights).effect.shape == (4,)
 
@@ -170,10 +170,10 @@ def rows_of(columns, rows):
 @mark.parametrize(
     "change, code",
     [
-        (lambda c: c | {"body_roll_rate": 0.3}, Loops.NO_RATE_SETPOINT),
-        (lambda c: c | {"boot": c["boot"] + 7}, Loops.NO_RATE_SETPOINT),
-        (lambda c: rows_of(c, slice(None, None, 13)), Loops.NO_RATE_SETPOINT),
-        (lambda c: rows_of(c, c["time"] % 30 < 15), Loops.LOOP_TOO_SHORT),
+        (lambda c: c | {"body_roll_rate": 0.3}, LoopFact.NO_RATE_SETPOINT),
+        (lambda c: c | {"boot": c["boot"] + 7}, LoopFact.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, slice(None, None, 13)), LoopFact.NO_RATE_SETPOINT),
+        (lambda c: rows_of(c, c["time"] % 30 < 15), LoopFact.LOOP_TOO_SHORT),
     ],
     ids=["constant", "of another boot", "2 Hz", "gaps longer than windows"],
 )
@@ -202,11 +202,11 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
         monkeypatch.setattr(in_flight, "identify_axis", spread)
         return identify_plant_in_loop(Signals(signals.telemetry), flights)
 
-    assert refused(plant_with, np.nan).code is Loops.LOOP_NOT_FOUND
+    assert refused(plant_with, np.nan).code is LoopFact.LOOP_NOT_FOUND
     widths = []
     for share in (7.0, 1e5):
         uncertain = refused(plant_with, share)
-        assert uncertain.code is Loops.MARGIN_UNCERTAIN
+        assert uncertain.code is LoopFact.MARGIN_UNCERTAIN
         widths.append(np.ptp(uncertain.figures["phase_margin_interval"]))
     assert uncertain.figures["phase_margin_interval"][1] == 180.0
     assert 20.0 < widths[0] < 30.0
@@ -225,7 +225,7 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
 def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
     interval, is_stable, reason
 ):
-    fact = Fact(Loops.MARGIN_UNCERTAIN, phase_margin_interval=interval, is_stable=is_stable)
+    fact = Fact(LoopFact.MARGIN_UNCERTAIN, phase_margin_interval=interval, is_stable=is_stable)
     assert reason in str(fact)
 
 
@@ -253,7 +253,7 @@ def test_a_controller_of_other_gains_than_flew_finds_no_plant(log, gain):
     signals, (flight,) = flown(thinned(log, 8))
     parameters = {**flight.provenance["parameters"], "MC_ROLLRATE_K": gain}
     other = replace(flight, provenance={**flight.provenance, "parameters": parameters})
-    assert refusal(signals, [other]) is Loops.LOOP_NOT_FOUND
+    assert refusal(signals, [other]) is LoopFact.LOOP_NOT_FOUND
 
 
 def test_with_motors_at_their_limits_the_margins_are_true():
@@ -329,12 +329,12 @@ def test_a_simulated_flight_has_the_margins_of_its_linearised_loop():
     )
     retuned = loop_from_plant(plant, replace(record, earlier={name: 0.1}))
     (caution,) = retuned.cautions
-    assert retuned.agrees is None and caution.code is Loops.PARAMETERS_CHANGED
+    assert retuned.agrees is None and caution.code is LoopFact.PARAMETERS_CHANGED
     assert caution.figures["changes"] == ((name, 0.1, record.parameters[name]),)
     # Gains that were not those in flight.
     other = loop_from_plant(
         plant, record, loop.controller.with_parameters({name: 0.7 * record.parameters[name]})
     )
     assert other.agrees is False
-    assert other.measured.reason.code is Responses.CONTROLLER_GAIN_DIFFERS
+    assert other.measured.reason.code is ResponseFact.CONTROLLER_GAIN_DIFFERS
     assert other.advice.refusals == (other.measured.reason,)

@@ -9,7 +9,7 @@ from pytest import approx, fixture, mark, raises
 
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import Loops, Responses
+from mavdem.facts.loops import LoopFact, ResponseFact
 from mavdem.loops.identification import _require_known_margin
 from mavdem.loops.identified_step import (
     MAX_UNEXPLAINED_OUTPUT,
@@ -49,7 +49,7 @@ def test_a_controller_that_explains_too_little_of_the_output_shows_no_step(loop)
 
 
 def test_a_loop_that_the_flight_contradicts_shows_no_step(loop):
-    reason = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+    reason = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
     measured = MeasuredResponse((0.3, 8.0), 20.0, 30.0, 1.0, reason)
     assert identified_steps(replace(loop, measured=measured), TIME, 5) is None
 
@@ -74,8 +74,8 @@ def test_intervals_of_margins_end_at_the_limit_of_stability():
     "scale, deviation, code",
     [
         (1.0, 0.0, None),
-        (8.0, 0.0, Loops.MARGIN_UNCERTAIN),  # unstable
-        (1.0, 0.012, Loops.MARGIN_UNCERTAIN),
+        (8.0, 0.0, LoopFact.MARGIN_UNCERTAIN),  # unstable
+        (1.0, 0.012, LoopFact.MARGIN_UNCERTAIN),
     ],
 )
 def test_a_rate_loop_whose_margin_is_not_known_is_refused(loop, scale, deviation, code):
@@ -99,6 +99,6 @@ def test_a_loop_that_crosses_over_where_position_control_acts_too_has_no_margins
     with raises(NotLearnable) as refusal:
         loop_from_plant(slow, sound.record)
     fact = refusal.value.fact
-    assert fact.code is Loops.CROSSOVER_UNSEEN
+    assert fact.code is LoopFact.CROSSOVER_UNSEEN
     assert "below 0.8 Hz drag and position control move the vehicle too" in str(fact)
     assert "P gain" in fact.remedy

@@ -15,7 +15,7 @@ from mavdem.assessment.axis.responses import predicted_attitude_response
 from mavdem.assessment.flights import settled_flight
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
-from mavdem.facts.loops import StepResponses
+from mavdem.facts.loops import StepResponseFact
 from mavdem.ingest.vocabulary import IGNORE_ATTITUDE
 from mavdem.loops.identified_step import predicted_step, step_from_frequency_response
 from mavdem.loops.impulse_response import estimate_impulse_response
@@ -93,12 +93,12 @@ def test_a_resonance_is_measured_with_a_band_that_holds_it(repeated):
     assert found.peak.value == approx(abs(closed[peak]), rel=0.1)
     assert found.peak_frequency.value == approx(FREQUENCY[peak], rel=0.05)
     assert found.coherence > 0.8 and found.max_frequency > 15
-    assert found.fact.code is StepResponses.STEP_MEASURED
-    assert found.comparison(FREQUENCY, closed).code is StepResponses.PREDICTION_AGREES
+    assert found.fact.code is StepResponseFact.STEP_MEASURED
+    assert found.comparison(FREQUENCY, closed).code is StepResponseFact.PREDICTION_AGREES
     slower = found.comparison(FREQUENCY, loop(5.0)[2])
-    assert slower.code is StepResponses.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
+    assert slower.code is StepResponseFact.PREDICTION_DOUBTED and slower.figures["share"] > 0.5
     faster = found.comparison(FREQUENCY, loop(90.0, damping=0.1)[2])
-    assert faster.code is StepResponses.MEASUREMENT_DOUBTED
+    assert faster.code is StepResponseFact.MEASUREMENT_DOUBTED
 
 
 @mark.slow
@@ -152,7 +152,7 @@ def test_a_rate_without_an_angle_setpoint_as_fast_is_measured_unless_it_lacks_a_
     is_slow = np.arange(len(targets["time"])) % 10 > 0
     mask = targets["type_mask"] + IGNORE_ATTITUDE * is_slow
     slow_angles = changed(telemetry, "ATTITUDE_TARGET", type_mask=mask)
-    assert measured(slow_angles).code is StepResponses.TOO_SLOW
+    assert measured(slow_angles).code is StepResponseFact.TOO_SLOW
     px4 = replace(slow_angles, autopilot="PX4")
     assert measured(px4).peak_frequency.value == approx(4.0, rel=0.1)
 
@@ -163,14 +163,14 @@ def test_a_slow_setpoint_does_not_show_a_fast_response():
     asked = lfilter([0.01], [1.0, -0.99], steered(1, slow=0.97))
     noise = steered(2, slow=0.0) / 2000
     found = measured(flight(asked + noise, asked))
-    assert found.code is StepResponses.TOO_LITTLE_ASKED
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 def test_pieces_too_short_for_a_window_give_no_step_response():
     """Each gap in the messages begins another piece; here a flight is nothing but pieces of 2.2 s."""
     pieces = [Segment(0, start, start + 2.2) for start in np.arange(12.0, 60.0, 3.0)]
     found = rate_step_response(Signals(flight(steered(), steered())), pieces)
-    assert found.code is StepResponses.TOO_LITTLE_ASKED
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
@@ -178,7 +178,7 @@ def test_a_setpoint_that_moves_before_the_windows_only_gives_no_step_response():
     asked = np.where(TIME < 12.8, steered(), 0.0)
     whole = Segment(0, 12.0, 60.0)
     found = rate_step_response(Signals(flight(0 * TIME, asked)), [whole])
-    assert found.code is StepResponses.TOO_LITTLE_ASKED
+    assert found.code is StepResponseFact.TOO_LITTLE_ASKED
 
 
 @mark.slow
@@ -203,7 +203,7 @@ def test_why_there_is_no_step_response(monkeypatch):
     monkeypatch.setattr("mavdem.loops.step_response.coverage_factor", lambda: 1e6)
     unsure = measured(telemetry)
     unasked = measured(HOVER.telemetry(), attitude_step_response)
-    assert without.code is unasked.code is StepResponses.NO_SETPOINT
-    assert slow.code is StepResponses.TOO_SLOW
-    assert unflown.code is StepResponses.TOO_LITTLE_FLIGHT
-    assert still.code is unsure.code is StepResponses.TOO_LITTLE_ASKED
+    assert without.code is unasked.code is StepResponseFact.NO_SETPOINT
+    assert slow.code is StepResponseFact.TOO_SLOW
+    assert unflown.code is StepResponseFact.TOO_LITTLE_FLIGHT
+    assert still.code is unsure.code is StepResponseFact.TOO_LITTLE_ASKED

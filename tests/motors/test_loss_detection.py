@@ -8,7 +8,7 @@ from pytest import approx, mark
 from scipy.signal import lfilter
 
 from mavdem.facts import Level
-from mavdem.facts.motors import InFlight
+from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.motor_geometry import motor_geometry
 from mavdem.motors.change_statistics import long_run_variance
 from mavdem.motors.loss_detection import HOURS_TO_FALSE_ALARM, MAX_GAP, MotorLossDetector
@@ -121,7 +121,9 @@ def test_every_fault_is_found_and_its_end(faults):
             else:
                 assert not one.is_weak
             assert one.size == approx(rise[motor] - 1, abs=0.05)
-            code = InFlight.MOTOR_LOST_THRUST if one.is_weak else InFlight.MOTOR_RECOVERED
+            code = (
+                MotorWatchFact.MOTOR_LOST_THRUST if one.is_weak else MotorWatchFact.MOTOR_RECOVERED
+            )
             assert one.fact.code is code
         before = rise
     assert not found
@@ -133,7 +135,7 @@ def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     assert first.motor is None
     assert BREAKS + 8.0 <= first.time - 100.0 < BREAKS + 15.0
     assert first.size == approx(np.hypot(*shift), abs=0.015)
-    assert first.fact.code is InFlight.STEADY_TORQUE_CHANGED
+    assert first.fact.code is MotorWatchFact.STEADY_TORQUE_CHANGED
 
 
 def turned(*turns):
@@ -248,10 +250,10 @@ def test_where_nothing_can_be_found_it_says_why():
     time, commands = flight(2)
     weak = commands + after(time, 0.15 * np.eye(4)[0])
     slow = watched(2 * time, weak)
-    assert not slow.alarms and slow.obstacle.code is InFlight.MOTOR_OUTPUTS_TOO_SLOW
+    assert not slow.alarms and slow.obstacle.code is MotorWatchFact.MOTOR_OUTPUTS_TOO_SLOW
     assert watched(time + 200.0, commands, watch=slow).obstacle is None
     silent = watched(time, weak, watch=MotorLossDetector(geometry(spins=())))
-    assert not silent.alarms and silent.obstacle.code is InFlight.MOTOR_PLACES_UNKNOWN
+    assert not silent.alarms and silent.obstacle.code is MotorWatchFact.MOTOR_PLACES_UNKNOWN
 
 
 def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():

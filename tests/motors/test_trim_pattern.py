@@ -4,7 +4,7 @@ import numpy as np
 from frames import FRAMES, geometry
 from pytest import approx, mark
 
-from mavdem.facts.motors import Trim
+from mavdem.facts.motors import TrimFact
 from mavdem.ingest.motors import PositionSource
 from mavdem.motors.balance_figures import BalanceFigures
 from mavdem.motors.change_hypotheses import FAULT_RISE
@@ -24,19 +24,19 @@ def trim(mean, plan=QUAD, lean=(0.0, 0.0), error=0.003):
 @mark.parametrize(
     "mean, code, figures",
     [
-        ((0.01, 0.0, 0.16), Trim.TRIM_OF_YAW, {"share": 0.16}),
-        ((0.0, -0.01, -0.1), Trim.TRIM_OF_YAW, {"share": -0.1}),
-        ((0.0, -0.12, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.12, "place": "rear"}),
-        ((-0.1, 0.1, 0.01), Trim.TRIM_OF_CENTRE, {"share": 0.141, "place": "front right"}),
-        ((0.15, 0.01, 0.0), Trim.TRIM_OF_CENTRE, {"share": 0.15, "place": "left"}),
-        ((0.01, -0.06, 0.06), Trim.TRIM_OF_SEVERAL, {}),
-        ((0.01, -0.02, 0.03), Trim.TRIM_EVEN, {"deviation": 0.06, "most_loss": 0.303}),
+        ((0.01, 0.0, 0.16), TrimFact.TRIM_OF_YAW, {"share": 0.16}),
+        ((0.0, -0.01, -0.1), TrimFact.TRIM_OF_YAW, {"share": -0.1}),
+        ((0.0, -0.12, 0.0), TrimFact.TRIM_OF_CENTRE, {"share": 0.12, "place": "rear"}),
+        ((-0.1, 0.1, 0.01), TrimFact.TRIM_OF_CENTRE, {"share": 0.141, "place": "front right"}),
+        ((0.15, 0.01, 0.0), TrimFact.TRIM_OF_CENTRE, {"share": 0.15, "place": "left"}),
+        ((0.01, -0.06, 0.06), TrimFact.TRIM_OF_SEVERAL, {}),
+        ((0.01, -0.02, 0.03), TrimFact.TRIM_EVEN, {"deviation": 0.06, "most_loss": 0.303}),
     ],
 )
 def test_the_pattern_is_named(mean, code, figures):
     found = trim(mean)
     assert found.code is code and not found.subject
-    assert found.level == ("good" if code is Trim.TRIM_EVEN else "watch")
+    assert found.level == ("good" if code is TrimFact.TRIM_EVEN else "watch")
     assert {name: found.figures[name] for name in figures} == approx(figures, abs=0.005)
 
 
@@ -49,7 +49,7 @@ def test_one_motor_is_named_where_all_axes_have_the_ratio_of_its_place(motors):
         found = trim(signature, plan)
         assert found.subject == (name if motors == 4 else "")
         if found.subject:
-            assert found.code is Trim.TRIM_OF_ONE_MOTOR
+            assert found.code is TrimFact.TRIM_OF_ONE_MOTOR
             assert found.figures["rise"][0] == approx(0.4, abs=0.05)
         # Of a little, or in another ratio, none is.
         assert not trim(0.3 * signature, plan).subject
@@ -60,9 +60,9 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
     half = 1.645 * 0.01
     limit = FAULT_RISE
     for yaw, code, level in (
-        (0.99 * limit, Trim.TRIM_EVEN, "good"),
-        (limit + 0.99 * half, Trim.TRIM_NEAR_LIMIT, "unknown"),
-        (limit + 1.1 * np.sqrt(3) * half, Trim.TRIM_OF_YAW, "watch"),
+        (0.99 * limit, TrimFact.TRIM_EVEN, "good"),
+        (limit + 0.99 * half, TrimFact.TRIM_NEAR_LIMIT, "unknown"),
+        (limit + 1.1 * np.sqrt(3) * half, TrimFact.TRIM_OF_YAW, "watch"),
     ):
         fact = trim((0, 0, yaw), error=1e-2)
         assert (fact.code, fact.level) == (code, level)
@@ -72,33 +72,33 @@ def test_what_cannot_be_told_from_even_is_no_alarm():
         assert figure in fact.sentence
     # Steady wind leans the vehicle, and asks for torque too.
     wind = trim((0.0, 0.12, 0.0), lean=(0, -9))
-    assert (wind.code, wind.level) == (Trim.TRIM_UNSURE, "unknown")
+    assert (wind.code, wind.level) == (TrimFact.TRIM_UNSURE, "unknown")
     # What is known to 8 % is even.
     known = FAULT_RISE / 1.645 / np.sqrt(3)
-    for share, code in ((0.99, Trim.TRIM_EVEN), (1.01, Trim.TRIM_UNSURE)):
+    for share, code in ((0.99, TrimFact.TRIM_EVEN), (1.01, TrimFact.TRIM_UNSURE)):
         assert trim((0, 0, 0), error=share * known).code is code
 
 
 @mark.parametrize(
     "share, error, code",
     [
-        (1.05, 0.003, Trim.TRIM_OF_LEADING_MOTOR),
-        (0.95, 0.003, Trim.TRIM_EVEN),
+        (1.05, 0.003, TrimFact.TRIM_OF_LEADING_MOTOR),
+        (0.95, 0.003, TrimFact.TRIM_EVEN),
         # An estimate that may as well be half of it is none, but it is not called even.
-        (1.05, 0.02, Trim.TRIM_NEAR_LIMIT),
+        (1.05, 0.02, TrimFact.TRIM_NEAR_LIMIT),
     ],
 )
 def test_one_motor_that_leads_alone_is_to_be_watched(share, error, code):
     signature = motor_signatures(QUAD).weak_motor_balance[1, 1:]
     fact = trim(share * FAULT_RISE / 0.75 * signature, error=error)
     assert fact.code is code
-    assert fact.subject == (QUAD.names[1] if code is Trim.TRIM_OF_LEADING_MOTOR else "")
+    assert fact.subject == (QUAD.names[1] if code is TrimFact.TRIM_OF_LEADING_MOTOR else "")
 
 
 def test_nothing_is_said_of_little_flight_or_without_the_places():
-    assert trim_pattern(None, geometry()).code is Trim.TRIM_UNKNOWN
+    assert trim_pattern(None, geometry()).code is TrimFact.TRIM_UNKNOWN
     for spins in ((), (0, 0)):  # not known, or turning nothing
         fact = trim_pattern(None, geometry(spins=spins))
-        assert (fact.code, fact.level) == (Trim.TRIM_OF_UNKNOWN_PLACES, "unknown")
+        assert (fact.code, fact.level) == (TrimFact.TRIM_OF_UNKNOWN_PLACES, "unknown")
     assumed = geometry(position_source=PositionSource.X_QUAD)
     assert trim((0.0, 0.0, 0.16), assumed).figures["assumed"]

@@ -10,7 +10,7 @@ from pytest import approx
 from mavdem.cli.tune import tune_command
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import LoopActions, Loops
+from mavdem.facts.loops import LoopAction, LoopFact
 from mavdem.ingest.parameter_file import read_parameters
 from mavdem.loops.advice import Advice, Gain
 from mavdem.loops.axis_loops import Loop
@@ -18,7 +18,7 @@ from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.report.gain_changes import gain_changes
 
 LOWER = Fact(
-    LoopActions.LOWER_BY_A_THIRD,
+    LoopAction.LOWER_BY_A_THIRD,
     subject="rate",
     axis="roll",
     changes=(("ATC_RAT_RLL_P", 0.135, 0.09),),
@@ -52,8 +52,8 @@ def test_a_notch_filter_is_set_with_the_first_gains(tmp_path: Path):
 
 
 def test_what_limits_advised_gains_stands_beside_them():
-    part = Fact(Loops.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
-    result = Fact(Loops.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, until=2.0)
+    part = Fact(LoopFact.GAINS_OF_PART, names=(), parts=(), ratings=(), duration=7.0, settled=424.0)
+    result = Fact(LoopFact.AUTOTUNED, subject="roll", changes=(), ratings=(), time=1.0, until=2.0)
     advice = partial_record(
         Advice,
         gains={"ATC_RAT_RLL_P": Gain(0.0675, 0.0568)},

@@ -8,18 +8,18 @@ from pytest import approx, mark
 from mavdem.assessment.axis.twin import GainTrial, TwinMotion, samples_of_most_movement
 from mavdem.assessment.evidence import Evidence
 from mavdem.facts import Fact
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.loops.advice import advise
 from mavdem.loops.twin_flight import ReplaySegment
 from mavdem.report.charts import gain_trial
 from mavdem.report.charts.gain_trial import gain_trial_groups
 
-WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(Loops.LOOP_TOO_SHORT)})
+WITHOUT_TWIN = partial_record(Evidence, loops={"roll": Fact(LoopFact.LOOP_TOO_SHORT)})
 
 
 @mark.slow
 def test_steps_of_both_gains_are_drawn_over_each_other():
-    advice = {"roll": advise(made_up(4.5)), "pitch": Fact(Loops.LOOP_TOO_SHORT)}
+    advice = {"roll": advise(made_up(4.5)), "pitch": Fact(LoopFact.LOOP_TOO_SHORT)}
     groups = gain_trial_groups(WITHOUT_TWIN, advice)
     assert groups.keys() == {"roll"}
     charts = [chart for column in groups["roll"].columns for chart in column]

@@ -1,6 +1,6 @@
 """The report of a live session: what its time was spent on."""
 
-from mavdem.facts.session import Spent
+from mavdem.facts.session import TimeUse
 from mavdem.live.history import LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.report.blocks import Table
@@ -8,8 +8,8 @@ from mavdem.report.live import live_report
 
 
 def test_the_table_of_time_adds_up():
-    account = dict.fromkeys(Spent, 0.0)
-    first, second, third = list(Spent)[:3]
+    account = dict.fromkeys(TimeUse, 0.0)
+    first, second, third = list(TimeUse)[:3]
     account |= {first: 12.2, second: 30.0, third: 0.3}
     blocks = live_report(LiveHistory(), SessionStatus(), account, "roll")
     [table] = [block for block in blocks if isinstance(block, Table)]

@@ -31,7 +31,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Unjudged
-from mavdem.facts.loops import LoopActions, Loops, Responses
+from mavdem.facts.loops import LoopAction, LoopFact, ResponseFact
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.fleet.rows_of_log import rows_of_assessment
@@ -55,8 +55,8 @@ from mavdem.view.recording import RecordingTabs
 AXES = ("roll", "pitch")
 MIXERS = {"roll": X_ROLL, "pitch": (1.0, -1.0, 1.0, -1.0)}
 """Weights of the motors in the torque about an axis."""
-NOT_STEERED = Fact(Loops.NOT_STEERED, share=0.3)
-REFUTED = Fact(Responses.RESPONSE_DISAGREES, share=0.3, needed=0.8)
+NOT_STEERED = Fact(LoopFact.NOT_STEERED, share=0.3)
+REFUTED = Fact(ResponseFact.RESPONSE_DISAGREES, share=0.3, needed=0.8)
 OSCILLATION = Oscillation("roll", 22.0, 40.0, 0.9, False, 20.0)
 
 
@@ -82,7 +82,7 @@ def loop(axis, factor, bias=0.0):
     sizes = 0.18 * np.array(mixer), 1.5, 0.03, 0.006, covariance
     plant = Physical(*sizes, status, dict.fromkeys(status, ""), 0, 0.1, (WIND,), 0.01, {}, ())
     made = loop_from_plant(plant._replace(bias=bias), record)
-    doubts = (Fact(Loops.EFFECT_BIASED, because=NOT_STEERED),) if bias else ()
+    doubts = (Fact(LoopFact.EFFECT_BIASED, because=NOT_STEERED),) if bias else ()
     return replace(made, cautions=doubts)
 
 
@@ -368,7 +368,7 @@ def test_every_surface_gives_the_advice_of_the_decision(name, assessments, tunin
     if has_gains_to_load:
         assert {action.code for action in actions} & {*ADVICE_TO_TUNE}
     else:
-        assert LoopActions.LOAD_ADVISED_GAINS not in {action.code for action in actions}
+        assert LoopAction.LOAD_ADVISED_GAINS not in {action.code for action in actions}
     for surface, text in surfaces_of(name).items():
         assert directions(text) <= decided, surface
         if not has_gains_to_load:
@@ -403,7 +403,7 @@ def test_a_doubtful_loop_is_called_so_in_each_cell():
 
 @mark.slow
 def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
-    fast = Fact(Loops.CROSSOVER_FAST, crossover=17.0, rate=100.0, least_rate=150.0)
+    fast = Fact(LoopFact.CROSSOVER_FAST, crossover=17.0, rate=100.0, least_rate=150.0)
     tuning = tunings["below the goal"]
     roll = tuning.axes["roll"]
     roll = replace(roll, before=replace(roll.before, cautions=(fast,)))
@@ -433,9 +433,9 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
     good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
     tuning = tuning._replace(judgement=replace(tuning.judgement, headline=good))
     known = {axis: advice for axis, advice in tuning.axes.items() if not isinstance(advice, Fact)}
-    assert tuning_result(tuning._replace(axes=known)).code is Loops.MARGIN_RATING
+    assert tuning_result(tuning._replace(axes=known)).code is LoopFact.MARGIN_RATING
     doubted = tuning._replace(axes=known, doubtful_axes=frozenset(known))
-    unknown = tuning._replace(axes=known | {"yaw": Fact(Loops.NO_LOOP, reasons=(good,))})
+    unknown = tuning._replace(axes=known | {"yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))})
     assert tuning_result(doubted) == tuning_result(unknown) == good
     slow = tunings["sound but slow"]
     slow = slow._replace(judgement=replace(slow.judgement, headline=good))
@@ -444,8 +444,8 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
 
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     tuning = tunings["below the goal"]
-    roll = Fact(Loops.NO_LOOP, reasons=(Fact(Loops.NOT_STEERED, share=0.131),))
-    pitch = Fact(Loops.NO_LOOP, reasons=(Fact(Loops.NOT_STEERED, share=0.129),))
+    roll = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.131),))
+    pitch = Fact(LoopFact.NO_LOOP, reasons=(Fact(LoopFact.NOT_STEERED, share=0.129),))
     judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict())
     shown = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
     assert [block.lead for block in shown] == ["Roll and pitch:"]

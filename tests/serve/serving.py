@@ -10,7 +10,7 @@ import uvicorn
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.workers import Job, JobLimits, outcome_of
@@ -41,7 +41,7 @@ def read_made_up(path, key, page):
     """Results of a log whose bytes are its name and headline; one with "damaged" in it cannot be read."""
     said = path.read_bytes().removeprefix(BEGINNING).rstrip(b"~").decode()
     if "damaged" in said:
-        raise Unreadable(Fact(Reading.NO_VEHICLE))
+        raise Unreadable(Fact(ReadingFact.NO_VEHICLE))
     made = path.parents[2] / RESULTS / path.parent.name
     made.mkdir(exist_ok=True)
     names = "flight.mcap,flight.rrd" if "model" in said else ""
@@ -63,7 +63,7 @@ def read_made_up(path, key, page):
 def record_made_up(path, key, page):
     """Recordings of a log; one with "no room" in it has none."""
     if b"no room" in path.read_bytes():
-        raise Unreadable(Fact(Reading.RECORDINGS_NOT_WRITTEN, because="full"))
+        raise Unreadable(Fact(ReadingFact.RECORDINGS_NOT_WRITTEN, because="full"))
     made = path.parents[2] / RESULTS / path.parent.name
     for name in RECORDINGS:
         (made / name).write_text(f"{name} of {path.name}")

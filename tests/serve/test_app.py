@@ -25,8 +25,8 @@ from refusals import unreadable
 from serving import BOUNDARY, TOKEN, form, log, serving
 
 from mavdem.errors import Refusal
-from mavdem.facts.serve import RefusalReason, Sharing, Stage, Start
-from mavdem.facts.sources import Source
+from mavdem.facts.serve import RefusalReason, Sharing, Stage, StartFailure
+from mavdem.facts.sources import SourceFact
 from mavdem.report.pages.library_page import interface_words
 from mavdem.serve import api, run, uploads
 from mavdem.serve.rights import rights_for_host
@@ -116,7 +116,7 @@ def test_what_is_no_log_is_refused_with_its_name(served):
     letters = [(name, b"Dear all, this is text.") for name in ("a.txt", "b.txt")]
     for path in ("/api/logs", "/upload"):
         answer = served.upload(*letters, path=path)
-        assert answer.status == 415 and answer.code == Source.FORMAT_UNKNOWN
+        assert answer.status == 415 and answer.code == SourceFact.FORMAT_UNKNOWN
     both = served.upload(("letter.txt", b"text"), ("a.ulg", log("One."))).json
     assert [one["name"] for one in both["refused"]] == ["letter.txt"] and len(both["flights"]) == 1
     assert list((served.library.folder / "incoming").iterdir()) == []
@@ -517,8 +517,8 @@ def test_only_loopback_needs_no_token():
     assert rights_for_host("127.0.0.1", "", False).is_local
     assert not rights_for_host("0.0.0.0", "", True).is_local
     for host, token, code in (
-        ("0.0.0.0", "", Start.TOKEN_NEEDED),
-        ("127.0.0.1", "short", Start.TOKEN_TOO_SHORT),
+        ("0.0.0.0", "", StartFailure.TOKEN_NEEDED),
+        ("127.0.0.1", "short", StartFailure.TOKEN_TOO_SHORT),
     ):
         assert unreadable(rights_for_host, host, token, False).code is code
 

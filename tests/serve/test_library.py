@@ -19,9 +19,9 @@ from standin_logs import fleet_of, rows_of_log
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
-from mavdem.facts.serve import Order, Stage, Start
-from mavdem.facts.sources import Source
+from mavdem.facts.fleet import ReadingFact
+from mavdem.facts.serve import ListingOrder, Stage, StartFailure
+from mavdem.facts.sources import SourceFact
 from mavdem.fleet.names import GivenNames
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.stored_rows import read_rows
@@ -53,8 +53,8 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
 @mark.parametrize(
     "name, code",
     [
-        ("notalog.bin", Source.DATAFLASH_WITHOUT_MESSAGES),
-        ("notalog.tlog", Source.FORMAT_UNKNOWN),
+        ("notalog.bin", SourceFact.DATAFLASH_WITHOUT_MESSAGES),
+        ("notalog.tlog", SourceFact.FORMAT_UNKNOWN),
     ],
 )
 def test_what_is_no_log_is_refused_as_its_name_says(tmp_path, name, code):
@@ -274,7 +274,7 @@ def test_an_altered_index_removes_and_shows_nothing_outside(tmp_path):
         assert server.get(f"/compare?a={page.id}&b={lost.id}").status == 200
 
 
-@mark.parametrize("order", Order)
+@mark.parametrize("order", ListingOrder)
 def test_no_row_is_read_that_is_not_shown(library, order):
     """What it takes in time is in tools/bench/serve.py."""
     query = f"explain query plan select rowid from entries where 1 order by {SQL_ORDERS[order]}"
@@ -290,7 +290,7 @@ def test_flights_are_listed_by_upload_or_by_date_with_undated_ones_last(library)
         ids.append(library.change(entry.id, date=date, received=float(number)).id)
     by_upload, total = library.find(*ALL, 2, offset=1)
     assert [entry.id for entry in by_upload] == [ids[1], ids[0]] and total == 3
-    by_flight, _ = library.find(*ALL, 3, order=Order.FLIGHT)
+    by_flight, _ = library.find(*ALL, 3, order=ListingOrder.FLIGHT)
     assert [entry.id for entry in by_flight] == [ids[2], ids[0], ids[1]]
 
 
@@ -344,7 +344,7 @@ def test_names_of_logs_lead_nowhere():
 
 def test_a_folder_that_cannot_be_written_to_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    assert unreadable(Library, tmp_path / "file").code is Start.FOLDER_NOT_WRITABLE
+    assert unreadable(Library, tmp_path / "file").code is StartFailure.FOLDER_NOT_WRITABLE
 
 
 def test_an_address_that_is_taken_is_refused(tmp_path):
@@ -353,7 +353,7 @@ def test_an_address_that_is_taken_is_refused(tmp_path):
             tmp_path / "two", "127.0.0.1", server.port, "", False, None, 1, LIMITS, None, None
         )
         serve(given, print, print, opens_browser=False)
-    assert refused.value.fact.code is Start.ADDRESS_NOT_FREE
+    assert refused.value.fact.code is StartFailure.ADDRESS_NOT_FREE
     assert not (tmp_path / "two").exists()
 
 
@@ -407,7 +407,7 @@ def test_a_log_waits_for_a_cluster_that_has_gone(library, tmp_path, monkeypatch)
     def read(job, limits, function):
         tries.append(function)
         if len(tries) < 3:
-            raise Unreadable(Fact(Reading.NO_SCHEDULER, address="tcp://a:1"))
+            raise Unreadable(Fact(ReadingFact.NO_SCHEDULER, address="tcp://a:1"))
         if len(tries) < 5:
             raise OSError(errno.EMFILE, "Too many open files")
         return outcome_of(job, read_made_up)

@@ -10,7 +10,7 @@ from serving import log, serving
 from mavdem.assessment.time_history import time_history
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
-from mavdem.facts.fleet import Reading
+from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.serve import Stage
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import first_plots
@@ -118,7 +118,7 @@ def test_first_plots_show_what_was_recorded(tmp_path):
 
 def test_an_event_of_the_first_plots_leads_to_its_time(tmp_path):
     (vehicle,) = read_log(short_flight(tmp_path)).vehicles
-    event = Fact(Reading.NO_VEHICLE).replace(time=12.5)
+    event = Fact(ReadingFact.NO_VEHICLE).replace(time=12.5)
     page = first_plots(time_history(Signals(vehicle), (), UNKNOWN_WIND, (event,)))
     assert '<tr data-at="12.5"><td><a href="#t=12.50">12.5 s</a></td>' in page
     assert f'<span class="sentence">{event}</span>' in page

@@ -10,8 +10,7 @@ from scipy.signal import find_peaks
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
-from mavdem.facts.noise import Noise as Codes
-from mavdem.facts.noise import NotchAdvice
+from mavdem.facts.noise import NoiseFact, NotchAdvice
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.filters import gyro_filters
 from mavdem.vibration.notch_filters import notch_advice
@@ -91,10 +90,10 @@ def lined(*lines, wide=1.0, highest=500.0, spread=0.08):
 @mark.parametrize(
     "kind, code, exponents",
     [
-        (LineKind.ALIAS, Codes.ALIASED_LINE, (-0.6, -0.5)),
-        (LineKind.UNNAMED, Codes.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
-        (LineKind.FRAME, Codes.FRAME_LINE, (-0.2, 0.2)),
-        (LineKind.MOTOR, Codes.MOTOR_LINE, (0.4, 2.0)),
+        (LineKind.ALIAS, NoiseFact.ALIASED_LINE, (-0.6, -0.5)),
+        (LineKind.UNNAMED, NoiseFact.UNNAMED_LINE, (-0.4, -0.3, 0.3, 2.1)),
+        (LineKind.FRAME, NoiseFact.FRAME_LINE, (-0.2, 0.2)),
+        (LineKind.MOTOR, NoiseFact.MOTOR_LINE, (0.4, 2.0)),
     ],
 )
 def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
@@ -103,7 +102,7 @@ def test_how_a_line_moves_with_the_throttle_names_it(kind, code, exponents):
         (line,) = seen.lines
         assert line.kind is kind and (line.frequency, line.width) == approx((100.3, 14), abs=0.03)
         assert line.exponent == (None if kind is LineKind.UNNAMED else exponent)
-        assert [fact.code for fact in seen.facts] == [Codes.SPECTRUM_SEEN, code]
+        assert [fact.code for fact in seen.facts] == [NoiseFact.SPECTRUM_SEEN, code]
     # Of slow samples it may be a harmonic's alias.
     slow, fast = (lined((60.0, 1000.0, 1.3), wide=3.0, highest=one).lines for one in (249.0, 250.0))
     assert (slow[0].kind, fast[0].kind) == (LineKind.UNNAMED, LineKind.MOTOR)
@@ -119,7 +118,7 @@ def test_a_sharp_line_is_found_however_it_moves_with_the_throttle(exponent):
 def test_a_steady_throttle_names_no_line_and_a_missing_spectrum_is_reported():
     (still,) = lined((100.3, 1000.0, 0.0), wide=3.0, spread=0.0).lines
     assert still.kind is LineKind.UNNAMED
-    assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [Codes.NO_SPECTRUM]
+    assert [fact.code for fact in MeasuredNoise({}, {}).facts] == [NoiseFact.NO_SPECTRUM]
 
 
 def test_the_eight_strongest_lines_above_the_noise_and_8_percent_apart_are_kept():

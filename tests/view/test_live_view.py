@@ -25,7 +25,7 @@ from rerun_file import chunks, drawn, views
 from mavdem.dem import Estimate, LinearModel
 from mavdem.facts import Level
 from mavdem.facts.identifiability import Status
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.live import Event as Occurrence
 from mavdem.live import SessionStatus
 from mavdem.live.display import DisplayRow
@@ -362,7 +362,7 @@ def test_figures_and_status_show_what_is_known_and_a_model_outlives_the_flight()
         "### 5.0 m/s (4.5 to 5.5) ↖\nfrom SE (127°) ↖",
     ):
         assert words in shown
-    assert [fact.code for fact in WIND.facts] == [Session.WIND_SPEED, Session.WIND_FROM]
+    assert [fact.code for fact in WIND.facts] == [SessionFact.WIND_SPEED, SessionFact.WIND_FROM]
 
 
 @mark.slow

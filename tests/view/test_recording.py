@@ -16,7 +16,7 @@ from mavdem.assessment.axis.options import Options
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.experiments.held_out import FORECAST, HeldOut
 from mavdem.facts import Fact, Level
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.model import ModelName
 from mavdem.ingest import read_log
 from mavdem.report.blocks import markdown
@@ -38,7 +38,7 @@ def assessed(tmp_path_factory):
     known = assess(log, axis="roll", options=Options(settings=SETTINGS))
     time = known.analysis.flights[0].time
     at = (time[0] - 500.0, time[100])
-    alarms = [Fact(Reported.GPS_LOST, Level.BAD, time=float(when), boot=0) for when in at]
+    alarms = [Fact(ReportedEvent.GPS_LOST, Level.BAD, time=float(when), boot=0) for when in at]
     events = (*known.evidence.events, *alarms)
     return replace(known, evidence=replace(known.evidence, events=events))
 

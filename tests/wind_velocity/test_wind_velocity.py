@@ -20,7 +20,7 @@ from mavdem.dataset.position_fix import measures_velocity
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.identifiability import Status
-from mavdem.facts.online import Airflow
+from mavdem.facts.online import AirflowFact
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import NoWind, WindDoubt, WindShare
 from mavdem.ingest import read_log
@@ -222,13 +222,15 @@ def test_calm_air_is_below_a_speed():
 def test_what_is_no_free_flight_is_refused():
     time, attitude, velocity, air = flight(seconds=60)
     wind = mavdem.estimate_wind
-    assert refused(wind, time, attitude, 0.01 * velocity).code is Airflow.VELOCITY_INCONSISTENT
-    assert refused(wind, time, attitude * [1, 1, np.nan], velocity).code is Airflow.MOTION_UNKNOWN
+    assert refused(wind, time, attitude, 0.01 * velocity).code is AirflowFact.VELOCITY_INCONSISTENT
+    assert (
+        refused(wind, time, attitude * [1, 1, np.nan], velocity).code is AirflowFact.MOTION_UNKNOWN
+    )
     for rows, stamps in ((100, time), (12, time), (12, time / 5), (12, 0 * time)):
         short = (stamps[:rows], attitude[:rows], velocity[:rows])
-        assert refused(wind, *short).code is Airflow.MOTION_TOO_SHORT
+        assert refused(wind, *short).code is AirflowFact.MOTION_TOO_SHORT
     short = (column[:140] for column in (time, attitude, velocity, air))
-    assert refused(mavdem.estimate_drag, *short).code is Airflow.MOTION_TOO_SHORT
+    assert refused(mavdem.estimate_drag, *short).code is AirflowFact.MOTION_TOO_SHORT
     with raises(ValueError, match="degrees"):
         mavdem.estimate_wind(time, np.degrees(attitude), velocity)
 
@@ -243,7 +245,7 @@ def test_quick_tilts_between_slow_samples_do_not_make_a_flight_a_held_vehicle():
     slow = slice(None, None, 23)
     assert mavdem.estimate_wind(time[slow], attitude[slow], velocity[slow]).calm
     assert refused(mavdem.estimate_wind, time, attitude, 0.01 * velocity).code is (
-        Airflow.VELOCITY_INCONSISTENT
+        AirflowFact.VELOCITY_INCONSISTENT
     )
 
 

@@ -8,8 +8,8 @@ from pytest import approx, mark
 
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level
-from mavdem.facts.trust import Trust
-from mavdem.facts.witnesses import Witness
+from mavdem.facts.trust import TrustCheck
+from mavdem.facts.witnesses import WitnessFact
 from mavdem.report.trust import trust_table
 from mavdem.witnesses import sensor_trust
 from mavdem.witnesses.height import trusted_height
@@ -103,7 +103,7 @@ def test_a_contradiction_is_dated_to_its_beginning_under_power():
     made = changed(made, "LOCAL_POSITION_NED", vz=place["vz"] + 4.0 * runs_away)
     sensors = trust(made)
     assert sensors.height.contradictions[0][0] < 4.0
-    (check,) = [check for check in sensors.checks if check.code is Trust.BAROMETER]
+    (check,) = [check for check in sensors.checks if check.code is TrustCheck.BAROMETER]
     assert check.level == "watch"
     assert check.time == approx(30.4, abs=0.8)
 
@@ -154,7 +154,7 @@ def test_two_witnesses_against_a_flight_make_a_bench_run():
     never_flew = trust(bench(flight()))
     assert never_flew.flew is False
     codes = [fact.code for fact in never_flew.verdict.witnesses]
-    assert codes == [Witness.STAYED_LEVEL, Witness.DID_NOT_ROTATE]
+    assert codes == [WitnessFact.STAYED_LEVEL, WitnessFact.DID_NOT_ROTATE]
     assert {fact.figures["side"] for fact in never_flew.verdict.witnesses} == {"against"}
 
 
@@ -234,14 +234,19 @@ def test_the_checks_of_a_sound_flight_answer_yes_or_that_too_little_was_asked():
     sound = trust(flight())
     levels = {check.code: check.level for check in sound.checks}
     assert set(levels.values()) <= {"good", "unknown"}
-    assert levels[Trust.BAROMETER] == levels[Trust.ACCELEROMETER] == levels[Trust.FLIGHT] == "good"
+    assert (
+        levels[TrustCheck.BAROMETER]
+        == levels[TrustCheck.ACCELEROMETER]
+        == levels[TrustCheck.FLIGHT]
+        == "good"
+    )
     assert all(check.sentence for check in sound.checks)
     assert [row[1] for row in trust_table([sound]).rows][:3] == ["yes", "yes", "yes"]
 
 
 def test_an_accelerometer_that_may_be_in_use_is_not_called_spare():
     figures = {"name": "IMU 1", "acceleration": 9.8, "names": ("IMU 2",)}
-    check = Fact(Trust.ACCELEROMETER, Level.GOOD, **figures)
+    check = Fact(TrustCheck.ACCELEROMETER, Level.GOOD, **figures)
     assert check.sentence == ("IMU 1 measures 9.80 m/s² at rest. IMU 2 does not measure gravity.")
 
 

@@ -41,7 +41,7 @@ from mavdem.assessment.axis.analysis import motor_alarms
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
-from mavdem.facts.session import Session
+from mavdem.facts.session import SessionFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from mavdem.live.session import LiveSession
@@ -175,7 +175,7 @@ def evaluate_recording(recording: Path) -> list[Values]:
     row["found"] = ", ".join(
         f"{alarm.time:.1f} s {alarm.name} {alarm.size:.0%}" for alarm in alarms
     )
-    row["gusts"] = sum(event.fact.code is Session.GUST_FELT for event in history.events)
+    row["gusts"] = sum(event.fact.code is SessionFact.GUST_FELT for event in history.events)
     row["torque known"] = percent_true(finite)
     holds = abs(torque[finite]) <= band[finite]
     row["0 in band"] = percent_true(holds)

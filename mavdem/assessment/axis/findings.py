@@ -18,15 +18,15 @@ from mavdem.dem import Learned
 from mavdem.experiments.held_out import CONSTANT_MEAN, HOLD_LAST, HeldOut
 from mavdem.facts import Fact, Facts
 from mavdem.facts.assessment import (
-    Because,
     BoundTest,
     Caveat,
     Grade,
+    GradeReason,
     NextStep,
     Override,
     Purpose,
 )
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.facts.identifiability import Status
 from mavdem.facts.model import ParameterDoubt
 from mavdem.motors.motor_changes import MotorAlarm
@@ -143,7 +143,7 @@ def with_oscillation_torque_marked(learned: Learned, vehicle_made_torque: bool) 
     wind_torque = learned.wind_torque
     if not vehicle_made_torque or wind_torque is None:
         return learned
-    return learned.with_wind_torque(replace(wind_torque, reason=Fact(Because.OWN_TORQUE)))
+    return learned.with_wind_torque(replace(wind_torque, reason=Fact(GradeReason.OWN_TORQUE)))
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
@@ -163,7 +163,7 @@ def _overridden(finding: Finding, override: Fact) -> Finding:
     is_lowered = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION
     reason = Fact(
-        Because.FLIGHT_DOUBTED,
+        GradeReason.FLIGHT_DOUBTED,
         because=None if oscillates else finding.reason,
         override=override if oscillates or is_lowered else None,
     )
@@ -254,7 +254,7 @@ def _effectiveness_finding(physical: Physical) -> Finding:
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
     status = physical.status["effect"]
-    reason = Fact(Because.EFFECT_KNOWN, share=relative_half_width)
+    reason = Fact(GradeReason.EFFECT_KNOWN, share=relative_half_width)
     if status != Status.REPORTED:
         reason = _first_reason(physical.reasons["effect"])
     grade = _grade("effect", relative_half_width, status)
@@ -288,7 +288,7 @@ def _damping_finding(physical: Physical) -> Finding:
         # The finding on the effectiveness is shown above this one: the same reason is not repeated.
         effect_reason = physical.reasons["effect"]
         if effect_reason is not None and reason == _first_reason(effect_reason):
-            reason = Fact(Because.SAME_AS_EFFECT)
+            reason = Fact(GradeReason.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
     # Parameters that are doubted for one reason are named together.
     names_by_doubt = dict[tuple[Status, Fact], list[str]]()
@@ -298,10 +298,10 @@ def _damping_finding(physical: Physical) -> Finding:
             doubt = (status, _first_reason(physical.reasons[name]))
             names_by_doubt.setdefault(doubt, []).append(name)
     reason = Fact(
-        Because.MOTION_KNOWN,
+        GradeReason.MOTION_KNOWN,
         shares=[pair for pair in relative_half_widths.items() if isfinite(pair[1])],
         doubts=[
-            Fact(Because.PARAMETERS_DOUBTED, names=names, status=status, because=because)
+            Fact(GradeReason.PARAMETERS_DOUBTED, names=names, status=status, because=because)
             for (status, because), names in names_by_doubt.items()
         ],
     )
@@ -327,18 +327,18 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
     grade = Grade.NOT_IDENTIFIABLE
     doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
     if not physical.identifiable:
-        reason = Fact(Because.EFFECT_UNKNOWN)
+        reason = Fact(GradeReason.EFFECT_UNKNOWN)
     elif wind_torque is None:
-        reason = Fact(Because.WIND_NOT_ESTIMATED)
+        reason = Fact(GradeReason.WIND_NOT_ESTIMATED)
     elif wind_torque.reason is not None:
         reason = wind_torque.reason
     elif doubted:
         grade = Grade.LIMITED
-        reason = Fact(Because.FOLLOWS_FROM_DOUBTED, names=doubted)
+        reason = Fact(GradeReason.FOLLOWS_FROM_DOUBTED, names=doubted)
     else:
         relative_half_width = coverage_factor() * wind_torque.scale_error
         grade = _grade("wind", relative_half_width)
-        reason = Fact(Because.WIND_SIZE_KNOWN, share=relative_half_width)
+        reason = Fact(GradeReason.WIND_SIZE_KNOWN, share=relative_half_width)
     return Finding(Purpose.WIND_TORQUE, grade, reason)
 
 
@@ -363,7 +363,7 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
     worse_than_mean = worse_shares[CONSTANT_MEAN]
     worse_than_last = worse_shares[HOLD_LAST]
     reason = Fact(
-        Because.FORECASTS_COMPARED,
+        GradeReason.FORECASTS_COMPARED,
         name=baseline,
         ratio=ratio if isfinite(ratio) else None,
         windows=len(held_out),
@@ -402,7 +402,7 @@ def _residual_finding(learned: Learned) -> Finding:
     outcome = rate_residuals.outcome
     autocorrelation, command_correlation = rate_residuals.largest_correlations
     reason = Fact(
-        Because.RESIDUALS_TESTED,
+        GradeReason.RESIDUALS_TESTED,
         outcome=outcome,
         autocorrelation=autocorrelation,
         correlation=command_correlation,
@@ -425,7 +425,7 @@ def model_warnings(learned: Learned, held_out: HeldOut | None) -> Iterator[Fact]
     limits = PREDICTION_LIMITS
     if held_out is not None:
         for failure in held_out.failures:
-            yield Fact(Forecasts.PART_NOT_LEARNED, because=failure)
+            yield Fact(ForecastFact.PART_NOT_LEARNED, because=failure)
         if held_out.coverage < limits.coverage:
             yield Fact(
                 Caveat.BAND_TOO_NARROW,

@@ -19,7 +19,7 @@ from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.learning import MIN_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.flight import Flight, Flights, boot_number
 from mavdem.ingest.mavlink.payloads import decoded_parameters
 from mavdem.ingest.telemetry import Parameters
@@ -99,7 +99,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
                 gains = _gains_at(history, BootTime(boot, start_time))
                 parts_by_gains[gains].append(flight[first:end])
     if not parts_by_gains:
-        raise NotLearnable(Loops.GAINS_OF_AUTOTUNE)
+        raise NotLearnable(LoopFact.GAINS_OF_AUTOTUNE)
     sample_counts = {gains: sum(map(len, parts)) for gains, parts in parts_by_gains.items()}
     longest_flown_gains = max(sample_counts, key=lambda gains: sample_counts[gains])
     parts_of_longest = parts_by_gains.pop(longest_flown_gains)
@@ -113,7 +113,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
         changes = sorted(set(gains) - set(longest_flown_gains))
         other_sets.append((sum(part.duration for part in parts), changes))
     caution = Fact(
-        Loops.GAINS_OF_PART,
+        LoopFact.GAINS_OF_PART,
         names=sorted({name for _, changes in other_sets for name, _ in changes}),
         parts=sorted(other_sets, reverse=True),
         ratings=(),
@@ -249,7 +249,7 @@ def gains_since(signals: Signals, controller: Controller) -> Fact | None:
         value_of_loop = controller.parameters.get(name, value)
         if value_of_loop != value:
             changes.append((name, value_of_loop, value))
-    return Fact(Loops.GAINS_SINCE, changes=sorted(changes)) if changes else None
+    return Fact(LoopFact.GAINS_SINCE, changes=sorted(changes)) if changes else None
 
 
 def loop_at_end_of_log(loop: Loop) -> Loop:
@@ -264,7 +264,7 @@ def loop_at_end_of_log(loop: Loop) -> Loop:
         The loop of the same plant with these gains.
     """
     for caution in loop.cautions:
-        if caution.code is Loops.GAINS_SINCE:
+        if caution.code is LoopFact.GAINS_SINCE:
             gains = {name: value for name, _, value in caution.figures["changes"]}
             # Gains that make no complete controller are no starting point.
             with suppress(NotLearnable):
@@ -315,7 +315,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
         if name == angle_gain and value > largest_gain
     ]
     fact = Fact(
-        Loops.AUTOTUNED,
+        LoopFact.AUTOTUNED,
         time=start.time,
         until=end_time,
         subject=signals.axis,

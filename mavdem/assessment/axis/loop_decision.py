@@ -16,7 +16,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.containers import Names
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import LoopActions
+from mavdem.facts.loops import LoopAction
 from mavdem.facts.margins import MarginsLight, TrackingLight
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.advice import GAIN_REDUCTION, reasons_for_no_gains
@@ -28,7 +28,7 @@ CONTROLLER_GAINS = {"rate": ("p", "d"), "attitude": ("angle_gain",)}
 """Gains that make a loop faster, by the loop and by the names of the controller's fields."""
 
 
-ADVICE_TO_TUNE = (LoopActions.LOAD_ADVISED_GAINS, LoopActions.RAISE_AS_ADVISED)
+ADVICE_TO_TUNE = (LoopAction.LOAD_ADVISED_GAINS, LoopAction.RAISE_AS_ADVISED)
 """What to do about loops by running ``mavdem tune``, which the report of that command does not repeat."""
 
 
@@ -69,7 +69,7 @@ class LoopDecision:
         level, good to bad, is that of this observation.
         """
         return Fact(
-            LoopActions.LOOPS_JUDGED,
+            LoopAction.LOOPS_JUDGED,
             self.reason.level,
             subject=self.axis,
             axis=self.axis,
@@ -138,7 +138,7 @@ def decide_on_loops(observations: LoopObservations) -> LoopDecision:
         return decision
     action = None
     if decision.action is not None:
-        action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
     return LoopDecision(decision.axis, decision.verdict, decision.reason, action, doubts)
 
 
@@ -254,9 +254,9 @@ def _decision_by_identified_loop(
     axis = observations.margins.axis
     doubts = reasons_for_no_gains(loop)
     if doubts:
-        action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
     else:
-        action = Fact(LoopActions.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
+        action = Fact(LoopAction.LOAD_ADVISED_GAINS, arguments=observations.tune_arguments)
     reason = loop_fact.replace(action=action)
     return LoopDecision(axis, LoopVerdict.BELOW_GOAL, reason, action, doubts)
 
@@ -282,10 +282,10 @@ def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None
     if tracking.code is TrackingLight.OVERSHOOTS_SETPOINT:
         action = _advice_to_lower_gains(observations, "attitude")
     elif tracking.code is TrackingLight.AMPLIFIES_SETPOINT:
-        action = Fact(LoopActions.FLY_DOUBLETS, axis=axis, is_biased=False)
+        action = Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=False)
     else:
         action = Fact(
-            LoopActions.CHECK_VEHICLE,
+            LoopAction.CHECK_VEHICLE,
             angle_error=tracking.figures["angle_error"],
             offset_angle=tracking.figures["offset_angle"],
         )
@@ -314,20 +314,18 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
     tracking = observations.tracking
     at_limit_share = tracking.figures["at_limit_share"]
     if at_limit_share is not None and at_limit_share > MIN_AT_LIMIT_SHARE:
-        action = Fact(LoopActions.SLOWER_TURNS, axis=axis)
+        action = Fact(LoopAction.SLOWER_TURNS, axis=axis)
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     if not isinstance(loop, Loop):
-        action = Fact(LoopActions.DO_FIRST, because=_reason_for_no_margins(observations))
+        action = Fact(LoopAction.DO_FIRST, because=_reason_for_no_margins(observations))
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
     doubts = reasons_for_no_gains(loop, raises=True)
     if doubts:
-        action = Fact(LoopActions.DO_FIRST, because=doubts[0])
+        action = Fact(LoopAction.DO_FIRST, because=doubts[0])
     else:
-        action = Fact(
-            LoopActions.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments
-        )
+        action = Fact(LoopAction.RAISE_AS_ADVISED, axis=axis, arguments=observations.tune_arguments)
     reason = tracking.replace(action=action)
     return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts, is_too_slow=True)
 
@@ -359,7 +357,7 @@ def _decision_without_fault(observations: LoopObservations) -> LoopDecision:
     reason = _reason_for_no_margins(observations)
     action = None
     if reason.remedy:
-        action = Fact(LoopActions.DO_FIRST, because=reason)
+        action = Fact(LoopAction.DO_FIRST, because=reason)
     # The reason may cast doubt on an identified loop. As a doubt it keeps gains from being computed from that loop.
     return LoopDecision(margins.axis, LoopVerdict.UNKNOWN, reason, action, doubts=(reason,))
 
@@ -392,7 +390,7 @@ def _advice_to_fly_doublets(axis: str, loop_fact: Fact) -> Fact:
         loop_fact: the fact that states the margins of the identified loop. Its figure ``is_biased`` is whether wind
             biases them, which the advice then gives as its reason.
     """
-    return Fact(LoopActions.FLY_DOUBLETS, axis=axis, is_biased=loop_fact.figures["is_biased"])
+    return Fact(LoopAction.FLY_DOUBLETS, axis=axis, is_biased=loop_fact.figures["is_biased"])
 
 
 def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fact:
@@ -416,7 +414,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
             value = observations.parameters.get(name)
             if value:
                 changes.append((name, value, GAIN_REDUCTION * value))
-    return Fact(LoopActions.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, changes=changes)
+    return Fact(LoopAction.LOWER_BY_A_THIRD, subject=loop_name, axis=axis, changes=changes)
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
@@ -432,12 +430,12 @@ def common_action(actions: Sequence[Fact | None]) -> Fact | None:
     if not known_actions:
         return None
     first_action = known_actions[0]
-    if first_action.code is not LoopActions.LOWER_BY_A_THIRD:
+    if first_action.code is not LoopAction.LOWER_BY_A_THIRD:
         return first_action
     changes = []
     axes = []
     for action in known_actions:
-        if action.code is LoopActions.LOWER_BY_A_THIRD:
+        if action.code is LoopAction.LOWER_BY_A_THIRD:
             changes += action.figures["changes"]
             axes.append(action.figures["axis"])
     # The sentence on one axis has no list of axes.

@@ -19,7 +19,7 @@ from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.flight import Flights
 from mavdem.ingest import Log
 from mavdem.loops.axis_loops import Loop
@@ -72,7 +72,7 @@ def loops_of_axes(
         if isinstance(loop, Loop):
             # The identification of a loop has added the fact about AutoTune to its cautions.
             for caution in loop.cautions:
-                if caution.code is Loops.AUTOTUNED:
+                if caution.code is LoopFact.AUTOTUNED:
                     autotune_facts.append(caution)
         else:
             autotune_without_loop = autotune_fact(axis_signals, loop)
@@ -166,7 +166,7 @@ def loop_of_axis(
     return replace(loop, cautions=(*known_cautions, *loop.cautions))
 
 
-MARGIN_REFUSALS = (Loops.MARGIN_UNCERTAIN,)
+MARGIN_REFUSALS = (LoopFact.MARGIN_UNCERTAIN,)
 """Refusals of a plant that was identified in its closed loop, but too poorly for margins.
 
 Inputs and outputs alone show the plant worse, so that the fit by these does not replace it.
@@ -202,9 +202,9 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
         return plant
     assert plant.refusal is not None
     unidentified = plant.caution if isinstance(plant, Physical) else plant.reason
-    if plant.refusal.code is Loops.NO_RATE_SETPOINT and unidentified is not None:
+    if plant.refusal.code is LoopFact.NO_RATE_SETPOINT and unidentified is not None:
         # Without that setpoint inputs and outputs alone may show the plant, as they do on other axes of the same log.
-        raise NotLearnable(Loops.NO_LOOP, reasons=(plant.refusal, unidentified))
+        raise NotLearnable(LoopFact.NO_LOOP, reasons=(plant.refusal, unidentified))
     raise NotLearnable(plant.refusal)
 
 

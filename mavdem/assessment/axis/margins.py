@@ -11,7 +11,7 @@ from mavdem.dataset.axes import AXES
 from mavdem.dataset.segments import Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts, Level
-from mavdem.facts.loops import Loops, Responses, StepResponses
+from mavdem.facts.loops import LoopFact, ResponseFact, StepResponseFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.axis_loops import (
     MARGIN_TARGETS,
@@ -38,10 +38,10 @@ USUAL_MARGINS = MARGIN_TARGETS["default"]
 """The usual margins: a loop that has less is to be watched."""
 
 SETPOINT_WAS_LOGGED = (
-    Loops.CROSSOVER_UNSEEN,
-    Loops.LOOP_NOT_FOUND,
-    Loops.MARGIN_UNCERTAIN,
-    *Responses,
+    LoopFact.CROSSOVER_UNSEEN,
+    LoopFact.LOOP_NOT_FOUND,
+    LoopFact.MARGIN_UNCERTAIN,
+    *ResponseFact,
 )
 """Reasons why a loop is not identified although the log has a setpoint of the rate that excited the axis."""
 
@@ -165,7 +165,7 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
     if isinstance(measured, Fact):
         return None
     comparison = response_comparison(measured, loop, loop.rate.frequency, loop.rate.closed[0])
-    if comparison is None or comparison.code is not StepResponses.PREDICTION_DOUBTED:
+    if comparison is None or comparison.code is not StepResponseFact.PREDICTION_DOUBTED:
         return None
     return comparison
 
@@ -198,8 +198,8 @@ def response_comparison(
     if comparison.is_good:
         return comparison
     reason = loop.measured.reason if loop.measured is not None else None
-    is_limited = reason is not None and reason.code is Responses.RESPONSE_LIMITED
-    has_changed = any(caution.code is Loops.PARAMETERS_CHANGED for caution in loop.cautions)
+    is_limited = reason is not None and reason.code is ResponseFact.RESPONSE_LIMITED
+    has_changed = any(caution.code is LoopFact.PARAMETERS_CHANGED for caution in loop.cautions)
     return None if is_limited or has_changed else comparison
 
 

@@ -22,7 +22,7 @@ from mavdem.experiments.paired_test import SIGNIFICANCE, paired
 from mavdem.experiments.window import Length, TooFewSamples, no_test_window, part_samples, too_short
 from mavdem.facts import Fact
 from mavdem.facts.assessment import NoModel
-from mavdem.facts.forecasts import Forecasts, TestResult
+from mavdem.facts.forecasts import ForecastFact, TestResult
 from mavdem.flight import Flight, Flights
 
 MAX_SLOW_ERROR_RATIO = 0.9
@@ -166,7 +166,7 @@ def flights_after_start(segments: Flights, start: float) -> Flights:
         if len(flight) - first_sample >= MIN_SAMPLES:
             remaining_flights.append(flight[first_sample:] if first_sample else flight)
     if not remaining_flights:
-        raise TooFewSamples(Forecasts.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
+        raise TooFewSamples(ForecastFact.NOTHING_LEFT, samples=MIN_SAMPLES, start=start)
     return tuple(remaining_flights)
 
 

@@ -15,7 +15,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.assessment import NextStep, Override
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.immutable import freeze
 from mavdem.ingest.parameter_file import parameter_files
@@ -146,15 +146,15 @@ def tuned(
             advice_on_loops.append(advice)
             continue
         if axis in measured_loops:
-            loop = Fact(Loops.NO_LOOP, reasons=(measured_loops[axis], loop))
+            loop = Fact(LoopFact.NO_LOOP, reasons=(measured_loops[axis], loop))
         if not is_headline_reason and not vehicle_doubts and len(axes) == 1:
             raise NotLearnable(loop)
         advice_by_axis[axis] = refusals[axis] = Fact(
-            Loops.NO_LOOP, reasons=vehicle_doubts or (loop,)
+            LoopFact.NO_LOOP, reasons=vehicle_doubts or (loop,)
         )
     if not advice_on_loops:
         reasons = [headline] if is_headline_reason else []
-        raise NotLearnable(Loops.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
+        raise NotLearnable(LoopFact.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
     # The axes that were not asked for, and whose gains are to be changed.
     other_axes = tuple(
         axis
@@ -182,7 +182,7 @@ def tuned(
             share=min(advice.sure for advice in new_gains),
             needed=SURE_SHARE,
             is_biased=any(
-                caution.code is Loops.EFFECT_BIASED
+                caution.code is LoopFact.EFFECT_BIASED
                 for advice in new_gains
                 for caution in advice.before.cautions
             ),

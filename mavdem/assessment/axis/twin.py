@@ -11,7 +11,7 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts, NamedFacts
-from mavdem.facts.loops import Gains
+from mavdem.facts.loops import GainFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import LoopsByAxis
 from mavdem.loops.twin import Twin, build_twin
@@ -234,7 +234,7 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
         return (trial,)
     return tuple(
         Fact(
-            Gains.TWIN_FLIES,
+            GainFact.TWIN_FLIES,
             subject=axis,
             present_error=motion.present_error,
             expected_error=motion.advised_error,

@@ -33,7 +33,7 @@ from mavdem.dataset.time_series import (
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.px4_instances import RATIO_FIELDS, UNFILTERED_ENDING
 from mavdem.ingest.telemetry import Telemetry, firmware_version
@@ -90,12 +90,12 @@ MAX_FIELD_CHANGE = 0.3
 """Relative change of the compass's field by motors and currents up to which ArduPilot's documentation accepts it."""
 
 ESTIMATOR_EVENTS: set[Code] = {
-    Reported.ESTIMATOR_DIVERGED,
-    Reported.ESTIMATOR_SWITCHED,
-    Reported.ESTIMATOR_RESET,
-    Reported.GPS_JUMPED,
-    Reported.GPS_LOST,
-    Reported.SENSOR_FAILED,
+    ReportedEvent.ESTIMATOR_DIVERGED,
+    ReportedEvent.ESTIMATOR_SWITCHED,
+    ReportedEvent.ESTIMATOR_RESET,
+    ReportedEvent.GPS_JUMPED,
+    ReportedEvent.GPS_LOST,
+    ReportedEvent.SENSOR_FAILED,
     MotionEvent.HEIGHT_DIVERGED,
     MotionEvent.POSITION_LOST,
     MotionEvent.BAROMETER_DRIFTED,

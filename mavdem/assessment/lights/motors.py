@@ -15,7 +15,7 @@ from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.facts.learnability import MotorObstacle
-from mavdem.facts.motors import InFlight, MotorsLight, Trim
+from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
 from mavdem.motors.balance import MIN_STEADY_SECONDS
 from mavdem.motors.hover import HoverFigures
@@ -151,8 +151,8 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         Facts whose subject is a motor, or, where all thrust was used up, all motors.
     """
     codes: list[Code] = [
-        InFlight.MOTOR_LOST_THRUST,
-        InFlight.MOTOR_SATURATED,
+        MotorWatchFact.MOTOR_LOST_THRUST,
+        MotorWatchFact.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
         MotionEvent.MOTOR_STOOD_STILL,
     ]
@@ -230,7 +230,7 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
         A fact; that of an even trim has the smallest ``headroom`` of a motor, as a share of its range, and so has that
         of an uneven trim where it is small.
     """
-    trim = trim_of_signals(evidence.signals) or Fact(Trim.TRIM_UNKNOWN)
+    trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
     is_little = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
     if is_little and trim.level is not Level.WATCH:

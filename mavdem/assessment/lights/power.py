@@ -19,7 +19,7 @@ from mavdem.dataset import phases
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
-from mavdem.facts.events import Reported
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.power import PowerLight
 
 LOW_VOLTAGE_SECONDS = 10.0
@@ -41,10 +41,14 @@ value the current explains half of the voltage's variance."""
 MAX_SAG = 0.5
 """Share of a battery's voltage that its resistance takes at most: beyond it, more than half of the power heats it."""
 
-BATTERY_REPORTS = {Reported.BATTERY_WARNED, Reported.BATTERY_ALARMED, Reported.BATTERY_SPENT}
+BATTERY_REPORTS = {
+    ReportedEvent.BATTERY_WARNED,
+    ReportedEvent.BATTERY_ALARMED,
+    ReportedEvent.BATTERY_SPENT,
+}
 """Reports of the autopilot on the state of a battery."""
 
-POWER_REPORTS = {*BATTERY_REPORTS, Reported.BOARD_VOLTAGE_LOW}
+POWER_REPORTS = {*BATTERY_REPORTS, ReportedEvent.BOARD_VOLTAGE_LOW}
 """Reports of the autopilot in flight that concern the power."""
 
 
@@ -68,7 +72,7 @@ def power_light(evidence: Evidence) -> Fact:
         *_battery_charges(evidence, batteries),
         *_board_voltage(evidence),
         # A battery that was critical first may have been spent later, which is worse.
-        *evidence.warnings_in_flight((Reported.BATTERY_SPENT,)),
+        *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:

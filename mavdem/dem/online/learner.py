@@ -43,7 +43,7 @@ from mavdem.dem.validation import (
 )
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact
-from mavdem.facts.online import Online, SurpriseCause
+from mavdem.facts.online import OnlineFact, SurpriseCause
 
 if TYPE_CHECKING:
     from mavdem.plant.parameters import Physical
@@ -84,10 +84,10 @@ MAX_STEP_DEVIATION = 0.5
 MAX_GAPS = 5
 """Gaps from sample to sample in a row, from which on ``dt`` is taken to be wrong, in place of missing samples."""
 
-TOO_FEW_SAMPLES = Fact(Online.TOO_FEW_SAMPLES_YET)
+TOO_FEW_SAMPLES = Fact(OnlineFact.TOO_FEW_SAMPLES_YET)
 """Reason of no model: there are fewer samples than a fit needs."""
 
-FIRST_FIT_RUNNING = Fact(Online.FIRST_LEARNING)
+FIRST_FIT_RUNNING = Fact(OnlineFact.FIRST_LEARNING)
 """Reason of no model: the first fit is still being computed."""
 
 
@@ -279,7 +279,7 @@ class OnlineLearner:
         self.adopt_finished_fit()
         self._start_fit_when_due()
         if self._gaps_in_a_row >= MAX_GAPS:
-            self.obstacle = Fact(Online.SAMPLES_MISPLACED, interval=step, step=self._dt)
+            self.obstacle = Fact(OnlineFact.SAMPLES_MISPLACED, interval=step, step=self._dt)
         return estimate
 
     def forget_since(self, time: float) -> None:
@@ -548,7 +548,7 @@ class OnlineLearner:
             error: The error of the fit or of the executor.
         """
         self.obstacle = Fact(
-            Online.LEARNING_FAILED,
+            OnlineFact.LEARNING_FAILED,
             because=fact_from_error(error) if str(error) else None,
             kept=self._monitor is not None,
         )

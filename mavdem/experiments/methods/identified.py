@@ -19,7 +19,7 @@ from mavdem.dem.record import Record, Segments, TrainingData
 from mavdem.dem.validation import validated_count
 from mavdem.experiments.methods.scaling import NormalizedUnits
 from mavdem.facts import Fact, Facts
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,11 +62,15 @@ class Baseline(ForecasterBase):
         cautions = []
         if not self.stable:
             cautions.append(
-                Fact(Forecasts.MODEL_UNSTABLE, subject=self.method, growth=self.spectral_radius - 1)
+                Fact(
+                    ForecastFact.MODEL_UNSTABLE,
+                    subject=self.method,
+                    growth=self.spectral_radius - 1,
+                )
             )
         if self.iterations is not None:
             cautions.append(
-                Fact(Forecasts.STILL_IMPROVING, subject=self.method, iterations=self.iterations)
+                Fact(ForecastFact.STILL_IMPROVING, subject=self.method, iterations=self.iterations)
             )
         return tuple(cautions)
 

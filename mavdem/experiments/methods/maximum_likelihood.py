@@ -28,7 +28,7 @@ from mavdem.experiments.methods.subspace_identification import (
     innovation_gain,
     subspace_fit,
 )
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 DAMPING = Damping(initial=1e-3, factor=8.0, max_attempts=8)
 """Levenberg-Marquardt damping of PEM's Gauss-Newton steps."""
@@ -244,7 +244,7 @@ def em_fit(segments: Segments, order: int) -> NormalizedFit:
         m = len(C)
         K = innovation_gain(A, C, Q, R, S=np.zeros((order, m)))
     except LinAlgError:
-        raise NotLearnable(Forecasts.EM_BROKE_DOWN, order=order) from None
+        raise NotLearnable(ForecastFact.EM_BROKE_DOWN, order=order) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset, np.zeros(k), output_trim)
     has_converged = len(fit.log_likelihoods) < MAX_ITERATIONS
     return NormalizedFit(model, fit.starts, None if has_converged else MAX_ITERATIONS)

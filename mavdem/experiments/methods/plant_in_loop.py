@@ -20,7 +20,7 @@ from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
-from mavdem.facts.loops import Loops
+from mavdem.facts.loops import LoopFact
 from mavdem.loops.loop_construction import inputs_per_demand, logged_controller, record_axis
 from mavdem.loops.margins import OpenLoop, plant_response, rate_loop
 from mavdem.plant.closed_loop.evidence import LoopData, LoopPosterior, fit_closed_loop
@@ -135,12 +135,12 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     controller = logged_controller(record.parameters, axis, record.effect_directions)
     if not controller.p > 0:
         name = controller.parameter_names["p"]
-        raise NotLearnable(Loops.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
+        raise NotLearnable(LoopFact.NO_PROPORTIONAL_GAIN, name=name, value=controller.p)
     # The controller's gains are for its demand. Times the change of the combination per unit of demand, they are those
     # for the combination.
     combination_per_demand = float(mixer_row @ inputs_per_demand(controller, record))
     if not combination_per_demand > 0:
-        raise NotLearnable(Loops.MIXER_REVERSED)
+        raise NotLearnable(LoopFact.MIXER_REVERSED)
     return LoopController(
         angle_gain=controller.angle_gain,
         p=controller.p * combination_per_demand,

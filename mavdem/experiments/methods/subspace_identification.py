@@ -15,7 +15,7 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Segments, TrainingData
 from mavdem.errors import NotLearnable
 from mavdem.experiments.methods.identified import Identified, NormalizedFit, identified
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 
 MAX_HORIZON = 20
 """Samples of past and of future that the state is estimated from, at most."""
@@ -109,7 +109,7 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
     try:
         K = innovation_gain(A, C, Q, R, S)
     except LinAlgError:
-        raise NotLearnable(Forecasts.NOT_OBSERVABLE, order=order) from None
+        raise NotLearnable(ForecastFact.NOT_OBSERVABLE, order=order) from None
     model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
     starts = [initial_state(model, inputs, outputs) for inputs, outputs in segments]
     return NormalizedFit(model, np.array(starts))
@@ -172,7 +172,7 @@ def choose_horizon(segments: Segments, order: int) -> int:
 
     if windows_per_regressor(min_horizon) < MIN_WINDOWS:
         raise NotLearnable(
-            Forecasts.TOO_FEW_FOR_ORDER,
+            ForecastFact.TOO_FEW_FOR_ORDER,
             subject=f"subspace({order})",
             samples=int(lengths.sum()),
             parameters=MIN_WINDOWS * regressors_of(min_horizon),
@@ -218,7 +218,7 @@ def canonical_state_map(windows: Array, order: int, k: int) -> Array:
     correlations = past_basis.T @ future_residual @ future_map
     directions = np.linalg.svd(correlations, full_matrices=False)[0]
     if directions.shape[1] < order:
-        raise NotLearnable(Forecasts.TOO_FEW_STATES, order=order, states=directions.shape[1])
+        raise NotLearnable(ForecastFact.TOO_FEW_STATES, order=order, states=directions.shape[1])
     # A column of an orthonormal basis of N rows has the variance 1/N.
     return past_map @ directions[:, :order] * np.sqrt(window_count)
 

@@ -15,7 +15,7 @@ from mavdem.dataset.flights import read_flight
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.experiments.scores import REFERENCE_RATE
 from mavdem.experiments.window import part_samples
-from mavdem.facts.forecasts import Forecasts
+from mavdem.facts.forecasts import ForecastFact
 from mavdem.files import PathName
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -159,7 +159,7 @@ def read_ardrone_folder(folder: Path) -> dict[str, Flight]:
     """
     paths = sorted(folder.glob("*.mat"))
     if not paths:
-        raise Unreadable(Forecasts.NO_MATLAB_FILES, name=str(folder))
+        raise Unreadable(ForecastFact.NO_MATLAB_FILES, name=str(folder))
     return {path.stem: read_ardrone_flight(path) for path in paths}
 
 
@@ -184,7 +184,7 @@ def read_ardrone_flight(path: Path) -> Flight:
             return _aligned_flight(variables["Data_model"])
         return _interpolated_flight(variables["expData"].origData)
     except MATLAB_FILE_ERRORS as error:
-        raise Unreadable(Forecasts.NOT_AN_ARDRONE_FLIGHT, name=path.name) from error
+        raise Unreadable(ForecastFact.NOT_AN_ARDRONE_FLIGHT, name=path.name) from error
 
 
 def _aligned_flight(data: Any) -> Flight:

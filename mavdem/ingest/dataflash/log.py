@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mavdem.arrays import Array, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import (
     RECOGNITION_BYTES,
@@ -303,7 +303,7 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
         The error to raise.
     """
     if "StartTime" in recording.decode("TIME").columns:
-        return Unreadable(Source.PX4_LOG_BEFORE_ULOG, path=source)
+        return Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
     undefined_messages = recording.undefined_messages
     # Two bytes of random data are a header now and then, but not in every few hundred bytes.
@@ -312,9 +312,9 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
         and undefined_messages > len(names)
     ):
         return Unreadable(
-            Source.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_messages
+            SourceFact.DATAFLASH_WITHOUT_DEFINITIONS, path=source, count=undefined_messages
         )
-    code = Source.DATAFLASH_WITHOUT_FLIGHT if names else Source.DATAFLASH_WITHOUT_MESSAGES
+    code = SourceFact.DATAFLASH_WITHOUT_FLIGHT if names else SourceFact.DATAFLASH_WITHOUT_MESSAGES
     return Unreadable(code, path=source, names=names)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest.byte_rows import Bytes
 from mavdem.ingest.mavlink.clocks import (
     BootTimes,
@@ -152,7 +152,7 @@ def assemble(stream: FrameStream) -> Log:
                 )
             )
     if shared_ids and not vehicles:
-        raise Unreadable(Source.TWO_VEHICLES_ONE_ID, path=stream.source, names=shared_ids)
+        raise Unreadable(SourceFact.TWO_VEHICLES_ONE_ID, path=stream.source, names=shared_ids)
     return Log(
         source=stream.source,
         vehicles=tuple(vehicles),

@@ -19,7 +19,7 @@ from mcap.records import Channel
 from mavdem.errors import Unreadable
 from mavdem.extras import require_extra
 from mavdem.facts import Fact, Facts
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.files import PathName
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.dialect import crc_extra_table, definitions_by_name
@@ -331,14 +331,14 @@ def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> 
         The fact for the user.
     """
     if candidates:
-        return Fact(Source.DIALECT_UNKNOWN, path=source, count=candidates, recording=True)
+        return Fact(SourceFact.DIALECT_UNKNOWN, path=source, count=candidates, recording=True)
     topic_names = {channel.topic for channel in recording.channels.values()}
     has_mavlink_topics = any(name.lstrip("/").startswith("mavlink/") for name in topic_names)
-    code = Source.MCAP_WITHOUT_FLIGHT
+    code = SourceFact.MCAP_WITHOUT_FLIGHT
     if flight_topics(recording):
-        code = Source.MCAP_OF_ROS2
+        code = SourceFact.MCAP_OF_ROS2
     elif recording.repairs() and has_mavlink_topics:
-        code = Source.MCAP_DAMAGED
+        code = SourceFact.MCAP_DAMAGED
     elif topic_names >= FLIGHT_TABLE_TOPICS:
-        code = Source.MCAP_OF_MAVDEM
+        code = SourceFact.MCAP_OF_MAVDEM
     return Fact(code, path=source, names=sorted(topic_names))

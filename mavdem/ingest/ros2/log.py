@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags, Integers
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
-from mavdem.facts.sources import Flaw, Repair, Source
+from mavdem.facts.sources import Flaw, Repair, SourceFact
 from mavdem.ingest.mavlink.clocks import MessageStamps, boot_clock
 from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.mcap.records import NANOSECONDS, McapRecording
@@ -134,7 +134,7 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
         if telemetry is not None:
             vehicles.append((namespace, telemetry))
     if not vehicles:
-        raise Unreadable(Source.ROS2_DAMAGED, path=source)
+        raise Unreadable(SourceFact.ROS2_DAMAGED, path=source)
     repairs = (
         *second_reading.repairs(),
         *repair_facts(

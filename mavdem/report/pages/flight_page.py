@@ -26,8 +26,8 @@ from mavdem.facts.assessment import Grade, Purpose
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
-from mavdem.facts.loops import Gains, LoopActions
-from mavdem.facts.session import Spent
+from mavdem.facts.loops import GainFact, LoopAction
+from mavdem.facts.session import TimeUse
 from mavdem.loops.advice import AdviceByAxis
 from mavdem.loops.resonance import controller_if_known
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, warning
@@ -579,7 +579,7 @@ def live_page(
     axis: str,
     history: LiveHistory,
     status: SessionStatus,
-    account: Mapping[Spent, float],
+    account: Mapping[TimeUse, float],
     learned: Learned | None,
     back: PageLink | None = None,
 ) -> str:
@@ -614,8 +614,8 @@ def live_page(
         event
         for event in events
         # That gains are being computed is over when the page is written.
-        if isinstance(event.fact.code, Gains | LoopActions)
-        and event.fact.code is not Gains.ADVICE_AWAITED
+        if isinstance(event.fact.code, GainFact | LoopAction)
+        and event.fact.code is not GainFact.ADVICE_AWAITED
     ]
     if advised_gains:
         chapters.append(Chapter("Gains", [Sentence(event.sentence) for event in advised_gains]))

@@ -18,7 +18,7 @@ from mavdem.assessment.axis.responses import LoopResponse
 from mavdem.assessment.noise_spectra import MeasuredNoise
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.facts import Fact
-from mavdem.facts.loops import StepResponses
+from mavdem.facts.loops import StepResponseFact
 from mavdem.loops.axis_loops import Loop
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.step_figures import IntervalEstimate
@@ -115,7 +115,7 @@ def spectrum(name):
 def test_steps_of_known_loops_have_band_and_prediction():
     measured = response()
     found = LoopResponse(measured, measured.step, measured.gain)
-    none = LoopResponse(Fact(StepResponses.NO_SETPOINT, subject="yaw rate"))
+    none = LoopResponse(Fact(StepResponseFact.NO_SETPOINT, subject="yaw rate"))
     ((step, gain),) = step_charts({"roll": {"rate": found}, "yaw": {"rate": none}}).values()
     seen, predicted = step.lines
     assert_allclose(seen.upper_edge - seen.lower_edge, 0.1)
