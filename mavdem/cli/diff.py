@@ -12,12 +12,14 @@ from mavdem.cli.options import Command, file_option, json_option
 from mavdem.cli.output import json_text, print_result, progress
 from mavdem.cli.output_files import check_output_folder, replaced_files
 from mavdem.cli.result_folders import available_folder
+from mavdem.dataset.signals import Signals
 from mavdem.documents.fleet import Diff
 from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
 from mavdem.fleet.state import Days, VehicleState, state_of, states_of_common_vehicle
 from mavdem.report.blocks import Sentence
+from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference import (
     difference_blocks,
     headline_blocks,
@@ -140,7 +142,7 @@ def diff_command(
         difference,
         parameters,
         names_without_gains,
-        vehicles=(state_a.telemetry, state_b.telemetry),
+        flights=(_flight_series(state_a), _flight_series(state_b)),
     )
     with replaced_files(folder, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
         document_path.write_text(json_text(document), "utf-8")
@@ -163,6 +165,11 @@ def _shown_name(source: str, days: Days | None) -> str:
     """Returns the name that the page gives to a log or a fleet: its own, with the days that are compared."""
     name = Path(source).name
     return name if days is None else f"{name}, {days.first} to {days.last}"
+
+
+def _flight_series(state: VehicleState) -> FlightSeries:
+    """Returns the time series of a log's flight; none of a fleet."""
+    return {} if state.telemetry is None else flight_series(Signals(state.telemetry))
 
 
 def _read_state(name: str, source: str, vehicle: str | None, days: Days | None) -> VehicleState:

@@ -58,6 +58,7 @@ from mavdem.serve.stored_files import (
     PROGRESS,
     RESERVED_BYTES,
     RESULTS,
+    SERIES_FILE,
     SERVER_NAME_BYTES,
     SERVERS,
     UNFINISHED_RECORDINGS,
@@ -558,7 +559,7 @@ class Library:
         (results / PROGRESS).unlink(missing_ok=True)
         paths = list(results.iterdir())
         # The progress file names the recordings too, which are made when somebody asks for them.
-        names = {path.name for path in paths}
+        names = {path.name for path in paths} - {SERIES_FILE}
         names.update(filter(None, columns.get("files", "").split(",")))
         return columns | {
             "stage": Stage.DONE,

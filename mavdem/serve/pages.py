@@ -30,6 +30,7 @@ from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.machine import LOOPBACK
 from mavdem.report.blocks import Blocks
+from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
 from mavdem.report.pages.library_page import (
@@ -47,6 +48,7 @@ from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
 from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY
 from mavdem.serve.search import search_problems
+from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
 
@@ -384,8 +386,13 @@ class Pages:
             parameters=changed_parameters(gains_before, gains_after),
             lacking=states_without_gains(gains_before, gains_after),
             back=PageLink("Flights", "/"),
+            flights=(self._series(before), self._series(after)),
         )
         return HTMLResponse(without_policy(html, **self._visible_library.visitor_values(request)))
+
+    def _series(self, entry: Entry) -> FlightSeries | None:
+        """Returns the time series of a flight; None if an earlier version has read it, or its results are lost."""
+        return read_series(self._library.results_folder(entry))
 
     def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
         """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""

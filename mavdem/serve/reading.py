@@ -40,11 +40,13 @@ from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Log
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.processes import lower_priority
+from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.library_page import first_plots
 from mavdem.results import PAGE_FILE, possible_recordings, result_files, write_result_files
 from mavdem.serve.index import columns_of_flight
 from mavdem.serve.stored_files import FIRST_PLOTS, PROGRESS, RESULTS
+from mavdem.serve.stored_series import write_series
 from mavdem.wind_velocity.from_log import UNKNOWN_WIND
 
 LOWER_PRIORITY = 5
@@ -248,6 +250,8 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
     document = complete_document("review", review_document(assessment) | {"files": files})
     paths = {name: folder / name for name in result_files(assessment)}
     write_result_files(paths, json.dumps(document, indent=1, allow_nan=False), assessment)
+    assert assessment.evidence is not None
+    write_series(folder, flight_series(assessment.evidence.signals))
     return list(files)
 
 

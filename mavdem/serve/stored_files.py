@@ -35,6 +35,9 @@ PROGRESS = "progress.json"
 FIRST_PLOTS = "first_plots.html"
 """File in a folder of results with the plots that need no model, part of a page, while the log is read."""
 
+SERIES_FILE = "series.npz"
+"""File in a folder of results with the time series of the flight, which a comparison draws; no page links to it."""
+
 UNFINISHED_RECORDINGS = ".recordings"
 """Ending of the hidden folder, beside that of the results, in which the recordings of a flight are made.
 

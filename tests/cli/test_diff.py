@@ -9,9 +9,11 @@ from hover import Hover
 from pytest import fixture, mark
 from standin_logs import fleet_of
 
+from mavdem.dataset.signals import Signals
 from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
+from mavdem.report.charts.comparison_charts import flight_series
 from mavdem.report.pages.difference_page import comparison_page
 
 
@@ -124,8 +126,9 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     )
     gain = ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2)
     difference = vehicle_difference(before, after)
-    vehicles = Hover().telemetry(), Hover(hovering=30.0).telemetry()
-    page = comparison_page(("a.bin", "b.bin"), reviews, difference, [gain], vehicles=vehicles)
+    logs = Hover().telemetry(), Hover(hovering=30.0).telemetry()
+    flights = tuple(flight_series(Signals(log)) for log in logs)
+    page = comparison_page(("a.bin", "b.bin"), reviews, difference, [gain], flights=flights)
     assert "time since take-off (s)" in page and "Mean motor output (%)" in page
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     assert headlines[0] == "Margins: bad in B, good in A. Roll oscillates."

@@ -250,6 +250,8 @@ def test_two_flights_are_compared_and_a_vehicle_has_its_page_and_baseline(served
     a, b = (served.add(f"{name}.ulg", name) for name in ("One.", "Two."))
     compared = served.get(f"/compare?a={a}&b={b}")
     assert compared.status == 200 and "<h1>One..ulg and Two..ulg</h1>" in compared.text
+    # Flights that an earlier version has read have no stored series.
+    assert "time series of A and B, which were not stored" in compared.text
     assert served.ask("PUT", "/api/baseline", {"flights": [a]}).status == 200
     assert {row.headline for row in served.library.store.healthy} == {"One."}
     page = served.get("/vehicle?name=quad%207").text

@@ -1,19 +1,36 @@
 """Charts of the longest flights of two logs over each other, each from its own take-off on."""
 
 from collections.abc import Iterator, Mapping
+from math import degrees
 from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import intersection
 from mavdem.dataset.phases import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.report.charts.chart import Axis, Chart, Line
+from mavdem.vibration.vibration_message import reported_vibration
 
 TIME_AFTER_TAKE_OFF = Axis("time since take-off (s)")
+
+ROLL = "Roll (°)"
+PITCH = "Pitch (°)"
+HEIGHT = "Height (m)"
+MEAN_MOTOR_OUTPUT = "Mean motor output (%)"
+BATTERY_VOLTAGE = "Battery voltage (V)"
+VIBRATION = "Vibration of the worst axis (m/s²)"
+
+FLIGHT_SERIES_TITLES = (ROLL, PITCH, HEIGHT, MEAN_MOTOR_OUTPUT, BATTERY_VOLTAGE, VIBRATION)
+"""Titles of the charts of two flights over each other, in the order of a page."""
+
+PERCENT = 100.0
+
+FlightSeries = Mapping[str, Array]
+"""What is drawn of one flight: for some of the titles a (2, N) array of times since take-off, s, and values."""
 
 
 class FlightInterval(NamedTuple):
@@ -47,46 +64,80 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
     return max(flights, key=lambda flight: float(np.ptp(flight.interval)), default=None)
 
 
-def flight_history_charts(
-    vehicles: Mapping[str, Telemetry], names: Mapping[str, str], colours: Mapping[str, str]
-) -> Iterator[Chart]:
-    """Yields charts of roll, pitch, height and the motors' mean output in the longest flight of each log.
+def flight_series(signals: Signals) -> FlightSeries:
+    """Returns what is drawn of the longest flight of a log beside that of another one.
 
-    A quantity that no log has is left out.
+    A quantity that was not recorded, or has no two samples in the flight, is left out.
 
     Args:
-        vehicles: telemetry of the vehicle of each log, by side.
+        signals: signals of the vehicle.
+
+    Returns:
+        Roll and pitch, °; height, m; mean motor output, %; voltage of the first battery, V; and vibration of the worst
+        axis, m/s². Empty if the vehicle never flew.
+    """
+    flight = longest_flight(signals)
+    if flight is None:
+        return {}
+    recorded: dict[str, TimeSeries | None] = {HEIGHT: signals.height}
+    for title, attitude in zip((ROLL, PITCH), signals.tilts, strict=False):
+        recorded[title] = _scaled(attitude.angle_series, degrees(1))
+    if signals.collective is not None:
+        recorded[MEAN_MOTOR_OUTPUT] = _scaled(signals.collective, PERCENT)
+    for battery in signals.batteries[:1]:
+        recorded[BATTERY_VOLTAGE] = battery.voltage
+    vibration = reported_vibration(signals)
+    if vibration is not None:
+        levels = vibration.levels
+        recorded[VIBRATION] = TimeSeries(levels.time, levels.boot, levels.values.max(axis=1))
+    take_off, landing = flight.interval
+    flown = {}
+    for title, series in recorded.items():
+        if series is None:
+            continue
+        is_flown = (series.time >= take_off) & (series.time <= landing)
+        in_flight = series.select(is_flown & (series.boot == flight.boot))
+        # A line needs two points.
+        if len(in_flight.time) > 1:
+            flown[title] = np.array([in_flight.time - take_off, in_flight.values])
+    return flown
+
+
+def _scaled(series: TimeSeries, factor: float) -> TimeSeries:
+    """Returns a time series with its values in another unit."""
+    return TimeSeries(series.time, series.boot, factor * series.values)
+
+
+def flight_series_charts(
+    series: Mapping[str, FlightSeries], names: Mapping[str, str], colours: Mapping[str, str]
+) -> Iterator[Chart]:
+    """Yields a chart of each quantity in the flights of both sides, over the time since take-off.
+
+    A quantity that no flight has is left out.
+
+    Args:
+        series: what is drawn of each side's flight, by side.
         names: name of each side in the legend.
         colours: colour of each side.
     """
-    titles = ("Roll (°)", "Pitch (°)", "Height (m)", "Mean motor output (%)")
-    lines_by_title: dict[str, list[Line]] = {title: [] for title in titles}
-    for side, vehicle in vehicles.items():
-        signals = Signals(vehicle)
-        flight = longest_flight(signals)
-        if flight is None:
-            continue
-        for title, attitude in zip(lines_by_title, signals.tilts, strict=False):
-            angle = attitude.angle_series
-            degrees = TimeSeries(angle.time, angle.boot, np.degrees(angle.values))
-            lines_by_title[title].append(_line(names[side], colours[side], degrees, flight))
-        if signals.height is not None:
-            lines_by_title["Height (m)"].append(
-                _line(names[side], colours[side], signals.height, flight)
-            )
-        collective = signals.collective
-        if collective is not None:
-            percent = TimeSeries(collective.time, collective.boot, 100 * collective.values)
-            lines_by_title["Mean motor output (%)"].append(
-                _line(names[side], colours[side], percent, flight)
-            )
-    for title, lines in lines_by_title.items():
+    last_times = [samples[0, -1] for flown in series.values() for samples in flown.values()]
+    time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(last_times, default=0.0)))
+    for title in FLIGHT_SERIES_TITLES:
+        lines = []
+        for side, flown in series.items():
+            if title in flown:
+                times, values = flown[title]
+                lines.append(Line(names[side], colours[side], times, values))
         if lines:
-            yield Chart(title, TIME_AFTER_TAKE_OFF, Axis(title.lower()), tuple(lines))
+            axis = Axis(title[0].lower() + title[1:])
+            yield Chart(title, time_axis, axis, tuple(lines), group="flights")
 
 
-def _line(name: str, colour: str, series: TimeSeries, flight: FlightInterval) -> Line:
-    """Returns a signal during a flight as a line, with the time from take-off."""
-    take_off, landing = flight.interval
-    is_flown = (series.boot == flight.boot) & (series.time >= take_off) & (series.time <= landing)
-    return Line(name, colour, series.time[is_flown] - take_off, series.values[is_flown])
+def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
+    """Returns series of at most about ``max_points`` samples each, which keep their peaks (``Line.resampled``)."""
+    thinned = {}
+    for title, (times, values) in series.items():
+        chart = Chart(title, TIME_AFTER_TAKE_OFF, Axis(title), (Line("", "", times, values),))
+        (line,) = chart.thinned(max_points).lines
+        thinned[title] = np.array([line.x, line.y])
+    return thinned

@@ -19,12 +19,11 @@ from mavdem.fleet.quantities import (
 )
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
-from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
-from mavdem.report.charts.comparison_charts import flight_history_charts
+from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import (
     Review,
@@ -75,7 +74,7 @@ def comparison_page(
     parameters: Sequence[ParameterChange] = (),
     lacking: Names = (),
     back: PageLink | None = None,
-    vehicles: tuple[Telemetry | None, Telemetry | None] = (None, None),
+    flights: tuple[FlightSeries | None, FlightSeries | None] = ({}, {}),
 ) -> str:
     """Renders the page that compares two flights.
 
@@ -86,7 +85,8 @@ def comparison_page(
         parameters: parameters of the autopilot that changed.
         lacking: the sides, "A" or "B", whose parameters are not known.
         back: the page that leads here, if any.
-        vehicles: messages of the vehicle in each log, for the time series; None if there are only figures.
+        flights: time series of the flight of each side (``flight_series``): empty of a fleet, None where they were not
+            stored with the flight.
     """
     sides = dict(zip(SIDE_COLOURS, reviews, strict=True))
     legend = {
@@ -98,14 +98,12 @@ def comparison_page(
         charts = tuple(_step_charts(sides, legend, axis))
         if charts:
             steps_of_axes[axis] = charts
-    telemetry = {
-        side: vehicle
-        for side, vehicle in zip(SIDE_COLOURS, vehicles, strict=True)
-        if vehicle is not None
-    }
+    series = dict(zip(SIDE_COLOURS, flights, strict=True))
+    sides_without_series = [side for side, flown in series.items() if flown is None]
+    known_series = {side: flown for side, flown in series.items() if flown is not None}
     histories = [
         Group.side_by_side([_with_single_side(chart)])
-        for chart in flight_history_charts(telemetry, legend, SIDE_COLOURS)
+        for chart in flight_series_charts(known_series, legend, SIDE_COLOURS)
     ]
     changes = [[name, f"{before:.4g}", f"{after:.4g}"] for name, before, after in parameters]
     change_header = f"{counted(len(changes), 'parameter')} changed"
@@ -123,7 +121,12 @@ def comparison_page(
         Chapter("Step response", (), [Group.of_axes(steps_of_axes)] if steps_of_axes else []),
         Chapter("Motors", (), _chart_group(_trim_chart(sides, legend, difference), TRIMS_CAPTION)),
         Chapter("Spectra", (), _chart_group(_spectrum_chart(sides, legend)), folded=True),
-        Chapter("Time series", (), histories, folded=True),
+        Chapter(
+            "Time series",
+            render_section("difference_series", lacking=sides_without_series),
+            histories,
+            folded=True,
+        ),
         _table_chapter("Margins", "rate loop (90 % interval)", _margin_rows(sides))._replace(
             folded=True
         ),

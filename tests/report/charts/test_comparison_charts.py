@@ -1,19 +1,53 @@
 """Charts of the flights of two logs over each other."""
 
+from dataclasses import replace
+
 import numpy as np
 from hover import Hover, only
+from numpy.testing import assert_allclose
 
 from mavdem.dataset.signals import Signals
-from mavdem.report.charts.comparison_charts import flight_history_charts, longest_flight
+from mavdem.report.charts.comparison_charts import (
+    FLIGHT_SERIES_TITLES,
+    VIBRATION,
+    flight_series,
+    flight_series_charts,
+)
+from mavdem.serve.stored_series import read_series, write_series
 
 FLOWN = Hover(sway=0.2).telemetry(20.0, 20.0)
 
 
 def test_a_flight_that_began_before_the_record_is_drawn_from_its_beginning_on():
     begun = only(FLOWN, lambda time: time > 20.0)
-    start, _ = longest_flight(Signals(begun)).interval
-    assert start == begun.messages["ATTITUDE"]["time"][0]
-    charts = flight_history_charts({"before": begun}, {"before": "before"}, {"before": "blue"})
+    series = flight_series(Signals(begun))
+    for times, values in series.values():
+        assert np.isfinite(values).all()
+        assert 0.0 <= times[0] < 1.0
+
+
+def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
+    vibration = np.linspace(1.0, 4.0, 50)
+    time = np.linspace(1.0, 39.0, 50)
+    levels = {
+        f"vibration_{axis}": scale * vibration for axis, scale in zip("xyz", (1, 3, 2), strict=True)
+    }
+    clips = {f"clipping_{number}": np.zeros(50) for number in range(3)}
+    boot = np.zeros(50, int)
+    message = {"time": time, "boot": boot} | levels | clips
+    vibrating = replace(FLOWN, messages={**FLOWN.messages, "VIBRATION": message})
+    series = flight_series(Signals(vibrating))
+    write_series(tmp_path, series)
+    stored = read_series(tmp_path)
+    sides = {"A": stored, "B": series}
+    charts = list(flight_series_charts(sides, {"A": "a", "B": "b"}, {"A": "blue", "B": "red"}))
+    titles = [chart.title for chart in charts]
+    assert titles == [title for title in FLIGHT_SERIES_TITLES if title in titles]
     for chart in charts:
-        assert np.isfinite(chart.lines[0].x).all()
-        assert chart.lines[0].x[0] < 1.0
+        line_a, line_b = chart.lines
+        assert_allclose(line_a.y, line_b.y, rtol=1e-6)
+    assert charts[-1].title == VIBRATION and charts[-1].lines[0].y.max() > 9.0
+
+
+def test_a_flight_without_stored_series_has_none(tmp_path):
+    assert read_series(tmp_path) is None
