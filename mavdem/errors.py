@@ -67,7 +67,7 @@ def fact_from_error(error: BaseException) -> Fact:
     return Fact(ForecastFact.FAILED, error=type_name, text=error)
 
 
-def failure_fact(code: Code, error: Exception, finishing: bool = False) -> Fact:
+def failure_fact(code: Code, error: Exception, *, finishing: bool = False) -> Fact:
     """Returns a fact with the level "watch": a step failed, and why, while the program goes on without it.
 
     Args:

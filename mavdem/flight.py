@@ -323,7 +323,7 @@ def _checked_time(values: ArrayLike) -> Array:
     return time
 
 
-def _checked_table(values: ArrayLike, name: str, length: int, allow_nan: bool = False) -> Array:
+def _checked_table(values: ArrayLike, name: str, length: int, *, allow_nan: bool = False) -> Array:
     """Returns samples as a read-only table.
 
     Args:
@@ -338,7 +338,7 @@ def _checked_table(values: ArrayLike, name: str, length: int, allow_nan: bool = 
     Raises:
         ValueError: The shape does not fit, or a value is not finite or too large.
     """
-    array = _read_only_copy(values, name, allow_nan)
+    array = _read_only_copy(values, name, allow_nan=allow_nan)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != length:
@@ -371,7 +371,7 @@ def _checked_directions(values: ArrayLike | None, inputs: Array) -> Array | None
     return directions
 
 
-def _read_only_copy(values: ArrayLike, name: str, allow_nan: bool = False) -> Array:
+def _read_only_copy(values: ArrayLike, name: str, *, allow_nan: bool = False) -> Array:
     """Copies a caller's numbers, so that changing them later does not change the flight.
 
     Args:

@@ -239,7 +239,7 @@ class FlightController:
         Returns:
             PWM pulses of the motors, demands to the mixer, and the setpoints of attitude and rates.
         """
-        north, east, down = self._acceleration_setpoint(estimate, reference, is_flying)
+        north, east, down = self._acceleration_setpoint(estimate, reference, is_flying=is_flying)
         angles = euler_angles(estimate.attitude)
         roll, pitch, yaw = angles
         # Acceleration along the heading and to its right.
@@ -265,10 +265,12 @@ class FlightController:
 
         attitude_setpoint = roll_setpoint, pitch_setpoint, self._heading
         rate_setpoints = self._rate_setpoints(angles, attitude_setpoint, (0.0, 0.0, yaw_rate))
-        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
+        return self.rate_control(
+            estimate, attitude_setpoint, rate_setpoints, thrust, is_flying=is_flying
+        )
 
     def _acceleration_setpoint(
-        self, estimate: State, reference: Reference, is_flying: bool
+        self, estimate: State, reference: Reference, *, is_flying: bool
     ) -> Vector3:
         """Runs the position and velocity loops for one cycle.
 
@@ -320,6 +322,7 @@ class FlightController:
         attitude_setpoint: Vector3,
         rate_feedforward: Vector3,
         thrust: float,
+        *,
         is_flying: bool,
     ) -> ControlOutput:
         """Runs the attitude and rate loops for one cycle, and mixes their demands for the motors.
@@ -336,7 +339,9 @@ class FlightController:
         """
         angles = euler_angles(estimate.attitude)
         rate_setpoints = self._rate_setpoints(angles, attitude_setpoint, rate_feedforward)
-        return self.rate_control(estimate, attitude_setpoint, rate_setpoints, thrust, is_flying)
+        return self.rate_control(
+            estimate, attitude_setpoint, rate_setpoints, thrust, is_flying=is_flying
+        )
 
     def _rate_setpoints(
         self, angles: Vector3, attitude_setpoint: Vector3, rate_feedforward: Vector3
@@ -372,6 +377,7 @@ class FlightController:
         attitude_setpoint: Vector3,
         rate_setpoints: Vector3,
         thrust: float,
+        *,
         is_flying: bool,
     ) -> ControlOutput:
         """Runs the rate loops for one cycle, and mixes their demands for the motors.

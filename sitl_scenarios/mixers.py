@@ -149,7 +149,7 @@ def _with_lower_collective(thrusts: Array) -> Array:
 
 
 def _desaturated(
-    thrusts: Array, column: Array | float, highest: float = 1.0, only_positive: bool = False
+    thrusts: Array, column: Array | float, highest: float = 1.0, *, only_positive: bool = False
 ) -> Array:
     """Moves motor thrusts along one column of the mixer back into their range, like PX4's ``desaturateActuators``.
 

@@ -391,7 +391,7 @@ def _rate_by_acceleration(vehicle: VehicleSpec, axis: Axis, s: NDArray[Any]) -> 
 
 
 def _rate_controller_response(
-    scenario: Scenario, axis_number: int, phase: NDArray[Any], is_setpoint: bool
+    scenario: Scenario, axis_number: int, phase: NDArray[Any], *, is_setpoint: bool
 ) -> NDArray[Any]:
     """Returns the frequency response of the rate controller, measured on the controller that flies.
 

@@ -182,7 +182,9 @@ class _AttitudeLoss(NamedTuple):
         code = self._code(onset, height, knock_time)
         level = None
         # A loss that lasts until the record ends did not come back.
-        is_harmless = self.end < inf and self._is_harmless(angle, has_setpoint, onset)
+        is_harmless = self.end < inf and self._is_harmless(
+            angle, has_setpoint=has_setpoint, onset=onset
+        )
         is_caught = is_harmless or self._is_recovered()
         if is_caught:
             # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
@@ -262,7 +264,7 @@ class _AttitudeLoss(NamedTuple):
             return MotionEvent.HIT
         return MotionEvent.ATTITUDE_LOST
 
-    def _is_harmless(self, angle: float, has_setpoint: bool, onset: float) -> bool:
+    def _is_harmless(self, angle: float, *, has_setpoint: bool, onset: float) -> bool:
         """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
 
         Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated), ``FALL_SPEED``, and

@@ -188,13 +188,13 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
         # ``SEVERITIES`` are the names of the numbers that stand for a warning or worse.
         warns = text.severity < len(SEVERITIES) and not has_old_scale
         severity = SEVERITIES[text.severity] if warns else None
-        fact = _problem_of_text(text, warns)
+        fact = _problem_of_text(text, warns=warns)
         if fact is not None:
             message_name = telemetry.name_in_source("STATUSTEXT")
             yield fact.replace(boot=text.boot, basis=(message_name,), severity=severity)
 
 
-def _problem_of_text(message: StatusText, warns: bool) -> Fact | None:
+def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
     """Returns the problem that a text reports, by the first of the ``PATTERNS`` found in it.
 
     Args:

@@ -193,7 +193,7 @@ def _board_number_in_messages(telemetry: Telemetry) -> str:
     rows = np.atleast_2d(np.asarray(columns.get("uid2", []), dtype=np.uint8))
     is_ardupilot = telemetry.autopilot == "ARDUPILOTMEGA"
     for row in reversed(rows):
-        number = board_number_in_bytes(row.tobytes(), is_ardupilot)
+        number = board_number_in_bytes(row.tobytes(), in_words=is_ardupilot)
         if number:
             return number
     return ""

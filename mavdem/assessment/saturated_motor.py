@@ -184,7 +184,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
 
 
 def _saturation_loss(
-    signals: Signals, motors: MotorOutputs, event: Fact, is_lost: bool
+    signals: Signals, motors: MotorOutputs, event: Fact, *, is_lost: bool
 ) -> Fact | None:
     """Returns the fact that a motor at its limit lost thrust; None if the log does not show that.
 

@@ -70,7 +70,7 @@ def order_command(
     title = f"Learning {counted(len(flights), 'flight')}, 1 to {max_order} states"
     with progress(title) as show_fraction:
         free_energies, errors = free_energy_of_flights(
-            flights, max_order, known_inputs, show_fraction
+            flights, max_order, known_inputs=known_inputs, progress=show_fraction
         )
     report_excluded(free_energies, errors)
     choice = OrderChoice(tuple(free_energies.values()))

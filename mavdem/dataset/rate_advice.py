@@ -78,7 +78,7 @@ def rate_advice(
     return remedy
 
 
-def _settings_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
+def _settings_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fact:
     """Advises which settings of the logger or the telemetry stream raise the rates.
 
     Args:
@@ -99,10 +99,10 @@ def _settings_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fac
             has_parameters=bool(telemetry.parameters),
             dropouts=telemetry.dropouts,
         )
-    return _stream_advice(telemetry, rate, is_requested)
+    return _stream_advice(telemetry, rate, is_requested=is_requested)
 
 
-def _stream_advice(telemetry: Telemetry, rate: int, is_requested: bool) -> Fact:
+def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fact:
     """Advises how to raise the rates of a telemetry stream.
 
     Args:

@@ -178,10 +178,15 @@ def _parameter_prior(
     # The prior of an attitude loop: what is known of any multirotor before a flight.
     if settings.prior == "regulated":
         return regulated_prior(
-            settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record)
+            settings,
+            n,
+            motors,
+            has_constant_input=scaling.constant,
+            output_scale=scaling.output_scale,
+            pairs=derivative_pairs(record),
         )
     # A Gaussian that the user gives, of the vehicle's parameters only: the engine may have a constant input as well.
-    indices = vehicle_parameter_indices(n, motors, m, scaling.constant)
+    indices = vehicle_parameter_indices(n, motors, m, has_constant_input=scaling.constant)
     mean, precision = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
     )
@@ -200,6 +205,7 @@ def vehicle_parameter_indices(
     n: int,
     motors: int,
     m: int,
+    *,
     has_constant_input: bool,
 ) -> Indices:
     """Returns the indices of the vehicle's parameters in the engine's θ: all but B's column for the constant input.

@@ -135,7 +135,7 @@ def prepared_training(
         raise NotLearnable(
             ModelRefusal.TOO_FEW_TO_LEARN, least_samples=MIN_SAMPLES, samples=len(record)
         )
-    record.require_varying(settings.known_inputs)
+    record.require_varying(known_inputs=settings.known_inputs)
     return record, complete_settings(settings, record)
 
 
@@ -258,7 +258,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
     scaling = fit.scaling
     # The scaled model may have a constant input, which learns the trim: its column of B is no parameter of the result.
     vehicle_parameters = vehicle_parameter_indices(
-        order, record.inputs.shape[1], fit.model.m, scaling.constant
+        order, record.inputs.shape[1], fit.model.m, has_constant_input=scaling.constant
     )
     scale = scaling.parameter_scale(order)
     # If simulations have refined θ, their posterior holds, and theirs is the last search.

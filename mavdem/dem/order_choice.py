@@ -202,6 +202,7 @@ def free_energy_by_order(
 def free_energy_of_flights(
     flights: Mapping[str, TrainingData],
     max_order: int = DEFAULT_MAX_ORDER,
+    *,
     known_inputs: bool = True,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> tuple[dict[str, FlightFreeEnergy], dict[str, NotLearnable]]:

@@ -110,6 +110,7 @@ def regulated_prior(
     settings: CompleteSettings,
     n: int,
     motors: int,
+    *,
     has_constant_input: bool,
     output_scale: Array,
     pairs: DerivativePairs,

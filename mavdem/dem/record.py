@@ -214,7 +214,7 @@ class Record:
             ChannelStatistics.from_samples(self.outputs),
         )
 
-    def require_varying(self, known_inputs: bool) -> None:
+    def require_varying(self, *, known_inputs: bool) -> None:
         """Checks that there is something to learn: a constant channel has no relation to others.
 
         Args:

@@ -58,7 +58,7 @@ class Scaling:
         """
         inputs, outputs = record.channel_statistics
         has_known_inputs = settings.known_inputs
-        record.require_varying(has_known_inputs and not inputs.varying.any())
+        record.require_varying(known_inputs=has_known_inputs and not inputs.varying.any())
         is_by_channel = settings.scaling == "channel"
         # Without a scaling the trims are 0 and the scales 1, so that physical units remain.
         output_trim = np.zeros(len(outputs.mean))

@@ -220,7 +220,7 @@ def fetch(url: str, copy: Path) -> None:
         raise _url_error(url, error, is_fetched=True) from None
 
 
-def _url_error(url: str, error: Exception, is_fetched: bool) -> Unreadable:
+def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
     """Returns the error that says why a URL cannot be listed, or if ``is_fetched`` cannot be fetched.
 
     The reason is the first line of the cause, which may have many.

@@ -79,7 +79,7 @@ def update_table(store: Store) -> None:
                 store.db.execute("delete from table_files")
             (last_change,) = store.db.execute("select max(change) from unpublished").fetchone()
             _assign_vehicles(store.db)
-            numbers = _outdated_files(store, is_whole)
+            numbers = _outdated_files(store, is_whole=is_whole)
         for number in sorted(numbers):
             write_file(table_path(folder, number), _rows_of_file(store.db, number), folder)
         if is_whole:
@@ -131,7 +131,7 @@ def _assign_vehicles(db: sqlite3.Connection) -> None:
         db.execute("insert into table_files values (?, ?)", [vehicle, number])
 
 
-def _outdated_files(store: Store, is_whole: bool) -> set[int]:
+def _outdated_files(store: Store, *, is_whole: bool) -> set[int]:
     """Returns the numbers of the files to be written: those of changed vehicles, and those that do not exist.
 
     Args:

@@ -234,7 +234,7 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
             duration=gap,
         )
     has_restarted = not _clock_runs_on(earlier, later)
-    vehicle = _joined_vehicle(earlier, later, has_restarted)
+    vehicle = _joined_vehicle(earlier, later, has_restarted=has_restarted)
     repair = repair_facts(
         Repair.LOGS_JOINED,
         path=later.log.source,
@@ -355,7 +355,7 @@ def _heartbeats(vehicle: Telemetry, boot: int) -> Columns:
     return selected_rows(columns, columns["boot"] == boot)
 
 
-def _joined_vehicle(earlier: Recording, later: Recording, has_restarted: bool) -> Telemetry:
+def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool) -> Telemetry:
     """Joins what two logs contain of one vehicle: messages, parameters and identity.
 
     Args:

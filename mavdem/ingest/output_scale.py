@@ -141,7 +141,7 @@ def output_scale(
     return OutputScale(name, "", 0.0, high, step)
 
 
-def _scale_of_largest(largest: float, is_px4: bool) -> tuple[str, float]:
+def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
     """Chooses a scale by the largest output alone: the first one whose full throttle it does not exceed.
 
     Args:

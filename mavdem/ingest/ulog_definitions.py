@@ -210,26 +210,26 @@ class RecordDefinitions:
             return self._fit_of_data(body_start, length)
         body = self.content[body_start : body_start + length]
         if kind in (INFORMATION, PARAMETER):
-            return _fit_if(_is_key_and_value(body))
+            return _fit_if(fits=_is_key_and_value(body))
         if kind == FORMAT:
             parsed_format = _parsed_format(body)
             # A second definition of the same name would replace the first.
             is_repeated = parsed_format is not None and parsed_format.name in self._formats
-            return Fit.UNUSED if is_repeated else _fit_if(parsed_format is not None)
+            return Fit.UNUSED if is_repeated else _fit_if(fits=parsed_format is not None)
         if kind == SUBSCRIPTION:
             return self._fit_of_subscription(body)
         if kind in (PARTS, DEFAULT):
             # A byte of flags comes before the key.
-            return _fit_if(_is_key_and_value(body[1:]))
+            return _fit_if(fits=_is_key_and_value(body[1:]))
         if kind == TEXT:
-            return _fit_if(_is_text(body, stamp_offset=1))
+            return _fit_if(fits=_is_text(body, stamp_offset=1))
         if kind == TAGGED_TEXT:
             # The tag, two bytes, comes before the stamp.
-            return _fit_if(_is_text(body, stamp_offset=3))
+            return _fit_if(fits=_is_text(body, stamp_offset=3))
         if kind == SYNC:
-            return _fit_if(body == SYNC_MAGIC)
+            return _fit_if(fits=body == SYNC_MAGIC)
         if kind == DROPOUT:
-            return _fit_if(length == 2)
+            return _fit_if(fits=length == 2)
         if kind == UNSUBSCRIPTION:
             return Fit.UNUSED if length == 2 else Fit.DAMAGED
         data_header = self.content[position : position + 2] + bytes([DATA]) + body[:2]
@@ -501,6 +501,6 @@ def _is_text(body: bytes, stamp_offset: int) -> bool:
     return has_stamp and body[0] in TEXT_LEVELS and len(text) <= MAX_TEXT_BYTES and 0 not in text
 
 
-def _fit_if(fits: bool) -> Fit:
+def _fit_if(*, fits: bool) -> Fit:
     """Returns the fit of a record that is kept if it fits."""
     return Fit.SOUND if fits else Fit.DAMAGED

@@ -54,7 +54,7 @@ class ParsedRecords(NamedTuple):
     """A ULog file without the data: for pyulog."""
 
 
-def parse_records(records: SoundRecords, has_all_fields: bool = False) -> ParsedRecords:
+def parse_records(records: SoundRecords, *, has_all_fields: bool = False) -> ParsedRecords:
     """Decodes the data records of a file, and separates the other records from them.
 
     Args:

@@ -234,7 +234,7 @@ def board_name_in_texts(texts: Iterable[str]) -> str:
     return ""
 
 
-def board_number_in_bytes(uid2: bytes, in_words: bool) -> str:
+def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
     """Returns the board's number from AUTOPILOT_VERSION.
 
     Args:

@@ -222,10 +222,10 @@ class LiveHistory:
                 self._rows = self._rows[::2]
                 self._stride *= 2
         if estimate is not None:
-            self._extend_learned_interval(time, is_new_segment)
+            self._extend_learned_interval(time, is_new_segment=is_new_segment)
             self._remember_predictions(time, output_values, estimate)
 
-    def _extend_learned_interval(self, time: float, is_new_segment: bool) -> None:
+    def _extend_learned_interval(self, time: float, *, is_new_segment: bool) -> None:
         """Extends the latest interval of learned samples by one sample, or begins another interval.
 
         Another begins with a new segment, and after ``GAP_SECONDS`` without a learned sample.

@@ -132,7 +132,7 @@ class ModelJudging:
                 override.is_bad and override.code in OWN_TORQUE_OVERRIDES
                 for override in self.findings.overrides
             )
-            return with_oscillation_torque_marked(model, vehicle_made_torque)
+            return with_oscillation_torque_marked(model, vehicle_made_torque=vehicle_made_torque)
         return model
 
     def use_judgement_of_recording(self, judgement: Judgement) -> None:

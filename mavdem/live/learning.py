@@ -142,7 +142,7 @@ class FlightLearning:
         undated_models = [_KeptModel(-inf, model.learned) for model in self._models]
         self._models = deque(undated_models, MAX_MODELS)
 
-    def set_load(self, fits_physical: bool, refits: bool) -> None:
+    def set_load(self, *, fits_physical: bool, refits: bool) -> None:
         """Sets which of its two slow fits the learner may start, so that a busy computer can do without them.
 
         Estimates continue with the latest model. Before the first row there is no learner, and nothing is set.

@@ -81,7 +81,7 @@ def judge_model(
     hover = hover_figures(geometry.names, row_format.scale, duration, inputs, mean_lean)
     condition = Condition(duration=duration, settled=duration, hover=hover, oscillation=limit_cycle)
     # The torque of a limit cycle is the vehicle's own, not the wind's.
-    learned = with_oscillation_torque_marked(learned, limit_cycle is not None)
+    learned = with_oscillation_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
     findings = findings_of(learned, None, condition, alarms)
 
     figures = AxisFigures((), learned.physical, None, learned.physical_reason)

@@ -333,7 +333,7 @@ class LiveSession:
         """
         self._milestones.report_end(self._learning, status, self.stream.now, model)
 
-    def report_gain_advice(self, is_at_end: bool = False) -> None:
+    def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts the advice of gains when it is due, and reports advice that is ready.
 
         It is called once in ``STATUS_PERIOD``, and at the end. The advice comes with the judgement of the recording,

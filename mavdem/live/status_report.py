@@ -81,7 +81,9 @@ class StatusReport:
             learned_rows=self.learning.learned_rows,
             unlearned_rows=self.learning.unlearned_rows,
             latency=self.latencies.latency,
-            obstacle=silence or status.obstacle or self._learning_obstacle(status.is_flying),
+            obstacle=silence
+            or status.obstacle
+            or self._learning_obstacle(is_flying=status.is_flying),
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
@@ -96,7 +98,7 @@ class StatusReport:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
         return self.silence.silence(self.backlog.now)
 
-    def _learning_obstacle(self, is_flying: bool) -> Fact | None:
+    def _learning_obstacle(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.
 
         The learner uses free flight only. Even then it may lack something, such as motion.

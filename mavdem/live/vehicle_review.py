@@ -262,7 +262,9 @@ class VehicleReview:
         now = self._review_time
         is_flying = self.phase.is_flying
         settled_start = self.phase.settled_start(now)
-        for fact in self.watchdog.begin_review(now, self._telemetry, is_flying, settled_start):
+        for fact in self.watchdog.begin_review(
+            now, self._telemetry, is_flying=is_flying, settled_start=settled_start
+        ):
             self._report(fact)
         if is_flying and self.watchdog.is_thorough:
             self._pending_parts.append(self._review_lights)

@@ -152,7 +152,7 @@ class Watchdog:
         return tuple(fact for fact in self.active.values() if fact.is_bad)
 
     def begin_review(
-        self, now: float, vehicle: Telemetry, is_flying: bool, settled_start: float | None
+        self, now: float, vehicle: Telemetry, *, is_flying: bool, settled_start: float | None
     ) -> list[Fact]:
         """Begins a review: stores the phase of flight, collects the messages so far, and finds new reports in them.
 

@@ -129,7 +129,7 @@ def ardupilot_controller(
         "mixer": (1.0,),
     }
     if has_mixer:
-        spin_min, spin_max = _spin_range(parameters, rate.before_34)
+        spin_min, spin_max = _spin_range(parameters, before_34=rate.before_34)
         if len(motor_weights) != MOTOR_COUNT or not any(motor_weights) or not spin_min < spin_max:
             raise _unknown_mixer(parameters)
         # AP_MotorsMatrix normalises the largest factor of an axis to a half.
@@ -168,7 +168,7 @@ def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
     return _RateParameters(prefix, names, before_34)
 
 
-def _spin_range(parameters: Parameters, before_34: bool) -> tuple[float, float]:
+def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, float]:
     """Returns the range of the motor outputs in which the propellers give thrust.
 
     Args:

@@ -43,7 +43,7 @@ MIN_RELATIVE_EFFECT = 1e-3
 """Least element of the mixer that is not 0, relative to the largest: smaller ones are rounding errors."""
 
 
-def px4_controller(parameters: Parameters, axis: str, is_demand: bool) -> ControllerFields:
+def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> ControllerFields:
     """Returns the fields of a :class:`mavdem.loops.controllers.Controller` with PX4's parameters.
 
     Args:

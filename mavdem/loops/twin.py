@@ -114,6 +114,7 @@ class Twin(ImmutableResult):
 
 def build_twin(
     loops: LoopsByAxis,
+    *,
     px4: bool,
     hover: float,
     air: WindVelocity | None,

@@ -295,7 +295,13 @@ def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) ->
             bias = OmissionErrors.lag_bias
     effect_unknown = status["effect"] == Status.NOT_IDENTIFIABLE
     covariance = with_omission_errors(
-        covariance, values, relative[0, :r], spectrum_range, bias, effect_unknown, figures
+        covariance,
+        values,
+        relative[0, :r],
+        spectrum_range,
+        bias,
+        effect_unknown=effect_unknown,
+        figures=figures,
     )
 
     # So far effects are per common standard deviation of the inputs. Damping, lag and delay keep their units.
@@ -328,6 +334,7 @@ def with_omission_errors(
     mean_effect_weights: Array,
     spectrum_range: Array,
     bias: float,
+    *,
     effect_unknown: bool,
     figures: IdentifiabilityFigures,
 ) -> Array:

@@ -37,12 +37,12 @@ def power_density(
     Returns:
         The frequencies (F,), Hz, and the one-sided densities (F,), in the square of the values' unit per Hz.
     """
-    densities = window_densities(values, rate, window_samples, without_trend)
+    densities = window_densities(values, rate, window_samples, without_trend=without_trend)
     return PowerDensity(densities.frequency, densities.density.mean(axis=0))
 
 
 def window_densities(
-    values: Array, rate: float, window_samples: int, without_trend: bool = False
+    values: Array, rate: float, window_samples: int, *, without_trend: bool = False
 ) -> PowerDensity:
     """Estimates the power spectral density of signals in each of W windows, by periodograms through a Hann window.
 

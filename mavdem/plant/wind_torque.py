@@ -191,7 +191,10 @@ def estimate_wind_torque(
         physical.covariance,
     )
     reason = _reason_against_wind(
-        len(torque) * record.dt, has_wind, errors.unscaled_variance, power
+        len(torque) * record.dt,
+        has_wind=has_wind,
+        error_variance=errors.unscaled_variance,
+        power=power,
     )
     is_resolved = reason is None
     # Errors of the parameters are the same at all samples, so they do not average out in the mean.
@@ -221,7 +224,7 @@ def estimate_wind_torque(
 
 
 def _reason_against_wind(
-    duration: float, has_wind: bool, error_variance: float, power: float
+    duration: float, *, has_wind: bool, error_variance: float, power: float
 ) -> Fact | None:
     """Returns the reason why an estimated torque is not that of the wind.
 

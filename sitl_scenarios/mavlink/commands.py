@@ -193,7 +193,7 @@ class CommandHandler:
             return
         parameter = self.transmitter.parameters[names.index(request.fields["param_id"])]
         value = parameter.value_of_float32(
-            request.fields["param_value"], self.transmitter.autopilot.bitwise
+            request.fields["param_value"], bitwise=self.transmitter.autopilot.bitwise
         )
         if self.simulation.set_parameter(parameter.name, value):
             self.transmitter.change_parameter(parameter.name, value)

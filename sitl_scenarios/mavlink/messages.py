@@ -262,7 +262,7 @@ class Parameter(NamedTuple):
     value: float
     """Its value, a whole number where the type is an integer."""
 
-    def float32_value(self, bitwise: bool) -> float:
+    def float32_value(self, *, bitwise: bool) -> float:
         """Encodes the value for the message PARAM_VALUE, which carries a 32-bit float whatever the parameter's type.
 
         Args:
@@ -277,7 +277,7 @@ class Parameter(NamedTuple):
             return float(struct.unpack("<f", integer_bytes)[0])
         return self.value
 
-    def value_of_float32(self, value: float, bitwise: bool) -> float:
+    def value_of_float32(self, value: float, *, bitwise: bool) -> float:
         """Returns the value that the message PARAM_SET carries in a 32-bit float; the opposite of ``float32_value``."""
         if bitwise and self.kind != REAL32:
             float_bytes = struct.pack("<f", value)

@@ -248,7 +248,7 @@ class Transmitter:
             self.send_once(
                 "PARAM_VALUE",
                 param_id=parameter.name.encode(),
-                param_value=parameter.float32_value(self.autopilot.bitwise),
+                param_value=parameter.float32_value(bitwise=self.autopilot.bitwise),
                 param_type=parameter.kind,
                 param_count=len(self.parameters),
                 param_index=index,

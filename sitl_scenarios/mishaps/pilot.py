@@ -201,7 +201,11 @@ class Pilot:
         """
         _, _, yaw = euler_angles(estimate.attitude)
         return self.controller.attitude_control(
-            estimate, (0.0, 0.0, yaw), NO_ROTATION, thrust * self.body.mass * GRAVITY, True
+            estimate,
+            (0.0, 0.0, yaw),
+            NO_ROTATION,
+            thrust * self.body.mass * GRAVITY,
+            is_flying=True,
         )
 
     def _cut_throttle(self, start: float, time: float) -> ControlOutput | None:
@@ -267,7 +271,7 @@ class Pilot:
         rate = min(FLIP_RATE, sqrt(2 * FLIP_BRAKING * (2 * pi - self.rolled)))
         angles = euler_angles(estimate.attitude)
         return self.controller.rate_control(
-            estimate, angles, (rate, 0.0, 0.0), thrust * self.body.mass * GRAVITY, True
+            estimate, angles, (rate, 0.0, 0.0), thrust * self.body.mass * GRAVITY, is_flying=True
         )
 
     def _run_on_bench(self, bench: BenchRun, time: float, estimate: State) -> ControlOutput:
@@ -295,5 +299,5 @@ class Pilot:
         roll = BENCH_STICK_TILT * sin(2 * pi * time / BENCH_ROLL_PERIOD)
         pitch = BENCH_STICK_TILT * sin(2 * pi * time / BENCH_PITCH_PERIOD)
         return self.controller.attitude_control(
-            estimate, (roll, pitch, yaw), NO_ROTATION, stick_thrust, True
+            estimate, (roll, pitch, yaw), NO_ROTATION, stick_thrust, is_flying=True
         )

@@ -76,7 +76,9 @@ class InstrumentedSimulation(Simulation):
         self._is_failsafe = False
         # MAV_LANDED_STATE of the flight plan in this cycle.
         self._planned_state = ON_GROUND
-        self._announcements = deque(announcements(scenario.mishap, self._is_px4, scenario.duration))
+        self._announcements = deque(
+            announcements(scenario.mishap, is_px4=self._is_px4, duration=scenario.duration)
+        )
 
     @property
     def finished(self) -> bool:

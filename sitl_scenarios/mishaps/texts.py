@@ -37,7 +37,7 @@ class Announcement(NamedTuple):
     """MAV_SEVERITY."""
 
 
-def announcements(mishap: Mishap | None, is_px4: bool, duration: float) -> list[Announcement]:
+def announcements(mishap: Mishap | None, *, is_px4: bool, duration: float) -> list[Announcement]:
     """Returns what the autopilot says of a mishap at times that are known beforehand, in order of time.
 
     Args:

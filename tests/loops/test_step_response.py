@@ -46,7 +46,8 @@ def test_an_attitude_whose_rate_is_asked_for_too_is_followed_at_once(ahead):
     attitude = Mock(frequency=FREQUENCY, closed=(angle / (s + angle))[None])
     known = Mock(attitude=attitude, controller=Mock(angle_gain=angle))
     assert_allclose(
-        predicted_attitude_response(known, ahead), 1.0 if ahead else angle / (s + angle)
+        predicted_attitude_response(known, has_feedforward=ahead),
+        1.0 if ahead else angle / (s + angle),
     )
 
 

@@ -350,7 +350,13 @@ def test_what_the_model_leaves_out_adds_its_variances():
     values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
     figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
     covariance = with_omission_errors(
-        np.zeros((5, 5)), values, np.full(2, 0.5), np.zeros(3), 0.0, False, figures
+        np.zeros((5, 5)),
+        values,
+        np.full(2, 0.5),
+        np.zeros(3),
+        0.0,
+        effect_unknown=False,
+        figures=figures,
     )
     errors = limits.OmissionErrors
     relative = np.full((2, 2), errors.effect**2) + errors.motor**2 * np.eye(2)
@@ -373,8 +379,8 @@ def test_an_effect_that_changes_with_the_command_widens_intervals():
             np.full(2, 0.5),
             np.zeros(3),
             0.0,
-            False,
-            figures._replace(thrust_curve=curve),
+            effect_unknown=False,
+            figures=figures._replace(thrust_curve=curve),
         )
         for curve in (0.0, -0.18)
     )
@@ -396,8 +402,8 @@ def test_commands_that_nothing_predicts_widen_the_intervals():
             np.full(2, 0.5),
             np.zeros(3),
             0.0,
-            False,
-            figures._replace(unpredicted_share=share),
+            effect_unknown=False,
+            figures=figures._replace(unpredicted_share=share),
         )
         return covariance.diagonal()
 

@@ -109,7 +109,7 @@ def analyse(
     if not segments or not (options.with_model or is_slow):
         return analysis
     try:
-        trained = train_and_test(segments, options, progress, is_slow)
+        trained = train_and_test(segments, options, progress, is_slow=is_slow)
     except NotLearnable as error:
         has_chosen_lengths = options.start or options.train or options.test
         if isinstance(error, TooFewSamples) and has_chosen_lengths:
@@ -118,10 +118,14 @@ def analyse(
             return _with_slow_model_obstacle(analysis, error.fact)
         return replace(analysis, reason=error.fact)
     flights = trained.flights
-    learned = _with_cautions(trained.learned, flights, is_slow)
+    learned = _with_cautions(trained.learned, flights, is_slow=is_slow)
     axis_figures = None if other_axis is None else other_axis.axes.get(axis)
-    learned = _with_physical_parameters(learned, signals, flights, analysis, axis_figures, is_slow)
-    learned = with_oscillation_torque_marked(learned, analysis.condition.oscillation is not None)
+    learned = _with_physical_parameters(
+        learned, signals, flights, analysis, axis_figures, is_slow=is_slow
+    )
+    learned = with_oscillation_torque_marked(
+        learned, vehicle_made_torque=analysis.condition.oscillation is not None
+    )
     held_out = replace(trained.held_out, model=learned.forecast_model)
     analysis = replace(analysis, flights=flights, learned=learned, held_out=held_out)
     if options.truth is not None:
@@ -240,7 +244,7 @@ def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) 
     return replace(analysis, reason=both_obstacles)
 
 
-def _with_cautions(learned: Learned, flights: Flights, is_slow: bool) -> Learned:
+def _with_cautions(learned: Learned, flights: Flights, *, is_slow: bool) -> Learned:
     """Adds cautions about a model's data before its other cautions.
 
     A caution is a sentence that limits what the model may be used for. Reports show cautions in their order, so the
@@ -267,6 +271,7 @@ def _with_physical_parameters(
     flights: Flights,
     analysis: LogAnalysis,
     axis_figures: AxisFigures | None,
+    *,
     is_slow: bool,
 ) -> Learned:
     """Adds physical parameters to a model, and the wind torque that follows from them.

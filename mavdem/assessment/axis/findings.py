@@ -128,7 +128,7 @@ def findings_of(
     return Findings(overrides, tuple(purposes), tuple(model_warnings(learned, held_out)))
 
 
-def with_oscillation_torque_marked(learned: Learned, vehicle_made_torque: bool) -> Learned:
+def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
     """Returns a model whose wind torque is not taken for the wind's if the vehicle itself made it.
 
     In a limit cycle, or with a weak motor, the torque that the motors do not explain is the vehicle's own.

@@ -81,7 +81,7 @@ def responses_of(evidence: Evidence) -> Responses:
         rate = rate_step_response(signals, segments, loop if isinstance(loop, Loop) else None)
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
-            attitude_prediction = predicted_attitude_response(loop, has_feedforward)
+            attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
             rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[0])
             attitude_response = _compared_response(
                 attitude, loop, loop.attitude, attitude_prediction
@@ -123,14 +123,16 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
             # Row 0 is the estimated plant.
             closed_loop = advised_loop.rate.closed[0]
             if loop_name == "attitude":
-                closed_loop = predicted_attitude_response(advised_loop, response.has_feedforward)
+                closed_loop = predicted_attitude_response(
+                    advised_loop, has_feedforward=response.has_feedforward
+                )
             steps[axis][loop_name] = step_from_frequency_response(
                 advised_loop.rate.frequency, closed_loop, response.measured.time
             )
     return steps
 
 
-def predicted_attitude_response(loop: Loop, has_feedforward: bool) -> Complex:
+def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex:
     """Returns the frequency response of the attitude to its setpoint at F frequencies, as the loop predicts it.
 
     The attitude controller sets the rate to K (setpoint − angle), with the angle gain K; T is the response of the angle

@@ -41,7 +41,7 @@ class TestedModel(NamedTuple):
 
 
 def train_and_test(
-    segments: Flights, options: Options, progress: ShowStep, is_slow: bool
+    segments: Flights, options: Options, progress: ShowStep, *, is_slow: bool
 ) -> TestedModel:
     """Trains a model and tests it on windows that it was not trained on.
 

@@ -79,7 +79,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     if wind is not None:
         drag = wind.drag
     is_px4 = telemetry.autopilot == "PX4"
-    twin = build_twin(loops, is_px4, hover_share, wind, drag, mass)
+    twin = build_twin(loops, px4=is_px4, hover=hover_share, air=wind, drag=drag, mass=mass)
     return AssessedTwin(twin, loops, missing)
 
 

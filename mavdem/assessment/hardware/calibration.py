@@ -133,7 +133,7 @@ def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
 
 
 def _identifiers(
-    parameters: Parameters, name: str, is_first_numbered: bool = False
+    parameters: Parameters, name: str, *, is_first_numbered: bool = False
 ) -> dict[int, str]:
     """Reads the device ids of numbered sensors from parameters.
 

@@ -179,7 +179,7 @@ _blas_lock = RLock()
 
 
 @contextmanager
-def one_thread(wait: bool = True) -> Iterator[bool]:
+def one_thread(*, wait: bool = True) -> Iterator[bool]:
     """Limits BLAS to one thread while the context is open: matrices here are so small that threads only cost time.
 
     Args:

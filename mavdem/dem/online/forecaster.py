@@ -179,7 +179,7 @@ class OnlineForecaster:
         self.errors.store(ahead, latest)
         return expected, ahead
 
-    def add_block(self, block: MemoryBlock, may_fit: bool = True) -> None:
+    def add_block(self, block: MemoryBlock, *, may_fit: bool = True) -> None:
         """Learns from a block of samples that has just been completed.
 
         The block's samples are added to the sums of the regression. When ``REFIT_SECONDS`` of samples have come since

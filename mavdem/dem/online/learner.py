@@ -404,7 +404,7 @@ class OnlineLearner:
         due, unless the caller puts it off by ``refits`` or ``fits_physical``.
         """
         block = self._memory.blocks[-1]
-        self._forecaster.add_block(block, self.refits)
+        self._forecaster.add_block(block, may_fit=self.refits)
         if self.follows_torque:
             self._wind_torque.add(block, self.fits_physical)
 

@@ -319,7 +319,7 @@ class ClosedLoop(ForecasterBase):
         """
         steps = min(steps, len(inputs))
         starts = self._start_states(steps, inputs, outputs)
-        return self._forecast_from_states(starts, steps, inputs, smooth)
+        return self._forecast_from_states(starts, steps, inputs, smooth=smooth)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
         """Returns the outputs (H, 2) with known ``inputs`` (H, r), after all channels were at their means."""
@@ -331,7 +331,7 @@ class ClosedLoop(ForecasterBase):
         raise ValueError("a closed loop has no motors to command: use Learned.simulate")
 
     def _forecast_from_states(
-        self, starts: Array, steps: int, inputs: Array, smooth: bool
+        self, starts: Array, steps: int, inputs: Array, *, smooth: bool
     ) -> Forecast:
         """Forecasts the outputs by a Kalman filter that measures only the motors, and not the outputs.
 

@@ -50,7 +50,7 @@ class NormalizedUnits(NamedTuple):
             ValueError: an output is constant.
         """
         inputs, outputs = record.channel_statistics
-        record.require_varying(False)
+        record.require_varying(known_inputs=False)
         # A constant input has no deviation to be scaled to, and gets no component.
         input_sd = np.where(inputs.varying, np.sqrt(inputs.variance), np.inf)
         standardized_inputs = (record.inputs - inputs.mean) / input_sd

@@ -29,7 +29,7 @@ def zero(train: TrainingData) -> Identified:
 
 
 def _model_without_inputs(
-    method: str, record: Record, output_trim: Array, holds: bool = False
+    method: str, record: Record, output_trim: Array, *, holds: bool = False
 ) -> Identified:
     """Returns a trivial forecast as a state-space model, so that it can be scored like any other method.
 

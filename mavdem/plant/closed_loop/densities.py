@@ -243,9 +243,9 @@ class DensityModel:
         """
         parameters = LoopParameters.from_logarithms(theta)
         loop = self._closed_loop(parameters)
-        components = self._components(parameters, loop, with_reference)
+        components = self._components(parameters, loop, with_reference=with_reference)
         source_densities = _source_densities(components)
-        steps = self._synchronous_steps(parameters, loop, with_reference)
+        steps = self._synchronous_steps(parameters, loop, with_reference=with_reference)
         density = self._logging_error + steps.quantity_density
         for source_density, response in zip(source_densities, loop.from_source, strict=True):
             density += self._folded_products(source_density[None], response, response.conj())[:, 0]
@@ -315,7 +315,7 @@ class DensityModel:
         )
 
     def _components(
-        self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
+        self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> list[DensityComponent]:
         """Returns the components of the densities of all sources but the synchronous steps.
 
@@ -403,7 +403,7 @@ class DensityModel:
         )
 
     def _synchronous_steps(
-        self, parameters: LoopParameters, loop: ClosedLoopResponse, with_reference: bool = True
+        self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> SynchronousSteps:
         """Returns the part of the reference that comes in steps synchronous with the messages.
 

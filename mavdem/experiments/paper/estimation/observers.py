@@ -204,7 +204,7 @@ def fixed_lag_states(
 
 @may_overflow
 def smikf_states(
-    model: DiscreteModel, noise: Array, outputs: Array, inputs: Array, accumulates: bool = True
+    model: DiscreteModel, noise: Array, outputs: Array, inputs: Array, *, accumulates: bool = True
 ) -> Array:
     """Estimates the states by SMIKF, the Kalman filter with second moment information.
 

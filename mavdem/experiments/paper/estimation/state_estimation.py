@@ -184,7 +184,7 @@ def _smikf(window: RollWindow, outputs: Array, inputs: Array, accumulates: bool)
         (T, 2) roll and roll rate.
     """
     noise = window.process_noise
-    return smikf_states(white_noise_model(window), noise, outputs, inputs, accumulates)
+    return smikf_states(white_noise_model(window), noise, outputs, inputs, accumulates=accumulates)
 
 
 def _later_kalman(window: RollWindow, outputs: Array, inputs: Array) -> Array:
