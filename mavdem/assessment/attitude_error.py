@@ -8,8 +8,9 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, MAX_TILT
+from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps

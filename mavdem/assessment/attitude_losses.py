@@ -14,8 +14,9 @@ from mavdem.assessment.attitude_error import AttitudeError, LargestError, larges
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, in_intervals, union
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side, WitnessFact

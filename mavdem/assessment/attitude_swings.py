@@ -12,8 +12,8 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import in_intervals, intersection
-from mavdem.dataset.phases import mode_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.facts import Fact

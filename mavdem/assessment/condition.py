@@ -9,13 +9,13 @@ from mavdem.assessment.battery_levels import batteries_worst_first
 from mavdem.assessment.flights import segments_of_boots, settled_flight, total_duration
 from mavdem.assessment.mean_interval import MeanFigure, finite_or_none, mean_figure, mean_interval
 from mavdem.containers import Numbers
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.batteries import Battery
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import AVERAGING_SECONDS
 from mavdem.dataset.segments import Segments, in_segments, recorded_spans
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.errors import NotLearnable
 from mavdem.immutable import ImmutableResult
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
@@ -137,7 +137,7 @@ def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Conditio
     tilt = _tilt(signals, settled)
     armed = None
     if signals.armed is not None:
-        armed = total_duration(segments_of_boots(signals, phases.armed_intervals))
+        armed = total_duration(segments_of_boots(signals, flight_states.armed_intervals))
     return Condition(
         duration=total_duration(recorded_segments),
         armed=armed,
@@ -175,7 +175,7 @@ def _oscillation(signals: Signals, settled: Segments) -> Oscillation | None:
     if in_settled_flight is not None:
         return in_settled_flight
     return detect_limit_cycle(
-        signals.motors, attitudes, segments_of_boots(signals, phases.airborne_intervals)
+        signals.motors, attitudes, segments_of_boots(signals, flight_states.airborne_intervals)
     )
 
 

@@ -9,8 +9,9 @@ from mavdem.arrays import Array
 from mavdem.assessment.attitude_losses import knock_is_contact
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.witnesses import Side
 from mavdem.witnesses.boot_sensors import BootSensors

@@ -8,9 +8,9 @@ from mavdem.arrays import Flags
 from mavdem.assessment.attitude_losses import FALL_SPEED
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
 from mavdem.dataset.intervals import in_intervals, true_intervals
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import WitnessFact

@@ -8,8 +8,8 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Code, Fact, Facts
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
 from mavdem.facts.events import ReportedEvent

@@ -18,7 +18,7 @@ from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracki
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states, phases, time_series
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
 from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.segments import Segment, Segments, recorded_spans
@@ -75,7 +75,7 @@ class Evidence:
 
     @cached_property
     def has_operated(self) -> bool:
-        """Whether the vehicle flew or, if it is no multirotor, whether it operated (``phases.airborne_intervals``)."""
+        """Whether the vehicle flew or, if it is no multirotor, whether it operated (``airborne_intervals``)."""
         if self.other_vehicle is None:
             return bool(self.learnability.figures.airborne)
         for span in recorded_spans(self.signals):
@@ -179,7 +179,7 @@ class Evidence:
     def flights(self, boot: int) -> Intervals:
         """Returns the intervals of a boot in free flight until the vehicle was lost.
 
-        Of a vehicle that is no multirotor they are those in which it operates (``phases.airborne_intervals``).
+        Of a vehicle that is no multirotor they are those in which it operates (``flight_states.airborne_intervals``).
 
         Args:
             boot: number of the boot.
@@ -225,7 +225,7 @@ class Evidence:
         Returns:
             One average for each sample in flight, in the unit of the series; the flights follow each other.
         """
-        averages = [phases.moving_average(part) for part in self.in_flight(series)]
+        averages = [time_series.moving_average(part) for part in self.in_flight(series)]
         return np.concatenate([np.zeros(0), *averages])
 
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
@@ -239,7 +239,7 @@ class Evidence:
         """
         segments = []
         for part in settled_flight(self.signals):
-            excluded = phases.mode_intervals(self.signals, part.boot, excluded_modes)
+            excluded = flight_states.mode_intervals(self.signals, part.boot, excluded_modes)
             intervals = intersection([(part.start, part.end)], complement(excluded))
             intervals = intersection(intervals, self._intervals_before_loss(part.boot))
             segments += [Segment(part.boot, start, end) for start, end in intervals]

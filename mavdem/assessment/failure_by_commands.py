@@ -19,12 +19,12 @@ from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import min_running_command
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import AVERAGING_SECONDS, min_airborne_command
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst
 from mavdem.witnesses.boot_sensors import BootSensors
@@ -228,7 +228,7 @@ def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor
         that swings is.
     """
     scale = commands.motors.scale
-    idle = min_airborne_command(commands.motors)
+    idle = min_running_command(commands.motors)
     name = commands.motors.geometry.names[weak.motor]
     if trouble.fall_direction is None and list(trouble.names_at_limit) != [name]:
         return None
@@ -341,7 +341,7 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     motors = commands.motors
     ranges = np.ptp(commands.now, axis=0)
     first_commands = commands.now[0]
-    is_above_idle = first_commands > min_airborne_command(motors)
+    is_above_idle = first_commands > min_running_command(motors)
     is_below_limit = first_commands < motors.scale.stop - MIN_COMMAND_RANGE
     frozen_motors = np.flatnonzero((ranges == 0) & is_above_idle & is_below_limit)
     has_enough_samples = len(commands.now) >= MIN_FROZEN_SAMPLES

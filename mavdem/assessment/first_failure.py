@@ -17,14 +17,11 @@ from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.lowered_throttle import lowered_throttle
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.stop_reason import STOP_REASON_SECONDS, reason_of_stop
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import (
-    MANUAL_THROTTLE_MODES,
-    MAX_SETPOINT_DELAY,
-    mode_intervals,
-    series_of_boot,
-)
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Code, Fact
 from mavdem.facts.ending import FailedFirst, MotionEvent
 from mavdem.ingest.vocabulary import ON_GROUND

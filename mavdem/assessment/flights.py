@@ -3,10 +3,8 @@
 from collections.abc import Callable
 
 from mavdem.dataset import phases
+from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.intervals import Intervals, intersection
-from mavdem.dataset.phases import (
-    airborne_intervals,
-)
 from mavdem.dataset.segments import Segment, Segments, recorded_spans, settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact

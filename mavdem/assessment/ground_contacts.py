@@ -15,8 +15,9 @@ from mavdem.assessment.attitude_losses import has_risen_by
 from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, series_of_boot
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent

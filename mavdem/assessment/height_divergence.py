@@ -15,8 +15,9 @@ from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
 from mavdem.confidence import Interval
 from mavdem.dataset.attitude import down_in_body
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
-from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import WitnessFact

@@ -19,8 +19,8 @@ from mavdem.assessment.lights.estimator import (
 from mavdem.assessment.lights.power import POWER_REPORTS, batteries_in_flight, battery_voltage
 from mavdem.assessment.limits import worst_fact
 from mavdem.dataset.batteries import battery_name
+from mavdem.dataset.flight_states import min_running_command
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.phases import min_airborne_command, series_of_boot
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
     UNKNOWN_SATELLITES,
@@ -32,6 +32,7 @@ from mavdem.dataset.time_series import (
     clean_series,
     float_columns,
     recorded_series,
+    series_of_boot,
 )
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
@@ -134,7 +135,7 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
     if motors is None or evidence.other_vehicle is not None:
         return flights
     collective = motors.collective.of_boot(boot)
-    carries_vehicle = collective.values > min_airborne_command(motors)
+    carries_vehicle = collective.values > min_running_command(motors)
     intervals = []
     for flight in flights:
         carrying_times = collective.time[in_intervals(collective.time, [flight]) & carries_vehicle]

@@ -4,9 +4,10 @@ from math import inf
 
 import numpy as np
 
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
 from mavdem.dataset.intervals import in_intervals, intersection, true_intervals
-from mavdem.dataset.phases import MANUAL_THROTTLE_MODES, mode_intervals, series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst
 from mavdem.witnesses.sensors import throttle_stick

@@ -29,9 +29,10 @@ from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.position_losses import position_losses
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side

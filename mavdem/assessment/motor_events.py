@@ -9,19 +9,14 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_running_command, mode_intervals
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import (
-    MANUAL_THROTTLE_MODES,
-    MAX_GROUND_HEIGHT,
-    MAX_SETPOINT_DELAY,
-    MIN_CLIMB_SPEED,
-    min_airborne_command,
-    mode_intervals,
-    series_of_boot,
-)
+from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.witnesses.height import trusted_height
@@ -216,7 +211,7 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     is_off = (commands <= off_command) | has_no_pulses
     motor_count = commands.shape[1]
     mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
-    airborne = min_airborne_command(motors)
+    airborne = min_running_command(motors)
     # An output that never ran drives no motor.
     has_run = commands.max(axis=0) > airborne
     return is_off & (mean_of_others > airborne) & has_run

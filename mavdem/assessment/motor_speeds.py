@@ -16,12 +16,13 @@ from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import min_airborne_collective
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import MAX_SETPOINT_DELAY, min_airborne_collective, series_of_boot
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.events import ReportedEvent

@@ -17,18 +17,14 @@ from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.restarts import restarts
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
+from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
-from mavdem.dataset.phases import (
-    AVERAGING_SECONDS,
-    SURFACE_VEHICLES,
-    armed_intervals,
-    series_of_boot,
-    without_grounded,
-)
 from mavdem.dataset.position_fix import has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import AVERAGING_SECONDS, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS

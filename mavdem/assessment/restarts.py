@@ -16,10 +16,11 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import StatusText, status_texts
 from mavdem.assessment.flights import flights_in_boot
 from mavdem.containers import Names
+from mavdem.dataset.flight_states import armed_intervals
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import armed_intervals, series_of_boot
 from mavdem.dataset.segments import Segment
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.events import ReportedEvent
 from mavdem.ingest.joined import MAX_BOOT_CLOCK

@@ -15,9 +15,10 @@ from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.confidence import Interval
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY, MIN_CLIMB_SPEED
+from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact

@@ -9,8 +9,8 @@ from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import FailedFirst
 from mavdem.facts.events import ReportedEvent

@@ -11,7 +11,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.batteries import battery_name
 from mavdem.dataset.segments import Segment, Segments, in_segments
@@ -172,7 +172,7 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
     time = tilt.time[tilt.boot == boot]
     if len(time) < 2:
         return None
-    armed = phases.armed_intervals(signals, boot) or [(-np.inf, np.inf)]
+    armed = flight_states.armed_intervals(signals, boot) or [(-np.inf, np.inf)]
     first_armed = armed[0][0]
     last_armed = armed[-1][1]
     start = max(time[0], first_armed - SECONDS_AROUND_FLIGHT)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mavdem.dataset import phases, quality
+from mavdem.dataset import flight_states, grounded, quality
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.axes import MAX_BODY_RATE, TILT_AXES
@@ -398,7 +398,7 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     attitude, _ = signals.attitude_and_inputs
     is_reported_airborne = False
     for boot in np.unique(attitude.boot):
-        if phases.airborne_intervals(signals, int(boot)):
+        if flight_states.airborne_intervals(signals, int(boot)):
             is_reported_airborne = True
             break
     is_by_collective = not is_reported_airborne and signals.landed_state is None
@@ -410,9 +410,9 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
         NotLearnableReason.NEVER_AIRBORNE,
         armed=figures.armed,
         name=name,
-        climb_rate=phases.MIN_LIFT_OFF_SPEED if is_reported_airborne else None,
-        collective=phases.max_collective(signals) if is_by_collective else None,
-        least_collective=phases.min_airborne_collective(telemetry.parameters),
+        climb_rate=grounded.MIN_LIFT_OFF_SPEED if is_reported_airborne else None,
+        collective=flight_states.max_collective(signals) if is_by_collective else None,
+        least_collective=flight_states.min_airborne_collective(telemetry.parameters),
         remedy=RECORD_A_FLIGHT,
     )
 

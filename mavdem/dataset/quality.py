@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states, phases
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.intervals import intersection, total_duration
 from mavdem.dataset.resampling import mean_rate, resample
@@ -111,7 +111,7 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
     attitude, inputs = signals.attitude_and_inputs
     armed_durations = []
     for span in recorded_spans(signals):
-        armed_intervals = phases.armed_intervals(signals, span.boot)
+        armed_intervals = flight_states.armed_intervals(signals, span.boot)
         recorded_intervals = intersection([(span.start, span.end)], armed_intervals)
         armed_durations.append(total_duration(recorded_intervals))
     airborne = 0.0

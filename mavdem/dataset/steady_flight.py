@@ -12,9 +12,10 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.intervals import Intervals, intersection, true_intervals
-from mavdem.dataset.phases import series_of_boot, settled_intervals
+from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.setpoints import held_setpoint
 from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 HEADING_CHANGE_SECONDS = 1.0

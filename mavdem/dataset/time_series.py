@@ -12,6 +12,9 @@ from mavdem.arrays import Array, Flags, Integers
 from mavdem.containers import Names
 from mavdem.ingest.telemetry import MIN_PREFERRED_SHARE, Columns, Telemetry
 
+AVERAGING_SECONDS = 2.0
+"""Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb; a choice."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimeSeries:
@@ -182,3 +185,27 @@ def names_by_preference(counts: Mapping[str, int]) -> list[str]:
     frequent = [name for name in recorded_names if counts[name] >= min_count]
     rare = [name for name in recorded_names if counts[name] < min_count]
     return frequent + rare
+
+
+def series_of_boot(series: TimeSeries | None, boot: int) -> TimeSeries | None:
+    """Returns the samples of one boot; None if there are none."""
+    if series is None:
+        return None
+    samples = series.of_boot(boot)
+    return samples if len(samples.time) else None
+
+
+def moving_average(series: TimeSeries) -> Array:
+    """Returns the centred moving average of a series of one boot over ``AVERAGING_SECONDS``.
+
+    Args:
+        series: N samples (N,), whose stamps need not be uniform.
+
+    Returns:
+        (N,) the mean of all samples within half of ``AVERAGING_SECONDS`` of each stamp.
+    """
+    # The sum over a window is the difference of two cumulative sums.
+    cumulative = np.concatenate([[0.0], np.cumsum(series.values)])
+    first_row = np.searchsorted(series.time, series.time - AVERAGING_SECONDS / 2, side="left")
+    row_after = np.searchsorted(series.time, series.time + AVERAGING_SECONDS / 2, side="right")
+    return (cumulative[row_after] - cumulative[first_row]) / (row_after - first_row)

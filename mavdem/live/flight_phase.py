@@ -14,16 +14,12 @@ from math import inf, isfinite
 import numpy as np
 
 from mavdem.confidence import Interval
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states, phases, time_series
+from mavdem.dataset.flight_states import MAX_REPORT_INTERVAL
 from mavdem.dataset.intervals import Intervals, intersection
-from mavdem.dataset.phases import (
-    AVERAGING_SECONDS,
-    MAX_LEVEL_FLIGHT_SPEED,
-    MAX_REPORT_INTERVAL,
-    TRANSIENT_SECONDS,
-)
+from mavdem.dataset.phases import MAX_LEVEL_FLIGHT_SPEED, TRANSIENT_SECONDS
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS
-from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, recorded_series
 from mavdem.facts import Fact
 from mavdem.facts.session import SessionFact
 from mavdem.ingest.telemetry import Telemetry
@@ -131,8 +127,8 @@ class FlightPhase:
         self._landed_state_end = _end_of_validity(reports, now)
         landed_state = _repeated_until(now, reports)
         signals = LiveSignals(telemetry, collective=collective, landed_state=landed_state)
-        armed = phases.armed_intervals(signals, boot)
-        airborne = phases.airborne_intervals(signals, boot)
+        armed = flight_states.armed_intervals(signals, boot)
+        airborne = flight_states.airborne_intervals(signals, boot)
         present_flight = _interval_at(now, airborne)
         if present_flight is not None and not self.is_flying:
             # Only the first review of a flight sees its beginning.
@@ -142,7 +138,7 @@ class FlightPhase:
         # If no message says whether the vehicle is armed, it counts as armed all the time.
         self._is_known = has_states or armed != [(-inf, inf)]
 
-        in_air = phases.landed_state_intervals(signals, boot, (IN_AIR,))
+        in_air = flight_states.landed_state_intervals(signals, boot, (IN_AIR,))
         flights = intersection(armed, in_air)
         flight = _interval_at(now, flights)
         # The flight of the last review has ended, also where another has begun since.
@@ -200,7 +196,7 @@ class FlightPhase:
             if level is not None and level[0] <= averaged_end:
                 self._settled_start = level[0]
         elif climb_rate is not None:
-            is_sinking = phases.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
+            is_sinking = time_series.moving_average(climb_rate) <= -MAX_LEVEL_FLIGHT_SPEED
             # The last review has judged everything before it but the last ``AVERAGING_DELAY``; and descents before the
             # end of the landed state's validity are ignored.
             unjudged_start = max(self._review_time - AVERAGING_DELAY, self._landed_state_end)
@@ -226,7 +222,7 @@ class FlightPhase:
         # The centred mean is known up to ``AVERAGING_DELAY`` ago; what earlier reviews have judged is left out.
         unjudged_start = max(self._review_time, now - MAX_REPORT_INTERVAL) - AVERAGING_DELAY
         is_new = (climb_rate.time > unjudged_start) & (climb_rate.time <= now - AVERAGING_DELAY)
-        speed = phases.moving_average(climb_rate)[is_new]
+        speed = time_series.moving_average(climb_rate)[is_new]
         climbing_times = climb_rate.time[is_new][speed >= MAX_LEVEL_FLIGHT_SPEED]
         if np.any(speed <= -MAX_LEVEL_FLIGHT_SPEED):
             self._free_climb_start = inf

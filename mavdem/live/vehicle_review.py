@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from math import inf
 
-from mavdem.dataset.phases import AVERAGING_SECONDS
+from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact
 from mavdem.facts.watch import WatchedQuantity

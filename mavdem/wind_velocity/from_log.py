@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset import intervals, phases
+from mavdem.dataset import flight_states, intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
@@ -513,7 +513,7 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled_intervals(signals, boot)
     min_height = np.nanmin(height) + MIN_FLIGHT_HEIGHT
-    armed_spans = phases.armed_intervals(signals, boot)
+    armed_spans = flight_states.armed_intervals(signals, boot)
     above_ground = intervals.true_intervals(time, height > min_height)
     flights = []
     for candidate in intervals.intersection(armed_spans, above_ground):

@@ -7,10 +7,10 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.phases import min_airborne_collective, series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import Parameters
 from mavdem.witnesses.sensors import further_specific_forces, specific_force

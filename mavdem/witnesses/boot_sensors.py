@@ -16,10 +16,10 @@ from scipy.constants import g as GRAVITY  # noqa: N812
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
 from mavdem.dataset.intervals import in_intervals, intersection
-from mavdem.dataset.phases import MAX_GROUND_HEIGHT, series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.witnesses import HeightSource, WitnessFact

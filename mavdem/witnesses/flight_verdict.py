@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.intervals import Intervals, in_intervals, true_intervals
-from mavdem.dataset.phases import min_airborne_collective, moving_average, series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
 from mavdem.facts.witnesses import WitnessFact

@@ -14,10 +14,9 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.dataset.intervals import Intervals, in_intervals, intersection
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_column
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.witnesses.accelerometer import rest_intervals
 from mavdem.witnesses.height import barometer_noise, is_usable_barometer

@@ -13,9 +13,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import Intervals, true_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts.witnesses import HeightSource
 from mavdem.witnesses.sensors import barometer_altitude

@@ -6,10 +6,15 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_position_fix
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    recorded_series,
+    series_of_boot,
+)
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Telemetry

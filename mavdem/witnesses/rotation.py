@@ -7,9 +7,10 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.phases import min_airborne_collective, moving_average, series_of_boot
+from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
+from mavdem.dataset.time_series import moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 ANSWER_RATE = 10.0

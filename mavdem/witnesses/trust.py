@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.dataset.intervals import Intervals, intersection
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.trust import TrustCheck

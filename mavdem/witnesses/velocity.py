@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
+from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
 VELOCITY_MESSAGES = {"LOCAL_POSITION_NED": 1.0, "GLOBAL_POSITION_INT": 0.01}

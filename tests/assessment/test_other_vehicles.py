@@ -6,7 +6,7 @@ from pytest import approx, fixture, mark
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.lights.estimator import INNOVATION_FIELDS
-from mavdem.dataset.phases import airborne_intervals
+from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import MotionEvent

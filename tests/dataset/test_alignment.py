@@ -18,7 +18,7 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from pytest import approx, mark, raises
 
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states, grounded, phases
 from mavdem.dataset.alignment import aligned_flight
 from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.phases import TRANSIENT_SECONDS
@@ -59,7 +59,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors():
     """The first report is of the landing, as of a stream that was asked for just then."""
     time = np.arange(HOVER.sinking, HOVER.end, 0.1)
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
-    (flight,) = phases.airborne_intervals(Signals(telemetry), 0)
+    (flight,) = flight_states.airborne_intervals(Signals(telemetry), 0)
     assert flight == approx((LIFTED, LANDED), abs=1.1)
     learnability = learnability_of(Signals(telemetry))
     assert learnability.learnable and learnability.segment is not None
@@ -70,12 +70,12 @@ def test_taking_off_is_off_the_ground_and_a_report_counts_for_ten_seconds():
     time = HOVER.stamps(2.0)
     taking_off = reporting(time, np.where(in_air(time), 3, 1))
     for telemetry in (taking_off, reporting(HOVER.stamps(1 / 11), 1)):
-        (flight,) = phases.airborne_intervals(Signals(telemetry), 0)
+        (flight,) = flight_states.airborne_intervals(Signals(telemetry), 0)
         assert flight == approx((LIFTED, LANDED), abs=1.1)
     # Without any motors it counts until another.
     time = np.array([1.0, 30.0])
     signals = Signals(reporting(time, np.array([1, 2]), without=("SERVO_OUTPUT_RAW",)))
-    assert phases.airborne_intervals(signals, 0)[-1][0] == 30.0
+    assert flight_states.airborne_intervals(signals, 0)[-1][0] == 30.0
 
 
 def test_a_vertical_speed_that_only_sinks_has_run_away():
@@ -229,8 +229,10 @@ def test_a_vehicle_that_hovers_below_any_threshold_flies_by_its_land_detector():
     telemetry = reported()
     time = telemetry.messages["SERVO_OUTPUT_RAW"]["time"]
     pulses = np.where(in_air(time), 1120, 1050) + np.zeros((4, 1))
-    ((start, end),) = phases.without_grounded(
-        phases.airborne_intervals(signals := Signals(with_pulses(telemetry, pulses)), 0), signals, 0
+    ((start, end),) = grounded.without_grounded(
+        flight_states.airborne_intervals(signals := Signals(with_pulses(telemetry, pulses)), 0),
+        signals,
+        0,
     )
     assert (start, end) == approx((LIFTED, LANDED), abs=1.0)
 
@@ -415,9 +417,9 @@ def test_what_neither_rises_nor_leans_as_it_is_asked_is_held(height, asked, lean
     at = made.messages["LOCAL_POSITION_NED"]["time"]
     up = np.where((at > 20.0) & (at < 40.0), -height, 0.0)
     signals = Signals(changed(made, "LOCAL_POSITION_NED", z=up))
-    flights = phases.airborne_intervals(signals, 0)
+    flights = flight_states.airborne_intervals(signals, 0)
     assert flights
     if stands:
-        assert phases.without_grounded(flights, signals, 0) == []
+        assert grounded.without_grounded(flights, signals, 0) == []
     else:
-        assert phases.without_grounded(flights, signals, 0) != []
+        assert grounded.without_grounded(flights, signals, 0) != []

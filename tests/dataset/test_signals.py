@@ -23,7 +23,7 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from mavdem.dataset import attitude, motor_outputs
-from mavdem.dataset.phases import min_airborne_collective
+from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.errors import NotLearnable

@@ -10,7 +10,7 @@ from pymavlink import DFReader
 from pytest import approx, fixture, mark
 from recorded_flights import shared
 
-from mavdem.dataset.phases import armed_intervals
+from mavdem.dataset.flight_states import armed_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.sources import Repair
 from mavdem.ingest.dataflash.binary import read_binary

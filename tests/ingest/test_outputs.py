@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states
 from mavdem.dataset.motor_outputs import MotorOutputs, motor_outputs_or_obstacle
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import read_log
@@ -102,11 +102,11 @@ NOT_LANDED = 28
 
 def test_a_vehicle_that_reports_to_fly_flies_though_its_outputs_are_missing(tmp_path):
     vehicle = vehicle_of(tmp_path, *steps(event=NOT_LANDED))
-    flights = phases.airborne_intervals(Signals(vehicle), 0)
+    flights = flight_states.airborne_intervals(Signals(vehicle), 0)
     assert flights == [(STAMPS[20], np.inf)]
 
 
 def test_outputs_that_end_early_are_no_landing(tmp_path):
     idle = [made.rcou(20 + 0.1 * n, 1000 + n % 2, 1000) for n in range(10)]
     vehicle = vehicle_of(tmp_path, *functions(1), *idle, *steps(event=NOT_LANDED))
-    assert phases.airborne_intervals(Signals(vehicle), 0)[-1][1] == np.inf
+    assert flight_states.airborne_intervals(Signals(vehicle), 0)[-1][1] == np.inf

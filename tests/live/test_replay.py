@@ -9,9 +9,10 @@ from pytest import mark
 from recorded_flights import LOGS, SAMPLE_LOGS, SHARED
 
 from mavdem.dataset.flights import choose_vehicle
-from mavdem.dataset.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
+from mavdem.dataset.phases import TRANSIENT_SECONDS
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
+from mavdem.dataset.time_series import AVERAGING_SECONDS
 from mavdem.facts.session import RowsFact
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream

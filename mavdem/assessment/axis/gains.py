@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.assessment.autopilot_messages import StatusText, status_texts
+from mavdem.dataset.flight_states import mode_intervals
 from mavdem.dataset.intervals import Intervals
-from mavdem.dataset.phases import mode_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.dem.learning import MIN_SAMPLES

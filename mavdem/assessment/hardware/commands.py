@@ -4,9 +4,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.pilot_input import pilot_input
-from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.setpoints import CommandFact, CommandPart
 

@@ -14,8 +14,7 @@ from mavdem.assessment.lights.estimator import MAX_FIELD_CHANGE
 from mavdem.assessment.limits import Limits
 from mavdem.assessment.magnetic_field import field_change, field_strengths
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.phases import moving_average
-from mavdem.dataset.time_series import TimeSeries
+from mavdem.dataset.time_series import TimeSeries, moving_average
 from mavdem.facts import Fact, Level
 from mavdem.facts.hardware import HardwareFact
 from mavdem.witnesses.sensors import compass_fields, is_compass_used

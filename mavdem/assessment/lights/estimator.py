@@ -11,8 +11,8 @@ from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.gps_jumps import position_jumps
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
+from mavdem.dataset.flight_states import SURFACE_VEHICLES
 from mavdem.dataset.intervals import intersection, longest_true_duration, true_intervals
-from mavdem.dataset.phases import SURFACE_VEHICLES
 from mavdem.dataset.position_fix import (
     FIX_3D,
     RECEIVER_MESSAGES,

@@ -6,7 +6,7 @@ import numpy as np
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
-from mavdem.dataset import phases
+from mavdem.dataset import flight_states
 from mavdem.dataset.attitude import TUNING_MESSAGE, Attitude, attitude_from_messages
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.rate_advice import rate_advice
@@ -271,7 +271,7 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
         return False
     roll = signals.tilts[0]
     boot = int(roll.boot[0]) if len(roll.boot) else 0
-    arming_times = [start for start, _ in phases.armed_intervals(signals, boot)]
+    arming_times = [start for start, _ in flight_states.armed_intervals(signals, boot)]
     arming_time = min(arming_times, default=inf)
     rows = np.flatnonzero((roll.boot == boot) & (roll.time < arming_time))
     if len(rows) < 2:

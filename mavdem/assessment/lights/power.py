@@ -15,7 +15,7 @@ from mavdem.assessment.battery_levels import (
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits, worst_fact
-from mavdem.dataset import phases
+from mavdem.dataset import time_series
 from mavdem.dataset.batteries import FIRST_BATTERY, Battery, battery_name
 from mavdem.dataset.time_series import TimeSeries, recorded_series
 from mavdem.facts import Fact, Level
@@ -235,7 +235,7 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
         The time, s since boot; None if it never was below.
     """
     for part in evidence.in_flight(voltage):
-        rows = np.flatnonzero(phases.moving_average(part) < limit)
+        rows = np.flatnonzero(time_series.moving_average(part) < limit)
         if len(rows):
             return float(part.time[rows[0]])
     return None
@@ -364,7 +364,7 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
         rows = flight.values[:, 1] > 0
         volts_and_amperes = flight.values[rows]
         mean_volts, mean_amperes = (
-            phases.moving_average(TimeSeries(flight.time[rows], flight.boot[rows], column))
+            time_series.moving_average(TimeSeries(flight.time[rows], flight.boot[rows], column))
             for column in volts_and_amperes.T
         )
         deviations.append(volts_and_amperes.T - [mean_volts, mean_amperes])

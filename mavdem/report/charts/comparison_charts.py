@@ -8,8 +8,8 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import Interval
+from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.intervals import intersection
-from mavdem.dataset.phases import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.report.charts.chart import Axis, Chart, Line

@@ -27,11 +27,10 @@ from mavdem.dataset.hardware_quantities import (
     HardwareQuantity,
     recorded_quantity,
 )
-from mavdem.dataset.phases import series_of_boot
 from mavdem.dataset.pilot_input import pilot_input
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, UNKNOWN_SATELLITES
 from mavdem.dataset.speed_controllers import speed_controllers
-from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.facts.hardware import HardwarePart
 from mavdem.facts.setpoints import CommandPart
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, over_time

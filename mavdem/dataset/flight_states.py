@@ -1,0 +1,218 @@
+"""Flight states of a vehicle: when it is armed, in a flight mode, in a landed state, and airborne.
+
+Each state has a set of intervals (``mavdem.dataset.intervals``) in seconds on the clock of one boot.
+"""
+
+from collections.abc import Container
+from itertools import pairwise
+from math import inf
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.intervals import (
+    Intervals,
+    complement,
+    intersection,
+    split_at_gaps,
+    true_intervals,
+    union,
+)
+from mavdem.dataset.motor_outputs import MotorOutputs
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import moving_average, series_of_boot
+from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
+from mavdem.ingest.telemetry import Parameters
+from mavdem.ingest.vocabulary import OFF_GROUND, UNDEFINED_LANDED_STATE
+
+MAX_IDLE_COLLECTIVE = 0.15
+"""Highest fraction of the range at which motors idle on the ground: the default of ArduPilot's MOT_SPIN_MIN."""
+
+MIN_COLLECTIVE_ABOVE_IDLE = 0.05
+"""Fraction of the range above idle that a multirotor needs at least to stay in the air; a choice."""
+
+MANUAL_THROTTLE_MODES = frozenset(
+    {"Stabilize", "Acro", "Flip", "Drift", "Turtle", "Manual", "Stabilized"}
+)
+"""Modes of ArduPilot and PX4 in which the stick is the thrust, so that no estimate of the height is followed."""
+
+MAX_REPORT_INTERVAL = 10.0
+"""Longest time, s, between two reports of the landed state that they cover.
+
+Autopilots send EXTENDED_SYS_STATE at 0.2 Hz and faster. In a longer gap the collective shows better what happened.
+"""
+
+SURFACE_VEHICLES = ("GROUND_ROVER", "SURFACE_BOAT", "SUBMARINE")
+"""MAV_TYPEs of vehicles that never leave the ground or the water, whatever a land detector reports."""
+
+
+def airborne_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot in which the vehicle is armed and off the ground, with take-off and landing.
+
+    For a vehicle that is not a multirotor they are the intervals in which it operates.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        Start and end of each interval, s since boot.
+    """
+    if signals.telemetry.vehicle not in POSSIBLE_MULTIROTORS:
+        return _operating_intervals(signals, boot)
+    return intersection(
+        armed_intervals(signals, boot), landed_state_intervals(signals, boot, OFF_GROUND)
+    )
+
+
+def _operating_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals in which a vehicle other than a multirotor operates: armed and, if reported, in the air.
+
+    Its motor outputs do not show when it flies: a plane glides, and idles on the runway. So a surface vehicle operates
+    while it is armed, and so does a vehicle whose landed state is not reported.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The intervals, s; none if the log does not show when the vehicle was armed.
+    """
+    if series_of_boot(signals.armed, boot) is None:
+        return []
+    armed_spans = armed_intervals(signals, boot)
+    reports = series_of_boot(signals.landed_state, boot)
+    if reports is None or signals.telemetry.vehicle in SURFACE_VEHICLES:
+        return armed_spans
+    is_undefined = reports.values == UNDEFINED_LANDED_STATE
+    if is_undefined.all():
+        return armed_spans
+    is_off_ground = np.isin(reports.values, OFF_GROUND) | is_undefined
+    return intersection(armed_spans, true_intervals(reports.time, is_off_ground))
+
+
+def armed_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot in which the vehicle is armed; all times where no heartbeat was recorded."""
+    armed_series = series_of_boot(signals.armed, boot)
+    if armed_series is None:
+        return [(-inf, inf)]
+    return true_intervals(armed_series.time, armed_series.values > 0)
+
+
+def mode_intervals(signals: Signals, boot: int, modes: Container[str]) -> Intervals:
+    """Returns the intervals of a boot in which the vehicle is in one of several flight modes, by their names."""
+    changes = [*signals.mode_changes(boot), (inf, "")]
+    return [(start, end) for (start, name), (end, _) in pairwise(changes) if name in modes]
+
+
+def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
+    """Finds the intervals of a boot in which the vehicle is in one of several landed states.
+
+    The state is that of EXTENDED_SYS_STATE while it is reported. A report holds until the next one, but not across a
+    gap longer than ``MAX_REPORT_INTERVAL``. At all other times the collective decides: if it is high enough to keep the
+    vehicle in the air, the vehicle counts as in one of the states. If motor outputs are missing too, the last reported
+    state holds, since a missing message is no landing.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        states: Numbers of MAV_LANDED_STATE, all of them states in the air.
+
+    Returns:
+        Start and end of the intervals, s. Without reports they are those of a high collective (mean output of all
+        motors).
+    """
+    reports = series_of_boot(signals.landed_state, boot)
+    collective = series_of_boot(signals.collective, boot)
+    # Where the motors carry the vehicle, judged by the collective alone.
+    intervals_by_collective: Intervals = []
+    if collective is not None:
+        min_collective = min_airborne_collective(signals.telemetry.parameters)
+        intervals_by_collective = true_intervals(
+            collective.time, moving_average(collective) > min_collective
+        )
+    if reports is None:
+        return intervals_by_collective
+    reported_intervals = true_intervals(reports.time, np.isin(reports.values, states))
+    if collective is None:
+        return true_intervals(reports.time, np.isin(_last_defined(reports.values), states))
+    is_undefined = reports.values == UNDEFINED_LANDED_STATE
+    is_gap = np.diff(reports.time) > MAX_REPORT_INTERVAL
+    # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
+    # collective decides.
+    covered_intervals = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
+    if covered_intervals and covered_intervals[0][0] == reports.time[0] <= collective.time[0]:
+        # Nothing was recorded before the first report: its state holds there too.
+        covered_intervals[0] = (-inf, covered_intervals[0][1])
+    flights = union(
+        intersection(reported_intervals, covered_intervals),
+        intersection(intervals_by_collective, complement(covered_intervals)),
+    )
+    # If neither reports nor outputs come, the last report holds.
+    uncovered_intervals = complement(union(covered_intervals, _with_samples_near(collective.time)))
+    last_reported_intervals = true_intervals(
+        reports.time, np.isin(_last_defined(reports.values), states)
+    )
+    held_intervals = intersection(last_reported_intervals, uncovered_intervals)
+    return union(
+        flights, [(start, end) for start, end in held_intervals if start < reports.time[-1]]
+    )
+
+
+def _with_samples_near(time: Array) -> Intervals:
+    """Finds the intervals in which the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
+
+    Args:
+        time: Stamps (N,) of the samples, s, ascending.
+
+    Returns:
+        Start and end of each interval, s.
+    """
+    recorded_spans = split_at_gaps(time, np.diff(time) > 2 * MAX_REPORT_INTERVAL)
+    return [
+        (start - MAX_REPORT_INTERVAL, end + MAX_REPORT_INTERVAL) for start, end in recorded_spans
+    ]
+
+
+def _last_defined(landed_states: Array) -> Array:
+    """Returns for each of N landed states the last one before or at it that is defined; undefined before the first."""
+    rows = np.arange(len(landed_states))
+    last_rows = np.maximum.accumulate(np.where(landed_states == UNDEFINED_LANDED_STATE, 0, rows))
+    return landed_states[last_rows]
+
+
+def min_airborne_collective(parameters: Parameters) -> float:
+    """Returns the least collective, as a fraction of the range, that shows by itself that a multirotor is in the air.
+
+    It is the one rule for flight by motor outputs alone. Where no parameter says at which command the motors idle, they
+    may idle at ``MAX_IDLE_COLLECTIVE``. Whether a single motor runs is another question: :func:`min_running_command`.
+    """
+    return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
+
+
+def min_running_command(motors: MotorOutputs) -> float:
+    """Returns the least command of a motor, as a fraction of its range, that is clearly above its idle.
+
+    The idle is the lower stop of the output's scale, which is 0 for PX4, whose range begins at the idle.
+    """
+    return motors.scale.lower_stop + MIN_COLLECTIVE_ABOVE_IDLE
+
+
+def max_collective(signals: Signals) -> float:
+    """Returns the highest collective, the mean output of all motors, that a log shows for some time.
+
+    It is the highest moving average over ``AVERAGING_SECONDS``, since a short peak lifts no vehicle.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        The highest average of all boots, as a fraction of the range; 0 where the collective was not recorded.
+    """
+    collective = signals.collective
+    if collective is None:
+        return 0.0
+    highest_of_boots = []
+    for boot in np.unique(collective.boot):
+        highest_of_boots.append(moving_average(collective.of_boot(boot)).max())
+    return max(highest_of_boots)

@@ -1,0 +1,284 @@
+"""Flights that the ground holds: times in which the motors and the motion show that a vehicle stands, or is held.
+
+The autopilot's landed state may report flight all the same: on a test stand, in somebody's hand, or before take-off.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.confidence import Interval
+from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.flight_states import landed_state_intervals
+from mavdem.dataset.intervals import (
+    Intervals,
+    complement,
+    in_intervals,
+    intersection,
+    true_intervals,
+)
+from mavdem.dataset.setpoints import Setpoint, held_setpoint
+from mavdem.dataset.signals import Signals
+from mavdem.dataset.time_series import TimeSeries, moving_average, series_of_boot
+from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.vocabulary import OFF_GROUND
+
+MIN_CARRYING_RATIO = 0.7
+"""Collective, relative to that in hover, below which no multirotor stays in the air.
+
+It holds for motors whose thrust goes with the square of their command and for those whose thrust goes with the command.
+"""
+
+HELD_RATE_RATIO = 0.1
+"""Body rates below this fraction of their RMS in hover: the vehicle does not rotate."""
+
+MIN_ROTATING_SQUARE_RATIO = 0.1
+"""Mean square of the body rates, relative to that in hover, from which the vehicle certainly rotates freely."""
+
+HELD_MOTOR_DEVIATION = 0.5
+"""Deviation of a motor from its mean in flight, relative to the collective in hover, that would rotate a free vehicle.
+
+Together with body rates near zero it means that the ground holds the vehicle. In flight, a motor of a quadrotor that
+lost half its thrust deviates by 0.3.
+"""
+
+HIGH_QUANTILE = 0.9
+"""Quantile of collective and of body rates that stands for flight, in records that are partly from the ground."""
+
+MIN_GROUND_SECONDS = 3.0
+"""Seconds that signs of the ground must last, since motors are throttled for a moment in the air too; a choice."""
+
+MIN_LIFT_OFF_SPEED = 0.1
+"""Vertical speed, m/s, that every vehicle that leaves the ground exceeds, averaged over ``AVERAGING_SECONDS``."""
+
+MAX_GROUND_HEIGHT = 1.0
+"""Height, m, above the take-off at which a vehicle may stand on the ground: the error of height estimates."""
+
+MAX_SETPOINT_DELAY = 1.0
+"""Seconds by which an attitude may follow its setpoint: the response of the largest multirotors."""
+
+MIN_SETPOINT_TILT = np.radians(10.0)
+"""RMS, rad, of a setpoint of roll or pitch that a vehicle in the air must follow; a choice."""
+
+MIN_FOLLOWED_RATIO = 1 / 3
+"""RMS of the tilt relative to that of its setpoint, below which the ground holds the vehicle: in the air it is 0.8."""
+
+
+def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Intervals:
+    """Returns the parts of flights in which the ground does not hold the vehicle, whatever the autopilot reports.
+
+    Three parts are excluded: flights without any vertical speed; flights in which the vehicle never rose and did not
+    follow its setpoints; and intervals of at least ``MIN_GROUND_SECONDS`` in which the motors show that the ground
+    carries or holds it.
+
+    Args:
+        flights: Intervals of flight by the reports of the autopilot, s.
+        signals: Signals of the vehicle.
+        boot: Number of the boot that the intervals belong to.
+
+    Returns:
+        The remaining intervals, s.
+    """
+    climb_rate = series_of_boot(signals.climb_rate, boot)
+    if climb_rate is not None:
+        speed = TimeSeries(climb_rate.time, climb_rate.boot, abs(moving_average(climb_rate)))
+        flights = [flight for flight in flights if _has_vertical_speed(flight, speed)]
+    excluded_intervals = []
+    for flight in flights:
+        if _ignored_tilt_setpoints(signals, boot, flight):
+            excluded_intervals.append(flight)
+    for start, end in intersection(flights, grounded_intervals(signals, boot)):
+        if end - start >= MIN_GROUND_SECONDS:
+            excluded_intervals.append((start, end))
+    return intersection(flights, complement(sorted(excluded_intervals)))
+
+
+def _has_vertical_speed(flight: Interval, speed: TimeSeries) -> bool:
+    """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
+
+    All speeds up to the end of the flight count, since a report of the take-off may come late.
+
+    Args:
+        flight: Start and end of the flight, s.
+        speed: Averaged vertical speed without its sign, m/s.
+    """
+    start, end = flight
+    if speed.time[0] > start:
+        return True
+    return bool(speed.values[speed.time <= end].max() >= MIN_LIFT_OFF_SPEED)
+
+
+def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
+    """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off in a flight.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        flight: Start and end of the flight, s.
+
+    Returns:
+        Whether it rose; None if the height was not recorded.
+    """
+    height = height_above_take_off(signals, boot, flight)
+    if height is None:
+        return None
+    is_in_flight = in_intervals(height.time, [flight])
+    return bool((height.values[is_in_flight] > MAX_GROUND_HEIGHT).any())
+
+
+def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
+    """Returns the height of a whole boot above the place where a flight began.
+
+    If the flight began before the record, the first recorded height is the reference.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+        flight: Start and end of the flight, s.
+
+    Returns:
+        The height (N,), m; None if it was not recorded.
+    """
+    height = series_of_boot(signals.height, boot)
+    if height is None:
+        return None
+    start_height = np.interp(flight[0], height.time, height.values)
+    return TimeSeries(height.time, height.boot, height.values - start_height)
+
+
+def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
+    """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
+
+    That is a vehicle on a test stand, or in somebody's hand. If no height shows whether it rose, it counts as free.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        flight: start and end of the flight, s since boot.
+
+    Returns:
+        Whether it was held: it did not rise, and a large setpoint of roll or pitch was not followed.
+    """
+    if has_risen(signals, boot, flight) is not False:
+        return False
+    for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
+        boot_angle = tilt.angle_series.of_boot(boot)
+        angle = boot_angle.select(in_intervals(boot_angle.time, [flight]))
+        for setpoint in signals.for_axis(axis).setpoints:
+            # Setpoints of body rates, in rad/s, tell nothing about the tilt that was asked for.
+            is_of_angle = setpoint.unit == "rad"
+            if is_of_angle and _is_not_followed(setpoint, boot, angle.time, angle.values):
+                return True
+    return False
+
+
+def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -> bool:
+    """Returns whether a setpoint asks for a large tilt, and the vehicle makes hardly any of it.
+
+    Both are compared by their root mean squares (RMS), at the times when the setpoint is valid.
+
+    Args:
+        setpoint: Setpoint of the angle, rad.
+        boot: Number of the boot.
+        time: (N,) times of the angle, s since boot.
+        angle: (N,) roll or pitch at these times, rad.
+
+    Returns:
+        Whether the RMS of the setpoint exceeds ``MIN_SETPOINT_TILT``, and that of the angle is below
+        ``MIN_FOLLOWED_RATIO`` of it.
+    """
+    setpoint_squares = held_setpoint(setpoint, boot, time) ** 2
+    is_finite = np.isfinite(setpoint_squares)
+    if not is_finite.any():
+        return False
+    mean_square_setpoint = setpoint_squares[is_finite].mean()
+    mean_square_angle = np.mean(angle[is_finite] ** 2)
+    is_large = mean_square_setpoint > MIN_SETPOINT_TILT**2
+    return bool(is_large and mean_square_angle < MIN_FOLLOWED_RATIO**2 * mean_square_setpoint)
+
+
+@cached_per_vehicle()
+def grounded_intervals(signals: Signals, boot: int) -> Intervals:
+    """Returns the intervals of a boot in which the motors show that the ground carries or holds the vehicle.
+
+    The ground carries the vehicle while the motors give much less thrust than in hover. The ground holds it while it
+    does not rotate although some motor deviates so far from its mean in flight that it would rotate a free vehicle. The
+    autopilot's reports decide only which part of the boot is taken for flight.
+
+    Args:
+        signals: Signals of the vehicle.
+        boot: Number of the boot.
+
+    Returns:
+        The intervals, s; none if no motor outputs were recorded, or the vehicle did not fly.
+    """
+    collective = series_of_boot(signals.collective, boot)
+    if collective is None:
+        return []
+    mean = moving_average(collective)
+    # The autopilot's landed state comes first, since a powerful vehicle hovers below any fixed collective.
+    is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
+    if not is_flown.any():
+        return []
+    # Hover is the median collective in flight, without the times of less than half of the highest usual collective, in
+    # which the vehicle stands or falls.
+    is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
+    hover_collective = float(np.median(mean[is_flown & is_carrying]))
+    # The rotation is compared with the vehicle's own fastest rotation in flight.
+    square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
+    flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
+    is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
+    is_still = square_rates < HELD_RATE_RATIO**2 * flight_square_rate
+
+    max_deviation = HELD_MOTOR_DEVIATION * hover_collective
+    is_deviating = _motor_deviations(signals, boot, collective, is_rotating) > max_deviation
+    is_carried = mean < MIN_CARRYING_RATIO * hover_collective
+    return true_intervals(collective.time, is_carried | (is_still & is_deviating))
+
+
+def _motor_deviations(
+    signals: Signals, boot: int, collective: TimeSeries, is_rotating: Flags
+) -> Array:
+    """Returns how far the furthest motor deviates from its usual output while the vehicle rotates freely.
+
+    The output of a motor is taken relative to the mean of all motors.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        collective: (N,) mean of the outputs of all motors in a boot, as a share of their range.
+        is_rotating: (N,) whether the vehicle flies and rotates.
+
+    Returns:
+        (N,) largest deviation of any motor, as a share of the range; 0 without motors.
+    """
+    largest_deviation = np.zeros(len(collective.time))
+    if signals.motors is None:
+        return largest_deviation
+    mean = moving_average(collective)
+    for fractions in signals.motors.range_fractions(boot).values.T:
+        motor = TimeSeries(collective.time, collective.boot, fractions)
+        relative_output = moving_average(motor) - mean
+        usual_output = np.median(relative_output[is_rotating])
+        deviation = abs(relative_output - usual_output)
+        largest_deviation = np.fmax(largest_deviation, deviation)
+    return largest_deviation
+
+
+def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
+    """Returns the speed at which roll and pitch change: the sum of the mean squares of their rates.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot.
+        time: times in that boot (N,), s.
+
+    Returns:
+        Moving averages of the squared rates of both axes, added up (N,), (rad/s)²; interpolated to the times.
+    """
+    total = np.zeros(len(time))
+    for tilt in signals.tilts:
+        rate = tilt.rate_series.of_boot(boot)
+        squares = TimeSeries(rate.time, rate.boot, rate.values**2)
+        if len(squares.time):
+            total += np.interp(time, squares.time, moving_average(squares))
+    return total
