@@ -16,10 +16,11 @@ from mavdem.fleet.store import Store
 from mavdem.fleet.stored_rows import read_brief_rows, read_rows
 from mavdem.fleet.workers import PAGES
 from mavdem.report.blocks import Block
-from mavdem.report.pages.fleet_page import (
-    fleet_page,
+from mavdem.report.pages.fleet_page import fleet_page, vehicle_charts
+from mavdem.report.pages.fleet_remark import (
+    FleetRemark,
     fleet_remark,
-    vehicle_charts,
+    remark_on,
     with_fleet_remark,
 )
 from mavdem.report.vehicle_summary import (
@@ -116,23 +117,23 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
     for flight_rows in flights_of(row for row in rows if row.page):
         path = folder / PAGES / Path(flight_rows[0].page or "").name
         if path.is_file():
-            _update_flight_page(path, fleet_remark(worst_row(flight_rows)))
+            _update_flight_page(path, remark_on(worst_row(flight_rows)))
 
 
-def _update_flight_page(path: Path, comparison: str) -> None:
+def _update_flight_page(path: Path, remark: FleetRemark | None) -> None:
     """Replaces the comparison with other flights at the top of a flight's page.
 
     Pages may be long, so that only their top is searched, and a page on which nothing changes is not written again.
 
     Args:
         path: Path of the page.
-        comparison: HTML of the comparison.
+        remark: The comparison; None if the flight does not differ from the others.
 
     Raises:
         Unreadable: The page cannot be written.
     """
     with path.open(encoding="utf-8", errors="replace") as file:
         top = file.read(PAGE_TOP_LENGTH)
-        updated_top = with_fleet_remark(top, comparison)
+        updated_top = with_fleet_remark(top, fleet_remark(remark), remark)
         if updated_top != top:
             write_text_atomically(path, updated_top + file.read())

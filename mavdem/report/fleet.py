@@ -58,10 +58,21 @@ def light_level(flight: AxisRows, light: Light) -> Level:
     """
     # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
     level_of_log = Level(getattr(flight[0], f"light_{light}") or Level.UNKNOWN)
-    if light is not Light.MOTORS or level_of_log is Level.BAD:
+    if light is not Light.MOTORS:
         return level_of_log
-    health_level = HEALTH_LEVELS[MotorHealth(worst_health(flight))]
-    return health_level if health_level in (Level.BAD, Level.WATCH) else level_of_log
+    return motors_level(level_of_log, HEALTH_LEVELS[MotorHealth(worst_health(flight))])
+
+
+def motors_level(level_of_log: Level, health_level: Level) -> Level:
+    """Returns the level of the light of the motors beside the vehicle's other flights.
+
+    Args:
+        level_of_log: level of the light by the log alone.
+        health_level: level of the motors' health beside other flights, which counts where it is worse.
+    """
+    if level_of_log is Level.BAD or health_level not in (Level.BAD, Level.WATCH):
+        return level_of_log
+    return health_level
 
 
 class Urgency(NamedTuple):

@@ -33,6 +33,7 @@ from mavdem.report.blocks import Blocks
 from mavdem.report.charts.comparison_charts import FlightSeries
 from mavdem.report.difference import baseline_blocks
 from mavdem.report.pages.difference_page import comparison_page
+from mavdem.report.pages.fleet_remark import remark_on
 from mavdem.report.pages.library_page import (
     render_server_page,
     script,
@@ -172,7 +173,8 @@ class Pages:
             values["first_plots"] = Markup(self._library.first_plots(entry))
             return HTMLResponse(render_server_page("flight", **values))
         if values["may_read"] and not vehicle:
-            values["trouble"] = self._visible_library.rows_with_trouble([entry]).get(entry.id)
+            row = self._visible_library.rows_with_trouble([entry]).get(entry.id)
+            values["trouble"] = remark_on(row)
             values["previous"] = self._visible_library.previous_flight(entry)
         has_recording = RECORDING_FILE in entry.file_names
         can_open = self._open_recording is not None and has_recording and values["may_read"]

@@ -1,6 +1,5 @@
 """The HTML index of a fleet: a summary, the charts of each vehicle over its flights, and a table of all flights."""
 
-import re
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,13 +14,12 @@ from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.fleet.flights import flights_of
 from mavdem.fleet.names import NO_NAMES, GivenNames
-from mavdem.fleet.row import FlightRow, FlightRows
+from mavdem.fleet.row import FlightRows
 from mavdem.report.blocks import Block, Rated, Table
 from mavdem.report.charts.chart import Plan
 from mavdem.report.charts.plans import MIN_ROSE_FLIGHTS, dots_of_flights, rose_of_flights
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import (
-    HEALTH_LEVELS,
     MAX_URGENT_RANK,
     NOT_USED,
     is_serial,
@@ -79,9 +77,6 @@ MAX_POINTS_OF_VEHICLE = 2000
 
 ChartsOfVehicle = Callable[[str], str]
 """Returns the charts of a vehicle by its name, as HTML."""
-
-REMARK_PLACE = re.compile(r'(?<=<main>\n)(<p class="said [^<]*</p>\n)?')
-"""The beginning of a flight's page, with the remark about other flights of the vehicle if there is one already."""
 
 
 def fleet_page(
@@ -556,21 +551,3 @@ def _rose(summaries: Sequence[VehicleSummary]) -> Plan | None:
         return None
     plan = rose_of_flights if len(winds) >= MIN_ROSE_FLIGHTS else dots_of_flights
     return plan(np.array(winds, np.float64))
-
-
-def fleet_remark(row: FlightRow) -> str:
-    """Renders how a flight differs from others of its vehicle, for the top of the flight's page.
-
-    Args:
-        row: row of the flight's axis with the worst health.
-
-    Returns:
-        HTML; empty if the flight does not differ.
-    """
-    template = environment().get_template("beside.html")
-    return render_page(template, trouble=row, healths=HEALTH_LEVELS)
-
-
-def with_fleet_remark(page: str, remark: str) -> str:
-    """Returns the HTML of a flight's page with a remark at its top, in the place of an earlier one."""
-    return REMARK_PLACE.sub(lambda _: remark, page, count=1)

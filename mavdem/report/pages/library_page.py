@@ -30,7 +30,7 @@ from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
 from mavdem.report.fleet import HEALTH_LEVELS, vehicle_label, vehicle_words
 from mavdem.report.pages.environment import environment, render_page
-from mavdem.report.pages.fleet_page import with_fleet_remark
+from mavdem.report.pages.fleet_remark import with_fleet_remark
 from mavdem.report.pages.page import PageEvent
 
 POLICY_ELEMENT = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
@@ -153,7 +153,7 @@ def with_bar(page: str, **values: Any) -> str:
             page,
             count=1,
         )
-    return with_fleet_remark(without_policy(page, **values), bar)
+    return with_fleet_remark(without_policy(page, **values), bar, values.get("trouble"))
 
 
 def without_policy(page: str, **values: Any) -> str:
