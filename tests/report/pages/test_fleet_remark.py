@@ -9,7 +9,7 @@ from mavdem.report.pages.fleet_remark import fleet_remark, remark_on, with_fleet
 
 PAGE = """<main>
 <h1>a.bin</h1>
-<div data-light="motors"><dt><a href="#motors">Motors</a></dt><dd class="watch">watch</dd><dd class="soft">Uneven.</dd></div>
+<div data-light="motors"><dt><a href="#m">Motors</a></dt><dd class="watch">watch</dd><dd class="soft">Uneven.</dd></div>
 <div data-light="power"><dt>Power</dt><dd class="good">good</dd><dd class="soft">12 V.</dd></div>
 """
 
