@@ -92,7 +92,7 @@ ROOMS_OF_LIBRARIES = {
     "rosbags": {"ingest"},
     "zstandard": {"ingest"},
     "lz4": {"ingest"},
-    "pyulog": {"ingest"},
+    "pyulog": set(),
     "pyarrow": {"export", "fleet"},
     "fsspec": {"fleet"},
     "distributed": {"fleet"},

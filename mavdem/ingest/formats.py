@@ -29,6 +29,13 @@ if TYPE_CHECKING:
     from mavdem.ingest.mavlink.frame_stream import FrameStream
 
 
+MIN_BYTES_TO_RETURN = 1 << 23
+"""Size of a log from which on the memory that its reading needed is returned to the system: a choice.
+
+Of a smaller one it is some tens of megabytes, which the analysis takes anew at once.
+"""
+
+
 # Damaged files hold numbers that overflow or are NaN. Whoever uses a message leaves them out, without a warning.
 @np.errstate(all="ignore")
 def read_log(path: AnyPath) -> Log:
@@ -65,8 +72,9 @@ def read_log(path: AnyPath) -> Log:
         case Format.TLOG:
             from mavdem.ingest.tlog import read_tlog as read
     log = read(name)
-    # What only the reading needed is freed by now.
-    return_freed_memory()
+    if Path(name).stat().st_size >= MIN_BYTES_TO_RETURN:
+        # What only the reading needed is freed by now.
+        return_freed_memory()
     return log
 
 

@@ -165,11 +165,12 @@ def servo_output_raw(topics: Topics) -> Fields:
     for instance, topic in topics.get("actuator_outputs", {}).items():
         # With two drivers the number of outputs alternates from message to message.
         output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
-        distinct_counts = np.unique(output_counts)
         turns = np.count_nonzero(np.diff(output_counts))
         parts: list[Columns] = [topic]
-        if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
-            parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
+        if turns:
+            distinct_counts = np.unique(output_counts)
+            if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
+                parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
         parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
         for part_number, part in enumerate(parts):
             outputs = _used_outputs(part)

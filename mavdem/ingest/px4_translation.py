@@ -228,8 +228,11 @@ def _demand_topic(topics: Topics) -> str:
 def _attitude_topic(topics: Topics, attitude: Columns) -> str:
     """Returns the topic whose stamps ATTITUDE_QUATERNION has: that of the body rates, or that of the attitude."""
     rates = first_instance(topics, "vehicle_angular_velocity")
-    if attitude and rates and np.isin(attitude["time"], rates["time"]).all():
-        return "vehicle_angular_velocity"
+    if attitude and rates:
+        stamps = rates["time"]
+        rows = np.searchsorted(stamps, attitude["time"])
+        if np.array_equal(stamps[np.minimum(rows, len(stamps) - 1)], attitude["time"]):
+            return "vehicle_angular_velocity"
     return "vehicle_attitude"
 
 

@@ -1,19 +1,15 @@
 """PX4's own logs (.ulg): topics on the boot clock, as MAVLink's messages.
 
 Damage is left out by ``ulog_records``. There are no checksums: a flipped value stays. ``ulog_topics`` decodes the data,
-pyulog the rest, and ``px4_translation`` translates the topics.
+``ulog_other_records`` the rest, and ``px4_translation`` translates the topics.
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
-import io
 import os
 from collections.abc import Mapping, Sequence
-from contextlib import redirect_stdout
 from math import isfinite
-from typing import NamedTuple
 
 import numpy as np
-from pyulog import ULog, ULogIncompatibleFlagException
 
 from mavdem.errors import Unreadable
 from mavdem.facts import Facts
@@ -36,7 +32,12 @@ from mavdem.ingest.telemetry import (
     repair_facts,
     selected_rows,
 )
-from mavdem.ingest.ulog_records import RecordLoss, sound_records
+from mavdem.ingest.ulog_other_records import (
+    LoggedText,
+    OtherRecords,
+    is_of_later_format,
+)
+from mavdem.ingest.ulog_records import FILE_HEADER_BYTES, RecordLoss, SoundRecords, sound_records
 from mavdem.ingest.ulog_topics import LoggedTopic, parse_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -45,30 +46,13 @@ MAGIC = FORMAT_SIGNATURES[Format.ULOG].first_bytes
 """First bytes of a ULog file."""
 
 MILLISECONDS = 1e3
-"""Milliseconds in a second: the unit of pyulog's dropouts."""
+"""Milliseconds in a second: the unit of the dropouts."""
 
 DEFAULT_ID = 1
 """PX4's default of the parameters MAV_SYS_ID and MAV_COMP_ID."""
 
-FIRMWARE_DEFAULT = 0
-"""pyulog's number of the firmware's defaults: the bit that marks them in ULog's message Q."""
-
-AIRFRAME_DEFAULT = 1
-"""pyulog's number of the defaults of the chosen airframe."""
-
 MAX_ID = 255
 """Largest MAVLink id."""
-
-
-class ParameterSetting(NamedTuple):
-    """The value of a parameter from some time on."""
-
-    stamp: int
-    """When it was set, µs since boot."""
-    name: str
-    """Name of the parameter."""
-    value: float
-    """Its value; it may be NaN or infinite."""
 
 
 def read_ulog(path: PathName) -> Log:
@@ -85,23 +69,21 @@ def read_ulog(path: PathName) -> Log:
         Unreadable: The file cannot be opened, is no ULog, or contains none of the flight's topics.
     """
     source = os.fspath(path)
-    content = file_content(path)
-    if content[: len(MAGIC)] != MAGIC:
-        raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="ulog")
-    records = sound_records(content)
+    records = _sound_records_of(path)
     loss = records.loss
     parsed_records = parse_records(records)
-    log = _parsed_by_pyulog(parsed_records.other_content, source)
-    initial_settings, changed_settings = _parameter_settings(log)
-    settings = [*initial_settings, *changed_settings]
-    parameters = {setting.name: setting.value for setting in settings if isfinite(setting.value)}
-    initial_parameters = {
-        setting.name: setting.value
-        for setting in initial_settings
-        if isfinite(setting.value) and setting.value != parameters[setting.name]
+    other = parsed_records.other
+    initial_settings = {
+        name: value for name, value in other.initial_settings.items() if isfinite(value)
     }
-    start = log.start_timestamp / MICROSECONDS
-    topics, outlier_count = _topics(parsed_records.topics, start)
+    parameters = dict(initial_settings)
+    for setting in other.changed_settings:
+        if isfinite(setting.value):
+            parameters[setting.name] = setting.value
+    initial_parameters = {
+        name: value for name, value in initial_settings.items() if value != parameters[name]
+    }
+    topics, outlier_count = _topics(parsed_records.topics, other.start_stamp / MICROSECONDS)
     translation = messages_of_topics(topics, parameters)
     messages = translation.messages
     if not messages:
@@ -113,10 +95,10 @@ def read_ulog(path: PathName) -> Log:
             damaged=loss.lost_bytes > 0,
         )
     attitude_notes = attitude_repairs(topics, messages)
-    if log.logged_messages:
-        messages["STATUSTEXT"] = _status_texts(log)
-    messages["PARAM_VALUE"] = _parameter_values(settings)
-    information = log.msg_info_dict
+    if other.texts:
+        messages["STATUSTEXT"] = _status_texts(other.texts)
+    messages["PARAM_VALUE"] = _parameter_values(other)
+    information = other.information
     telemetry = Telemetry(
         system=_mavlink_id(parameters, "MAV_SYS_ID"),
         component=_mavlink_id(parameters, "MAV_COMP_ID"),
@@ -125,17 +107,17 @@ def read_ulog(path: PathName) -> Log:
         messages=messages,
         parameters=parameters,
         source=source,
-        repairs=(*_file_repairs(log, loss, outlier_count), *attitude_notes),
+        repairs=(*_file_repairs(other, loss, outlier_count), *attitude_notes),
         translated_from="ULog",
         initial_parameters=initial_parameters,
-        default_parameters=_default_parameters(log),
+        default_parameters=_default_parameters(other),
         source_names=translation.topic_names,
         firmware=_firmware(information),
-        dropouts=len(log.dropouts),
+        dropouts=len(other.dropout_durations),
         board=str(information.get("sys_uuid", "")).lower(),
         hardware=str(information.get("ver_hw", "")),
     )
-    frames = parsed_records.data_records + len(log.logged_messages)
+    frames = parsed_records.data_records + len(other.texts)
     return log_of_vehicles((telemetry,), frames, bytes_skipped=0)
 
 
@@ -148,58 +130,79 @@ def all_topics(path: PathName) -> dict[str, dict[int, Fields]]:
     Returns:
         Columns with ``time``, s since boot, by topic and by number of the instance.
     """
-    source = os.fspath(path)
-    parsed_records = parse_records(sound_records(file_content(path)), has_all_fields=True)
-    log = _parsed_by_pyulog(parsed_records.other_content, source)
-    topics, _ = _topics(parsed_records.topics, log.start_timestamp / MICROSECONDS)
+    parsed_records = parse_records(_sound_records_of(path), has_all_fields=True)
+    start = parsed_records.other.start_stamp / MICROSECONDS
+    topics, _ = _topics(parsed_records.topics, start)
     return {
         name: {number: dict(columns) for number, columns in instances.items()}
         for name, instances in topics.items()
     }
 
 
-def _status_texts(log: ULog) -> Columns:
+def _sound_records_of(path: PathName) -> SoundRecords:
+    """Finds the sound records of a ULog file.
+
+    Args:
+        path: The file.
+
+    Raises:
+        Unreadable: The file cannot be opened, is no ULog, is cut in its header, or is of a later version of the format.
+    """
+    source = os.fspath(path)
+    content = file_content(path)
+    if content[: len(MAGIC)] != MAGIC:
+        raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="ulog")
+    if len(content) < FILE_HEADER_BYTES:
+        raise Unreadable(SourceFact.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True)
+    records = sound_records(content)
+    if is_of_later_format(records):
+        raise Unreadable(SourceFact.ULOG_OF_LATER_FORMAT, path=source)
+    return records
+
+
+def _status_texts(texts: Sequence[LoggedText]) -> Columns:
     """Makes STATUSTEXT of the N texts that PX4 logged.
 
     Their level is the ASCII character of a digit, 0 to 7, as in syslog; MAV_SEVERITY has the same numbers.
 
     Args:
-        log: The log, as pyulog parsed it.
+        texts: The texts in the order of the log.
 
     Returns:
         Columns (N,) severity, text, ``time``, s, and ``boot``, 0 throughout.
     """
-    texts = log.logged_messages
-    levels = np.array([text.log_level for text in texts])
-    stamps = np.array([text.timestamp for text in texts])
+    levels = np.array([text.level for text in texts])
+    stamps = np.array([text.stamp for text in texts])
     return {
         "severity": (levels - ord("0")).astype(np.uint8),
-        "text": np.array([text.message for text in texts], dtype=object),
+        "text": np.array([text.text for text in texts], dtype=object),
         "time": stamps / MICROSECONDS,
         "boot": np.zeros(len(texts), dtype=np.int64),
     }
 
 
-def _parameter_values(settings: list[ParameterSetting]) -> Columns:
+def _parameter_values(other: OtherRecords) -> Columns:
     """Makes PARAM_VALUE of the parameters' values when the logger began, and of each that was set later.
 
     All are sent as float32, whatever the parameter's type, so that they are decoded without PX4's copying of bits.
 
     Args:
-        settings: Stamp, name and value of each, in the order of the log.
+        other: The records with the parameters.
 
     Returns:
-        Columns (N,) of the N settings, ``time`` in s.
+        Columns (N,) of the N settings in the order of the log, ``time`` in s.
     """
-    stamps = np.array([setting.stamp for setting in settings], np.float64)
-    names = [setting.name.encode() for setting in settings]
-    values = [setting.value for setting in settings]
+    initial = other.initial_settings
+    changed = other.changed_settings
+    stamps = [other.start_stamp] * len(initial) + [setting.stamp for setting in changed]
+    names = [*initial, *(setting.name for setting in changed)]
+    values = [*initial.values(), *(setting.value for setting in changed)]
     return {
-        "time": stamps / MICROSECONDS,
-        "boot": np.zeros(len(settings), np.int64),
-        "param_id": np.array(names, np.object_),
+        "time": np.array(stamps, np.float64) / MICROSECONDS,
+        "boot": np.zeros(len(names), np.int64),
+        "param_id": np.array([name.encode() for name in names], np.object_),
         "param_value": np.array(values, np.float32),
-        "param_type": np.full(len(settings), mavlink_constant("MAV_PARAM_TYPE_REAL32")),
+        "param_type": np.full(len(names), mavlink_constant("MAV_PARAM_TYPE_REAL32")),
     }
 
 
@@ -209,78 +212,20 @@ def _mavlink_id(parameters: Parameters, name: str) -> int:
     return int(value) if 1 <= value <= MAX_ID else DEFAULT_ID
 
 
-def _parsed_by_pyulog(content: bytes, path: str) -> ULog:
-    """Parses the records of a file that are not logged data, such as parameters and texts, with pyulog.
-
-    Args:
-        content: A ULog file that contains only these records.
-        path: Path of the log, which the error states.
-
-    Returns:
-        The parsed log.
-
-    Raises:
-        Unreadable: The file is of a later version of the format, or its definitions are damaged or malicious.
-    """
-    try:
-        # The library prints messages about damage.
-        with redirect_stdout(io.StringIO()):
-            return ULog(io.BytesIO(content))
-    except ULogIncompatibleFlagException:
-        raise Unreadable(SourceFact.ULOG_OF_LATER_FORMAT, path=path) from None
-    except Exception:
-        # Damaged definitions may make the library raise any exception. The error lists the topics that the log has,
-        # of which none is known here.
-        raise Unreadable(
-            SourceFact.ULOG_WITHOUT_FLIGHT, path=path, names=(), damaged=True
-        ) from None
-
-
-def _parameter_settings(
-    log: ULog,
-) -> tuple[list[ParameterSetting], list[ParameterSetting]]:
-    """Returns the parameters of a log: those at the start of the logger, and those that were set later.
-
-    Values that are not numbers come from damage, and are left out.
-
-    Args:
-        log: The log, as pyulog parsed it.
-
-    Returns:
-        Settings at the start, and later settings in the order of the log.
-    """
-    initial = []
-    for name, value in log.initial_parameters.items():
-        if isinstance(value, int | float):
-            initial.append(ParameterSetting(log.start_timestamp, name, float(value)))
-    changed_settings = []
-    for stamp, name, value in log.changed_parameters:
-        if isinstance(value, int | float):
-            changed_settings.append(ParameterSetting(stamp, name, float(value)))
-    return initial, changed_settings
-
-
-def _default_parameters(log: ULog) -> dict[str, float]:
+def _default_parameters(other: OtherRecords) -> dict[str, float]:
     """Returns the default values of parameters: those of the chosen airframe or, without any, those of the firmware.
 
     PX4 logs only defaults that differ from the values in use. A value that the airframe sets is no change by the user,
     so the firmware's default is not used if the log has the airframe's.
 
     Args:
-        log: The log, as pyulog parsed it.
+        other: The records with the defaults.
 
     Returns:
         Values by the name of the parameter.
     """
-    if not log.has_default_parameters:
-        return {}
-    logged = log.get_default_parameters(AIRFRAME_DEFAULT)
-    defaults = logged or log.get_default_parameters(FIRMWARE_DEFAULT)
-    return {
-        name: float(value)
-        for name, value in defaults.items()
-        if isinstance(value, int | float) and isfinite(value)
-    }
+    defaults = other.airframe_defaults or other.firmware_defaults
+    return {name: value for name, value in defaults.items() if isfinite(value)}
 
 
 def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
@@ -325,11 +270,11 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
     return topics, outlier_count
 
 
-def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
+def _file_repairs(other: OtherRecords, loss: RecordLoss, outlier_count: int) -> Facts:
     """Reports what is damaged or missing in a file.
 
     Args:
-        log: The parsed file, with the interruptions of the logger, whose durations are in ms.
+        other: The records with the interruptions of the logger.
         loss: Summary of the parts that were left out.
         outlier_count: Number of messages that were left out because their stamps are far from all others.
 
@@ -343,7 +288,7 @@ def _file_repairs(log: ULog, loss: RecordLoss, outlier_count: int) -> Facts:
         duration=loss.lost_seconds,
     )
     # How long the logger was interrupted, s; what it missed in that time is not known.
-    durations = np.array([dropout.duration for dropout in log.dropouts]) / MILLISECONDS
+    durations = np.array(other.dropout_durations) / MILLISECONDS
     return (
         *damage,
         *repair_facts(Repair.LOGGED_MESSAGES_LEFT_OUT, count=outlier_count, flaw=Flaw.FAR_STAMP),

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,8 +73,14 @@ NUMBER_TYPES: dict[str, np.dtype[Any]] = {
 NUMBER_BYTES = {kind: stored.itemsize for kind, stored in NUMBER_TYPES.items()}
 """Number of bytes of a number, by its type."""
 
+NUMBER_BYTES_BY_KEY_TYPE = {kind.encode(): count for kind, count in NUMBER_BYTES.items()}
+"""The same by the type as the key of a parameter has it, in bytes."""
+
 FIELD = re.compile(r"(\w+)(?:\[(\d{1,5})\])? (\w+)")
 """One field in a definition: its type, the number of its elements if it is an array, and its name."""
+
+FIELD_LIST = re.compile(r"(?:\w++(?:\[\d{1,5}\])? \w++)?(?:;(?:\w++(?:\[\d{1,5}\])? \w++)?)*+")
+"""All fields in a definition, with a semicolon between them; there may be nothing between two semicolons."""
 
 NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
 """Name of a message: printable characters without the colon behind it."""
@@ -93,6 +99,18 @@ START_OF_DEFINITION = (
 
 A search for the mere letters would stop at each byte of a run of one letter. Names of messages may have 252 characters.
 """
+
+
+PADDING = "_padding"
+"""Beginning of the names of fields that hold nothing."""
+
+KEY_OFFSETS = {
+    INFORMATION: HEADER.size,
+    PARAMETER: HEADER.size,
+    PARTS: HEADER.size + 1,
+    DEFAULT: HEADER.size + 1,
+}
+"""Where the length of the key stands in a record that has one; behind the header, some have a byte of flags."""
 
 
 class RecordHeader(NamedTuple):
@@ -115,6 +133,15 @@ class _Field(NamedTuple):
     """Its name."""
 
 
+class KeyedRun(NamedTuple):
+    """Sound records of information and parameters that follow each other without a gap."""
+
+    starts: Sequence[int]
+    """Where each begins."""
+    end: int
+    """Where the last one ends."""
+
+
 class NumberField(NamedTuple):
     """A number in the data records of a topic."""
 
@@ -132,14 +159,23 @@ class TopicLayout:
 
     name: str
     """Name of the topic."""
-    fields: tuple[NumberField, ...]
-    """Its numbers in the order of the file, without the padding at the end."""
     min_bytes: int
     """Number of bytes of all fields but the padding at the end, which PX4 does not write."""
     max_bytes: int
     """Number of bytes with that padding."""
     stamp_offset: int | None
     """Offset of the time stamp, bytes; None where there is none, so that the records are not used."""
+
+
+class _MessageSize(NamedTuple):
+    """What a message takes, with the messages in it."""
+
+    numbers: int
+    """Count of its numbers."""
+    length: int
+    """Number of their bytes."""
+    has_distinct_names: bool
+    """Whether no two fields of a message have one name, here and in the messages in it."""
 
 
 class Fit(Enum):
@@ -176,9 +212,12 @@ class RecordDefinitions:
         self.topics: dict[int, TopicLayout] = {}
         self.instances: dict[int, int] = {}
         self.lengths_by_number = np.zeros(1 << 16, dtype=np.uint16)
-        self._formats: dict[str, Sequence[_Field]] = {}
+        # The list of the fields of each message, as text, and parsed where it is needed: most have no subscription.
+        self._formats: dict[str, str] = {}
+        self._fields: dict[str, Sequence[_Field]] = {}
         # Layouts of messages by name: each is asked for when a subscription is compared, and when it is learned.
         self._layouts: dict[str, TopicLayout | None] = {}
+        self._sizes: dict[str, _MessageSize | None] = {}
         self._record_start: re.Pattern[bytes] | None = None
 
     def header(self, position: int) -> RecordHeader:
@@ -209,8 +248,8 @@ class RecordDefinitions:
         if kind == DATA:
             return self._fit_of_data(body_start, length)
         body = self.content[body_start : body_start + length]
-        if kind in (INFORMATION, PARAMETER):
-            return _fit_if(fits=_is_key_and_value(body))
+        if kind in KEY_OFFSETS:
+            return _fit_if(fits=_is_key_and_value(body[KEY_OFFSETS[kind] - HEADER.size :]))
         if kind == FORMAT:
             parsed_format = _parsed_format(body)
             # A second definition of the same name would replace the first.
@@ -218,9 +257,6 @@ class RecordDefinitions:
             return Fit.UNUSED if is_repeated else _fit_if(fits=parsed_format is not None)
         if kind == SUBSCRIPTION:
             return self._fit_of_subscription(body)
-        if kind in (PARTS, DEFAULT):
-            # A byte of flags comes before the key.
-            return _fit_if(fits=_is_key_and_value(body[1:]))
         if kind == TEXT:
             return _fit_if(fits=_is_text(body, stamp_offset=1))
         if kind == TAGGED_TEXT:
@@ -237,6 +273,29 @@ class RecordDefinitions:
         if kind in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
             return Fit.UNKNOWN
         return Fit.DAMAGED
+
+    def keyed_run(self, position: int, end: int) -> KeyedRun:
+        """Finds the sound records of information and parameters that follow each other, of which a log has a thousand.
+
+        Args:
+            position: Offset of the first record.
+            end: Offset of the end of this part of the file, which no record must exceed.
+
+        Returns:
+            The records; without any, ``end`` of the run is ``position``.
+        """
+        content = self.content
+        starts = []
+        while position + HEADER.size <= end:
+            length, kind = HEADER.unpack_from(content, position)
+            next_position = position + HEADER.size + length
+            if kind not in KEY_OFFSETS or next_position > end:
+                break
+            if not _is_key_and_value(content[position + KEY_OFFSETS[kind] : next_position]):
+                break
+            starts.append(position)
+            position = next_position
+        return KeyedRun(starts, position)
 
     def _fit_of_data(self, body_start: int, length: int) -> Fit:
         """Compares the length of a data record with that of its subscription.
@@ -288,7 +347,9 @@ class RecordDefinitions:
             parsed_format = _parsed_format(body)
             if parsed_format is not None:
                 self._formats[parsed_format.name] = parsed_format.fields
+                self._fields.pop(parsed_format.name, None)
                 self._layouts.clear()
+                self._sizes.clear()
         elif kind == SUBSCRIPTION:
             number = int.from_bytes(body[1:3], "little")
             topic = self._layout(body[3:].decode())
@@ -347,9 +408,9 @@ class RecordDefinitions:
         return self._layouts[name]
 
     def _layout_of_format(self, name: str) -> TopicLayout | None:
-        """Returns the layout of a message's data records: its numbers and their offsets.
+        """Returns the layout of a message's data records.
 
-        Padding at the end is not always logged, and is left out of the numbers.
+        Padding at the end is not always logged. It is all fields at the end whose names begin with ``_padding``.
 
         Args:
             name: Name of the message.
@@ -358,74 +419,110 @@ class RecordDefinitions:
             The layout; None if the definition is missing, contains one that is missing, contains itself, has a name
             twice, or has more than ``MAX_FIELDS`` numbers.
         """
-        if name not in self._formats or not self._is_of_usual_size(name):
+        try:
+            size = self._size(name)
+        except RecursionError:
             return None
-        numbers = self._numbers(name)
-        if numbers is None or len({number.name for number in numbers}) < len(numbers):
+        # A short definition may announce any count of numbers, since messages contain arrays of other messages.
+        if name not in self._formats or size is None or size.numbers > MAX_FIELDS:
             return None
-        max_bytes = sum(NUMBER_BYTES[number.kind] for number in numbers)
-        while numbers and numbers[-1].name.startswith("_padding"):
-            numbers.pop()
-        fields = []
+        if not size.has_distinct_names:
+            numbers = [number.name for number in self.number_fields(name)]
+            if len(set(numbers)) < len(numbers):
+                return None
+        fields = self._fields_of(name)
+        min_bytes = size.length
+        for field in reversed(fields):
+            if not field.name.startswith(PADDING):
+                break
+            min_bytes -= self._length(field)
         stamp_offset = None
         offset = 0
-        for number in numbers:
+        for field in fields:
             # Parsers read eight bytes, whatever the type of the time stamp is.
-            if number.name == "timestamp":
+            is_stamp = field.name == "timestamp" and field.elements == 1
+            if is_stamp and field.kind in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
                 stamp_offset = offset
-            fields.append(NumberField(number.name, number.kind, offset))
-            offset += NUMBER_BYTES[number.kind]
-        if stamp_offset is not None and stamp_offset + STAMP.size > offset:
-            stamp_offset = None
-        return TopicLayout(name, tuple(fields), offset, max_bytes, stamp_offset)
+            offset += self._length(field)
+        return TopicLayout(name, min_bytes, size.length, stamp_offset)
 
-    def _is_of_usual_size(self, name: str) -> bool:
-        """Returns whether a message has at most ``MAX_FIELDS`` numbers, so that memory suffices to decode it.
-
-        Messages may contain other messages and arrays of them, so that a short definition can announce any number of
-        numbers. These are counted through all levels.
+    def _size(self, kind: str) -> _MessageSize | None:
+        """Returns what a number or a message takes; None if a definition is missing.
 
         Args:
-            name: Name of the message, which is defined.
+            kind: The message's name, or the type of a number.
+
+        Raises:
+            RecursionError: The message contains itself.
         """
+        if kind in NUMBER_BYTES:
+            return _MessageSize(1, NUMBER_BYTES[kind], has_distinct_names=True)
+        if kind not in self._formats:
+            return None
+        if kind not in self._sizes:
+            self._sizes[kind] = self._size_of_fields(self._fields_of(kind))
+        return self._sizes[kind]
 
-        @cache
-        def number_count(kind: str) -> int:
-            """Returns the count of numbers in a field of this type: a message's type, or that of a number."""
-            count = 0
-            for field in self._formats.get(kind, ()):
-                count += field.elements * number_count(field.kind)
-            return count or 1
+    def _size_of_fields(self, fields: Sequence[_Field]) -> _MessageSize | None:
+        """Returns what some fields take together; None if a definition is missing."""
+        numbers = 0
+        length = 0
+        has_distinct_names = len({field.name for field in fields}) == len(fields)
+        for field in fields:
+            size = self._size(field.kind)
+            if size is None:
+                return None
+            numbers += field.elements * size.numbers
+            length += field.elements * size.length
+            has_distinct_names = has_distinct_names and size.has_distinct_names
+        return _MessageSize(numbers, length, has_distinct_names)
 
-        try:
-            return number_count(name) <= MAX_FIELDS
-        except RecursionError:
-            return False
+    def _length(self, field: _Field) -> int:
+        """Returns the number of bytes of a field whose type is defined."""
+        size = self._size(field.kind)
+        return field.elements * size.length if size is not None else 0
 
-    def _numbers(self, kind: str, name: str = "") -> list[_Field] | None:
-        """Lists all numbers of a message or of a field of one, in the order of the file.
+    def number_fields(self, name: str) -> Sequence[NumberField]:
+        """Lists the numbers of a message that has a layout, in the order of the file, without the padding at the end.
+
+        Args:
+            name: Name of the message.
+        """
+        numbers: list[NumberField] = []
+        self._list_numbers(name, "", numbers)
+        while numbers and numbers[-1].name.startswith(PADDING):
+            numbers.pop()
+        return numbers
+
+    def _list_numbers(self, kind: str, name: str, numbers: list[NumberField]) -> None:
+        """Adds all numbers of a message, or of a field of one, to a list.
 
         Args:
             kind: The message's name, or the type of a number.
             name: Name of the field; empty for a whole message.
-
-        Returns:
-            A field for each number; None if a definition is missing.
+            numbers: The numbers before it.
         """
         if kind in NUMBER_BYTES:
-            return [_Field(kind, 1, name)]
-        if kind not in self._formats:
-            return None
-        numbers = []
-        for field in self._formats[kind]:
+            offset = 0
+            if numbers:
+                offset = numbers[-1].offset + NUMBER_BYTES[numbers[-1].kind]
+            numbers.append(NumberField(name, kind, offset))
+            return
+        for field in self._fields_of(kind):
             field_name = f"{name}.{field.name}" if name else field.name
             for element in range(field.elements):
                 element_name = f"{field_name}[{element}]" if field.elements > 1 else field_name
-                element_numbers = self._numbers(field.kind, element_name)
-                if element_numbers is None:
-                    return None
-                numbers.extend(element_numbers)
-        return numbers
+                self._list_numbers(field.kind, element_name, numbers)
+
+    def _fields_of(self, name: str) -> Sequence[_Field]:
+        """Returns the fields of a message; none if it is not defined."""
+        if name not in self._fields:
+            fields = []
+            for kind, elements, field_name in FIELD.findall(self._formats.get(name, "")):
+                # ULog parsers read an array of 0 elements as a single number.
+                fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
+            self._fields[name] = fields
+        return self._fields[name]
 
     def record_start_pattern(self) -> re.Pattern[bytes]:
         """Returns the pattern of bytes with which a record may begin, by the subscriptions that were read so far."""
@@ -444,8 +541,8 @@ class _ParsedFormat(NamedTuple):
 
     name: str
     """Its name."""
-    fields: Sequence[_Field]
-    """Its fields."""
+    fields: str
+    """Its fields, as the file lists them."""
 
 
 # Each definition is parsed when it is compared with those before, and again when it is learned.
@@ -462,16 +559,9 @@ def _parsed_format(body: bytes) -> _ParsedFormat | None:
     name_end = body.find(b":", 0, MAX_NAME_BYTES + 1)
     if name_end < 0 or NAME.fullmatch(body, 0, name_end) is None:
         return None
-    fields = []
-    for text in body[name_end + 1 :].decode("latin-1").split(";"):
-        if not text:
-            continue
-        match = FIELD.fullmatch(text)
-        if match is None:
-            return None
-        kind, elements, field_name = match.groups()
-        # ULog parsers read an array of 0 elements as a single number.
-        fields.append(_Field(kind, max(int(elements or 1), 1), field_name))
+    fields = body[name_end + 1 :].decode("latin-1")
+    if FIELD_LIST.fullmatch(fields) is None:
+        return None
     return _ParsedFormat(body[:name_end].decode(), fields)
 
 
@@ -488,10 +578,9 @@ def _is_key_and_value(content: bytes) -> bool:
     if key is None or key_end > len(content):
         return False
     # The values of arrays have any length, and so has that of a type that is no number.
-    is_array = key["array"] is not None
-    number_bytes = NUMBER_BYTES.get(key["type"].decode())
-    value_bytes = len(content) - key_end
-    return is_array or number_bytes is None or value_bytes == number_bytes
+    key_type, array = key.groups()
+    number_bytes = NUMBER_BYTES_BY_KEY_TYPE.get(key_type)
+    return array is not None or number_bytes is None or len(content) - key_end == number_bytes
 
 
 def _is_text(body: bytes, stamp_offset: int) -> bool:

@@ -11,7 +11,7 @@ Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 import re
 import struct
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -27,12 +27,12 @@ from mavdem.ingest.ulog_definitions import (
     FLAG_BITS,
     FORMAT,
     HEADER,
+    KEY_OFFSETS,
     STAMP,
     SUBSCRIPTION,
     SYNC,
     Fit,
     RecordDefinitions,
-    TopicLayout,
 )
 
 FILE_HEADER_BYTES = 16
@@ -86,10 +86,8 @@ class SoundRecords:
     """What was lost by damage."""
     offsets: Offsets
     """Where the records begin in ``content``, ascending, without the record of flags."""
-    topics: Mapping[int, TopicLayout]
-    """Layout of the data records of each subscription, by its number, in the order of the file."""
-    instances: Mapping[int, int]
-    """Number of the topic's instance that each subscription follows, by the subscription's number."""
+    definitions: RecordDefinitions
+    """The definitions of the file, with its subscriptions."""
 
     @property
     def file_header(self) -> bytes:
@@ -125,15 +123,13 @@ def sound_records(content: FileContent) -> SoundRecords:
     """
     scan = _RecordScan(content)
     scan.run()
-    definitions = scan.definitions
     return SoundRecords(
         content,
         scan.kept_parts,
         scan.flags_without_offsets(),
         scan.loss,
         np.array(scan.offsets, dtype=np.int64),
-        definitions.topics,
-        definitions.instances,
+        scan.definitions,
     )
 
 
@@ -235,6 +231,12 @@ class _RecordScan:
                 if data_run is not None:
                     offsets.frombytes(data_run.starts.tobytes())
                     position = data_run.end
+                    continue
+            elif header.kind in KEY_OFFSETS:
+                keyed_run = self.definitions.keyed_run(position, end)
+                if keyed_run.starts:
+                    offsets.extend(keyed_run.starts)
+                    position = keyed_run.end
                     continue
             fit = self.definitions.fit(position, end, header)
             next_position = position + HEADER.size + header.length

@@ -1,5 +1,6 @@
 """PX4's logs: values as pyulog reads them, in MAVLink's words; and what is whole of a file that is not."""
 
+import io
 import lzma
 import struct
 
@@ -35,6 +36,8 @@ from mavdem.ingest import read_log
 from mavdem.ingest.flight_modes import mode_name
 from mavdem.ingest.px4_messages import attitude_target_messages, interpolated_rotations
 from mavdem.ingest.telemetry import rate_without_gaps
+from mavdem.ingest.ulog_records import sound_records
+from mavdem.ingest.ulog_topics import parse_records
 from mavdem.ingest.vocabulary import Injection, euler_angles
 
 
@@ -64,6 +67,52 @@ def test_values_are_those_pyulog_reads(name):
     expected |= {name: float(value) for _, name, value in plain.changed_parameters}
     assert vehicle.parameters == expected
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
+
+
+def test_what_is_no_data_is_what_pyulog_reads():
+    """Parameters before and in flight, defaults, information, texts and dropouts, also before any subscription."""
+
+    def keyed(kind, key, value, flags=b""):
+        return message(kind, flags + bytes([len(key)]) + key.encode() + value)
+
+    first = message("B", b"\x01" + bytes(39))
+    before = [
+        parameter("MAV_TYPE", 2),
+        parameter("MC_ROLL_P", float("nan"), "float"),
+        parameter("MC_ROLL_P", 6.5, "float"),
+        keyed("P", "bool FLAG", b"\x01"),
+        keyed("P", "char LETTER", b"a"),
+        keyed("Q", "float MC_ROLL_P", struct.pack("<f", 6.0), b"\x01"),
+        keyed("Q", "int32_t MAV_TYPE", struct.pack("<i", 13), b"\x03"),
+        keyed("I", "char[4] ver_hw", b"V5\xff!"),
+        keyed("I", "uint32_t ver_sw_release", struct.pack("<I", 0x010E03FF)),
+        keyed("I", "uint8_t[2] other", b"\x01\x02"),
+        message("O", struct.pack("<H", 30)),
+    ]
+    later = [
+        data("cpuload", 30.0, 0.5),
+        *(data("vehicle_air_data", 22 + 0.1 * row, 1.0, 2.0) for row in range(3)),
+        parameter("MAV_TYPE", 13),
+        data("cpuload", 23.0, 0.5),
+        parameter("MC_ROLL_P", 7.0, "float"),
+        keyed("Q", "int32_t LATE", struct.pack("<i", 5), b"\x02"),
+        keyed("I", "char[4] ver_hw", b"V6X!"),
+        message("L", b"4" + struct.pack("<Q", 23_500_000) + "Tür \xff".encode("latin-1")),
+        message("C", b"4" + struct.pack("<HQ", 7, 23_500_000) + b"tagged"),
+        message("O", struct.pack("<H", 120)),
+    ]
+    content = log(*later, first=first, parameters=b"".join(before))
+    ours = parse_records(sound_records(content)).other
+    theirs = ULog(io.BytesIO(content))
+    numbers = {name: value for name, value in theirs.initial_parameters.items() if name != "LETTER"}
+    assert ours.initial_settings == numbers and ours.start_stamp == theirs.start_timestamp
+    assert ours.changed_settings == theirs.changed_parameters
+    assert ours.firmware_defaults == theirs.get_default_parameters(0)
+    assert ours.airframe_defaults == theirs.get_default_parameters(1)
+    assert ours.information == theirs.msg_info_dict
+    texts = [(text.log_level, text.timestamp, text.message) for text in theirs.logged_messages]
+    assert ours.texts == texts == [(ord("4"), 23_500_000, "Tr ")]
+    assert ours.dropout_durations == [dropout.duration for dropout in theirs.dropouts] == [120]
 
 
 def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path):

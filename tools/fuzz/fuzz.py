@@ -29,7 +29,7 @@ import atheris
 import click
 import numpy as np
 
-with atheris.instrument_imports(include=["mavdem", "pyulog"]):
+with atheris.instrument_imports(include=["mavdem"]):
     from fuzz_checksums import with_checksums
 
     from mavdem.assessment.inventory import inventory

@@ -142,7 +142,14 @@ def outlier_stamps(stamps: Times) -> Flags:
     """
     if len(stamps) < MIN_REFERENCE_STAMPS:
         return np.zeros(len(stamps), dtype=np.bool_)
-    median_step = np.median(abs(np.diff(stamps)))
+    steps = np.diff(stamps)
+    # The running median of ascending stamps is the stamp itself, but for those at the ends, which deviate from it by
+    # less than the half window at an end takes.
+    half = OUTLIER_WINDOW // 2
+    end_spans = max(stamps[half] - stamps[0], stamps[-1] - stamps[-1 - half])
+    if steps.min() >= 0 and end_spans <= MAX_STAMP_DEVIATION:
+        return np.zeros(len(stamps), dtype=np.bool_)
+    median_step = np.median(abs(steps))
     return deviates_from_median(
         stamps, OUTLIER_WINDOW, MAX_STAMP_DEVIATION + MAX_STEPS_OFF * median_step
     )
