@@ -294,6 +294,28 @@ def test_a_phone_shows_bars_counts_of_lights_that_do_not_warn_and_whole_texts_of
     assert found["cut"] == []
 
 
+BRIEF = """(() => {
+const drawn = () => [...document.querySelectorAll('#flights tbody tr[data-at]')];
+const state = () => [drawn().length, document.getElementById('count').textContent];
+const found = {first: state(), levels: drawn().map(one => one.querySelector('.rating').className)};
+const cut = [...document.querySelectorAll('#flights .clip')];
+document.getElementById('all_flights').click();
+return {...found, cut: cut.length, all: state()};
+})()"""
+
+
+@mark.slow
+def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_asked_for(tmp_path):
+    flights = []
+    for number in range(40):
+        health = {10: "fault", 20: "drift"}.get(number, "ok")
+        flights.append(flight_row("quad", number, health=health))
+    _, found = shown(fleet_page(flights), BRIEF, tmp_path, width=390)
+    assert found["first"] == [2, "To look at first: 2 of 40 flights"]
+    assert found["levels"] == ["rating bad", "rating watch"] and found["cut"] == 0
+    assert found["all"][0] > 12 and found["all"][1] == "40 flights"
+
+
 def test_a_note_on_a_flight_is_whole_or_left_out():
     notes = tuple(f"Note {number}: {'word ' * 20}end." for number in range(5))
     text = fleet_page([flight_row("quad", 0, warnings=notes)])
