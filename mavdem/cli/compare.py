@@ -10,7 +10,8 @@ from mavdem.cli.output import print_result, progress
 from mavdem.cli.sources import map_flights, sources_by_flight_name
 from mavdem.cli.streams import print_to_stderr
 from mavdem.containers import Names
-from mavdem.experiments.comparison import METHODS, compare
+from mavdem.experiments.compared_methods import METHODS
+from mavdem.experiments.comparison import compare
 from mavdem.experiments.window import TRAIN_SECONDS, Length, Window, required_windows
 from mavdem.report.comparison import comparison_report
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from mavdem.confidence import Interval
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, recorded_series
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 
 class QuantitySource(NamedTuple):
@@ -108,12 +109,18 @@ TEMPERATURES = (PROCESSOR_TEMPERATURE, IMU_TEMPERATURE, BAROMETER_TEMPERATURE)
 """The temperatures beside those of the speed controllers."""
 
 HORIZONTAL_ACCURACY = HardwareQuantity(
-    "horizontal accuracy", "m", (QuantitySource("GPS_RAW_INT", "h_acc", 0.001),), (1e-4, 1e4)
+    "horizontal accuracy",
+    "m",
+    (QuantitySource("GPS_RAW_INT", "h_acc", 1 / MILLIMETRES_PER_METRE),),
+    (1e-4, 1e4),
 )
 """Accuracy of the position that the first receiver states."""
 
 VERTICAL_ACCURACY = HardwareQuantity(
-    "vertical accuracy", "m", (QuantitySource("GPS_RAW_INT", "v_acc", 0.001),), (1e-4, 1e4)
+    "vertical accuracy",
+    "m",
+    (QuantitySource("GPS_RAW_INT", "v_acc", 1 / MILLIMETRES_PER_METRE),),
+    (1e-4, 1e4),
 )
 """Accuracy of the altitude that the first receiver states."""
 

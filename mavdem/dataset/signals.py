@@ -46,7 +46,14 @@ from mavdem.ingest.flight_modes import announced_names, mode_name
 from mavdem.ingest.mavlink.dialect import enum_name
 from mavdem.ingest.mavlink.sender_links import DEGREES_PER_UNIT
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
-from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, LANDING_MODES, Injection, wrapped_angle
+from mavdem.ingest.vocabulary import (
+    ARMED,
+    CUSTOM_MODE,
+    LANDING_MODES,
+    MILLIMETRES_PER_METRE,
+    Injection,
+    wrapped_angle,
+)
 
 CLIMB_RATE_FIELDS = {
     "LOCAL_POSITION_NED": ("vz", -1.0),
@@ -57,7 +64,7 @@ CLIMB_RATE_FIELDS = {
 
 HEIGHT_FIELDS = {
     "LOCAL_POSITION_NED": ("z", -1.0),
-    "GLOBAL_POSITION_INT": ("relative_alt", 0.001),
+    "GLOBAL_POSITION_INT": ("relative_alt", 1 / MILLIMETRES_PER_METRE),
     "ALTITUDE": ("altitude_relative", 1.0),
 }
 """Messages with the height, the preferred one first: the field, and the factor to m upwards."""
@@ -261,7 +268,7 @@ class VehicleSignals:
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
         horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin[0])]
-        down = -float_column(columns, "relative_alt") / 1000
+        down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
         return clean_series(columns, np.column_stack([horizontal, down]), is_fix)
 
     @property

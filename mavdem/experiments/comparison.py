@@ -7,315 +7,30 @@ beside it. Over flights it is the geometric mean of these medians, so that each 
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from math import isnan
+from dataclasses import dataclass
+from functools import cached_property
 from operator import itemgetter
-from time import thread_time
-from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names
-from mavdem.dem import Settings, learn
 from mavdem.dem.parallel import parallel_map
-from mavdem.errors import fact_from_error
-from mavdem.experiments import methods
+from mavdem.experiments.compared_methods import METHODS, Method
 from mavdem.experiments.held_out import Progress
+from mavdem.experiments.outcomes import Outcome, run_trial
 from mavdem.experiments.paired_test import MIN_PAIRS, Paired, paired
 from mavdem.experiments.scores import (
     FROM_ZERO,
     KNOWN,
     UNKNOWN,
     Question,
-    Scores,
-    baseline_errors,
-    horizons,
-    mspe,
 )
 from mavdem.experiments.window import Window
-from mavdem.facts import Fact
-from mavdem.facts.forecasts import HeldOutForecast, MethodName
-from mavdem.flight import Flight
-from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")
 """Keys of a summary that are numbers of windows; they are summed over flights."""
-
-ROUNDED_SECONDS = 4
-"""Decimals of the processor time in documents."""
-
-
-class Method(NamedTuple):
-    """A method to compare."""
-
-    name: str
-    """Name, unique among the methods."""
-
-    learn: Callable[[Flight], Forecaster]
-    """Trains a model on a flight. It must pickle, since it runs in other processes."""
-
-    predicts: bool = False
-    """Whether the model also forecasts with unknown inputs."""
-
-
-PLANT = Settings(forecasts="plant")
-"""Settings of DEM's model with the motors as causes."""
-
-DEM_SETTINGS = {
-    MethodName.JOINT: Settings(),
-    MethodName.PLANT: PLANT,
-    MethodName.PLANT_P1: replace(PLANT, p=1, d=1),
-    MethodName.PAPER: Settings.paper(),
-    MethodName.PAPER_P1: replace(Settings.paper(), p=1, d=1, window=2),
-}
-"""Settings of DEM by the name of the method.
-
-p = 1 is what the paper calls without generalized coordinates (section V.G): the first derivative only, which the model
-itself needs.
-"""
-
-
-def _default_methods() -> Iterator[Method]:
-    """Yields the methods of ``mavdem compare``, the reference first: DEM's joint model is compared with all others.
-
-    They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
-    maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
-    forecasts. Those that need no inputs over the forecast also forecast without them.
-    """
-    for name, settings in DEM_SETTINGS.items():
-        yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
-    for order in (2, 4):
-        yield Method(f"subspace({order})", partial(methods.subspace, order=order))
-    for order in (2, 4):
-        yield Method(f"PEM({order})", partial(methods.pem, order=order))
-    yield Method("EM(2)", partial(methods.em, order=2))
-    for order in (4, 10):
-        yield Method(
-            f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True
-        )
-    yield Method(HeldOutForecast.CONSTANT_MEAN, methods.constant_mean, predicts=True)
-    yield Method(HeldOutForecast.HOLD_LAST, methods.hold, predicts=True)
-    yield Method("zero", methods.zero)
-
-
-METHODS = tuple(_default_methods())
-"""The methods of ``mavdem compare``; the first is compared with each of the others."""
-
-
-@dataclass(frozen=True, eq=False)
-class Outcome:
-    """The forecasts of one method on one window, with their errors; all errors are infinite where it failed."""
-
-    method: str
-    """Name of the method."""
-
-    flight: str
-    """Name of the flight."""
-
-    start: int
-    """Index of the window's first sample in the flight."""
-
-    failure: Fact | None
-    """Reason why there is no forecast; ``None`` where there is one."""
-
-    stable: bool | None
-    """Whether the model is stable; ``None`` without a model."""
-
-    cautions: tuple[Fact | str, ...]
-    """Known limits of the model."""
-
-    seconds: float
-    """Processor time of the training, s."""
-
-    scores: Mapping[Question, Scores]
-    """Errors by question: by what the forecast was given."""
-
-    forecasts: Mapping[Question, Array]
-    """Forecast outputs of the whole test part, H samples of m outputs (H, m), by question."""
-
-    def mspe(self, question: Question = KNOWN) -> Array:
-        """Returns the mean squared prediction error of each output over the whole test part.
-
-        Args:
-            question: kind of forecast: which data it may use.
-
-        Returns:
-            Errors (m,), in the squares of the outputs' units.
-        """
-        return self.scores[question].squared_error[-1]
-
-    def to_dict(self, question: Question = KNOWN) -> JsonValues:
-        """Returns the values of this outcome for a document, without the forecasts themselves.
-
-        Args:
-            question: kind of forecast: which data it may use.
-
-        Returns:
-            Values by key. ``failure``, ``stable``, ``cautions`` and ``seconds`` are as in this class. ``mspe`` has the
-            mean squared errors over the whole test part, by output and in total. Two lists have a value for each
-            horizon: ``relative``, the error over that of the constant mean, and ``inside_90_percent_band``, the share
-            of samples inside the band, ``None`` without a band.
-        """
-        errors = self.mspe(question)
-        scores = self.scores[question]
-        return {
-            "failure": self.failure,
-            "stable": self.stable,
-            "cautions": self.cautions,
-            "mspe": {"per_output": errors, "total": errors.sum()},
-            "relative": scores.ratio,
-            # JSON cannot state NaN, the share without a band.
-            "inside_90_percent_band": [
-                None if isnan(share) else share for share in scores.inside.tolist()
-            ],
-            "seconds": round(self.seconds, ROUNDED_SECONDS),
-        }
-
-
-def evaluate_window(method: Method, window: Window) -> Outcome:
-    """Trains a method on the first part of a window and forecasts the second.
-
-    A method that fails on a window must not end the comparison. The outcome then has the reason, and infinite errors,
-    so that a failure counts as the worst forecast.
-
-    Args:
-        method: the method.
-        window: the window, with its training part and its test part.
-
-    Returns:
-        Errors and forecasts of the test part, whether the model is stable, and the processor time of training, s.
-    """
-    begin = thread_time()
-    # Overflow shows in the errors or the failure of the outcome, so that warnings would only repeat it.
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            model = method.learn(window.train)
-            seconds = thread_time() - begin
-            scores, forecasts = evaluate_model(method, window, model)
-            return Outcome(
-                method.name,
-                window.flight,
-                window.start,
-                failure=None,
-                stable=model.stable,
-                cautions=model.cautions,
-                seconds=seconds,
-                scores=scores,
-                forecasts=forecasts,
-            )
-        except (ValueError, ArithmeticError, RuntimeError) as error:
-            failure = fact_from_error(error)
-    return Outcome(
-        method.name,
-        window.flight,
-        window.start,
-        failure=failure,
-        stable=None,
-        cautions=(),
-        seconds=thread_time() - begin,
-        scores=infinite_scores(method, window),
-        forecasts={},
-    )
-
-
-def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
-    """Returns the scores of a method that made no forecast: infinite errors at every horizon.
-
-    Args:
-        method: the method; one that predicts has scores without the inputs too.
-        window: the window, whose test part gives horizons and number of outputs.
-
-    Returns:
-        Scores by question, of the same shapes as those of a forecast.
-    """
-    test = window.test
-    output_count = test.outputs.shape[1]
-    questions = [KNOWN, FROM_ZERO]
-    if method.predicts:
-        questions.append(UNKNOWN)
-    scores = {}
-    for question in questions:
-        steps = question_horizons(question, test)
-        scores[question] = Scores(
-            steps,
-            squared_error=np.full((len(steps), output_count), np.inf),
-            inside=np.full(len(steps), np.nan),
-            # The ratio is infinite in any unit.
-            variance=np.ones(output_count),
-            baseline=np.ones(output_count),
-        )
-    return scores
-
-
-def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
-    """Returns the horizons, in steps, at which the forecasts of one question are evaluated.
-
-    A forecast from state 0 has only the horizon of the whole test part, because it is not renewed from the data.
-
-    Args:
-        question: the kind of forecast: what data it may use.
-        test: the test part.
-
-    Returns:
-        Numbers of steps.
-    """
-    return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
-
-
-def evaluate_model(
-    method: Method, window: Window, model: Forecaster
-) -> tuple[dict[Question, Scores], dict[Question, Array]]:
-    """Forecasts the test part of a window (H samples, m outputs) at several horizons, and scores the forecasts.
-
-    A model is asked up to three questions: forecasts with known inputs, with known inputs from state 0, and, if it can,
-    without the inputs. For each horizon of h steps the test part is forecast in pieces of h samples, each from the
-    filtered state at its start; the last horizon is the test part as one piece.
-
-    Args:
-        method: the method, which states whether its models can forecast without the inputs.
-        window: the window, on whose first part the model was trained.
-        model: the model. If it estimates its own errors, the share of samples in its 90 % band is scored as well.
-
-    Returns:
-        Scores, and forecasts (H, m) of the whole test part, by question.
-    """
-    test = window.test
-    forecasts = {
-        KNOWN: model.forecast(test.inputs),
-        FROM_ZERO: model.forecast(test.inputs, from_zero=True),
-    }
-    bands = {}
-    if method.predicts:
-        forecasts[UNKNOWN] = model.predict(len(test))
-    if isinstance(model, ProbabilisticForecaster):
-        bands[KNOWN] = model.forecast_band(test.inputs)
-        if method.predicts:
-            bands[UNKNOWN] = model.predict_band(len(test))
-    baseline = baseline_errors(window.train, test)
-    scores = {}
-    for question, forecast in forecasts.items():
-        horizons = question_horizons(question, test)
-        forecast_every = model.predict_every if question == UNKNOWN else model.forecast_every
-        errors = []
-        # The last horizon is the whole test part, of which the forecast is there.
-        for horizon in horizons[:-1]:
-            rolling_forecast = forecast_every(horizon, test.inputs, test.outputs)
-            errors.append(mspe(test.outputs, rolling_forecast).per_output)
-        errors.append(mspe(test.outputs, forecast).per_output)
-        inside_shares = np.full(len(horizons), np.nan)
-        if question in bands:
-            is_inside = abs(test.outputs - forecast) <= bands[question]
-            inside_shares = np.array([is_inside[:horizon].mean() for horizon in horizons])
-        scores[question] = Scores(
-            horizons, np.array(errors), inside_shares, baseline.variance, baseline.constant_mean
-        )
-    return scores, forecasts
 
 
 def compare(
@@ -354,11 +69,6 @@ def compare(
         outcomes_by_window.append(tuple(outcomes[first : first + len(methods)]))
     names = tuple(method.name for method in methods)
     return Comparison(tuple(windows), names, tuple(outcomes_by_window))
-
-
-def run_trial(trial: tuple[Method, Window]) -> Outcome:
-    """Runs :func:`evaluate_window` on a pair of method and window, in a worker process."""
-    return evaluate_window(*trial)
 
 
 @dataclass(frozen=True, eq=False)

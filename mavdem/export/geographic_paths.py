@@ -14,12 +14,10 @@ from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.sources import SourceFact
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 POSITION_MESSAGES = ("GLOBAL_POSITION_INT", "GPS_RAW_INT")
 """Messages with a geographic position: the autopilot's estimate, then the fixes of the receiver."""
-
-METRES_PER_MILLIMETRE = 1e-3
-"""Unit of ``alt`` in these messages."""
 
 KML_NAMESPACE = "http://www.opengis.net/kml/2.2"
 """Namespace of the elements of KML."""
@@ -61,7 +59,7 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
         # Maps have the longitude first.
         positions = np.round(degrees[:, ::-1], DEGREE_DECIMALS)
         if "alt" in columns:
-            altitude = METRES_PER_MILLIMETRE * float_column(columns, "alt")
+            altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
             positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
         paths = []
         for boot in np.unique(columns["boot"]):

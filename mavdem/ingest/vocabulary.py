@@ -17,6 +17,9 @@ from mavdem.files import load_adjacent_toml
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import Fields
 
+MILLIMETRES_PER_METRE = 1000.0
+"""MAVLink's altitudes, and the accuracies of its positions, are in mm."""
+
 # Flags of HEARTBEAT.base_mode.
 
 ARMED = mavlink_constant("MAV_MODE_FLAG_SAFETY_ARMED")

@@ -29,6 +29,7 @@ from mavdem.ingest import read_log
 from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry, interpolated
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
@@ -53,9 +54,6 @@ def _velocity_messages() -> dict[str, float]:
 
 VELOCITY_MESSAGES = _velocity_messages()
 """Messages with the velocity over ground, the preferred first, and the factor that converts it to m/s."""
-
-MILLIMETRES = 1000
-"""Millimetres in a metre: the unit of ``relative_alt`` in GLOBAL_POSITION_INT is mm."""
 
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 """Messages with flags of the autopilot's state estimator."""
@@ -341,7 +339,7 @@ def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
         if name == "LOCAL_POSITION_NED":
             height = -float_column(columns, "z")
         else:
-            height = float_column(columns, "relative_alt") / MILLIMETRES
+            height = float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
         table = [factor * float_column(columns, field) for field in ("vx", "vy", "vz")]
         table.append(np.nan_to_num(height))
         for field in ("x", "y"):

@@ -18,6 +18,7 @@ from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 from mavdem.witnesses.accelerometer import rest_intervals
 from mavdem.witnesses.height import barometer_noise, is_usable_barometer
 from mavdem.witnesses.sensors import barometer_altitude
@@ -37,9 +38,6 @@ flight's rest; a choice."""
 
 MIN_SAMPLES = 2
 """Number of readings whose mean is taken for a height: those of a second at 2 Hz."""
-
-METRES_PER_MILLIMETRE = 0.001
-"""Metres in a millimetre, the unit of ``alt`` in GPS_RAW_INT."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
         if not all(field in columns for field in ("fix_type", "lat", "lon", "alt")):
             continue
         degrees, is_place = global_positions(columns)
-        altitude = METRES_PER_MILLIMETRE * float_column(columns, "alt")
+        altitude = float_column(columns, "alt") / MILLIMETRES_PER_METRE
         has_fix = has_fix_by_row(columns) & is_place
         if has_fix.any() and np.ptp(altitude[has_fix]) > 0:
             return clean_series(columns, np.column_stack([degrees, altitude]), has_fix)

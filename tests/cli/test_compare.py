@@ -8,7 +8,7 @@ from pytest import fixture, mark
 from recorded_flights import FLIGHT, SLOW, shared
 
 from mavdem import baselines
-from mavdem.experiments.comparison import Method
+from mavdem.experiments.compared_methods import Method
 from mavdem.facts import Fact
 from mavdem.facts.command import NamedSource
 

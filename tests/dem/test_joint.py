@@ -11,7 +11,7 @@ from simulated import in_closed_loop
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.forecast import joint
 from mavdem.dem.forecast.joint import LAG_CANDIDATES, JointModel, VarHyperparameters
-from mavdem.dem.forecast.var import CONSTANT_RIDGE, LagStatistics, lagged_rows, regress
+from mavdem.dem.forecast.lag_regression import CONSTANT_RIDGE, LagStatistics, lagged_rows, regress
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.memory import SampleMemory
 from mavdem.dem.record import Record

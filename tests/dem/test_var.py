@@ -7,15 +7,15 @@ from numpy.random import default_rng
 from numpy.testing import assert_allclose, assert_array_equal
 
 from mavdem import Flight
-from mavdem.dem.forecast.var import (
+from mavdem.dem.forecast.lag_regression import (
     RIDGE,
     ChannelScaling,
     LagStatistics,
-    VectorAutoregression,
     lag_prior_precision,
     latest_samples,
     regress,
 )
+from mavdem.dem.forecast.var import VectorAutoregression
 from mavdem.dem.record import Record
 
 OUTPUTS = 2

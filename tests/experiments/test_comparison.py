@@ -8,13 +8,9 @@ from simulated import simulated
 
 from mavdem import baselines, learn
 from mavdem.evaluate import HORIZONS, Paired
-from mavdem.experiments.comparison import (
-    METHODS,
-    Comparison,
-    Method,
-    compare,
-    evaluate_window,
-)
+from mavdem.experiments.compared_methods import METHODS, Method
+from mavdem.experiments.comparison import Comparison, compare
+from mavdem.experiments.outcomes import evaluate_window
 from mavdem.experiments.scores import FROM_ZERO, KNOWN, UNKNOWN
 from mavdem.experiments.window import windows
 from mavdem.facts import Fact

@@ -11,7 +11,8 @@ from scipy.stats import wilcoxon
 
 from mavdem import Flight, baselines, evaluate
 from mavdem.evaluate import HORIZONS, horizons
-from mavdem.experiments.comparison import Method, evaluate_window
+from mavdem.experiments.compared_methods import Method
+from mavdem.experiments.outcomes import evaluate_window
 from mavdem.experiments.paired_test import Paired, paired
 from mavdem.experiments.scores import KNOWN
 from mavdem.experiments.window import Window, disjoint, windows

@@ -13,7 +13,7 @@ import mavdem
 from mavdem import baselines
 from mavdem.assessment.inventory import inventory
 from mavdem.evaluate import compare, windows
-from mavdem.experiments.comparison import Method
+from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.truth import ComparedParameter, TruthComparison
 from mavdem.facts import Fact
 from mavdem.facts.identifiability import Status

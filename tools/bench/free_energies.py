@@ -31,7 +31,7 @@ from mavdem.arrays import Array
 from mavdem.baselines import ClosedLoop
 from mavdem.dem.forecast.joint import LAG_CANDIDATES
 from mavdem.evaluate import Method, Window, windows
-from mavdem.experiments.comparison import evaluate_model
+from mavdem.experiments.outcomes import evaluate_model
 from mavdem.experiments.paper.flights import DATA_FOLDER, recorded_flights
 from mavdem.experiments.scores import KNOWN, UNKNOWN, Question
 from mavdem.forecaster import Forecaster

@@ -23,7 +23,7 @@ from scipy.linalg import hadamard
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import one_thread
-from mavdem.dem.forecast import var
+from mavdem.dem.forecast import lag_regression, var
 from mavdem.dem.record import MIN_MOTORS, Record
 from mavdem.immutable import ImmutableResult
 
@@ -73,7 +73,7 @@ class VarHyperparameters(NamedTuple):
     @property
     def prior_precision(self) -> Array:
         """(L, L) prior precision of a channel's coefficients by lag."""
-        return var.lag_prior_precision(self.lags, self.ridge)
+        return lag_regression.lag_prior_precision(self.lags, self.ridge)
 
 
 HYPERPARAMETER_GRID = tuple(
@@ -122,9 +122,9 @@ def axis_mixer(record: Record) -> Array:
     if mixer is not None:
         return mixer
     lags = min(MIXER_LAGS, max(1, record.longest_segment // MIN_SAMPLES_PER_LAG))
-    prior_precision = var.lag_prior_precision(lags, MIXER_RIDGE)
-    scaling, statistics = var.LagStatistics.from_record(record, lags)
-    regression = var.regress(statistics.gram, statistics.row_count, prior_precision)
+    prior_precision = lag_regression.lag_prior_precision(lags, MIXER_RIDGE)
+    scaling, statistics = lag_regression.LagStatistics.from_record(record, lags)
+    regression = lag_regression.regress(statistics.gram, statistics.row_count, prior_precision)
     estimated_row = _mixer_row_of_regression(regression, scaling, motor_count)
     estimation_cost = 0.5 * (motor_count - 1) * np.log(statistics.row_count)
 
@@ -141,7 +141,7 @@ def axis_mixer(record: Record) -> Array:
 
 
 def _mixer_row_of_regression(
-    regression: var.Regression, scaling: var.ChannelScaling, motor_count: int
+    regression: lag_regression.Regression, scaling: lag_regression.ChannelScaling, motor_count: int
 ) -> Array:
     """Returns the effects of the motors on the last output, by an autoregression of outputs and all motors.
 
@@ -184,7 +184,7 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
     """
     lags = len(prior_precision)
     combined = _with_combined_inputs(record, mixer_row[:, None])
-    _, statistics = var.LagStatistics.from_record(combined, lags)
+    _, statistics = lag_regression.LagStatistics.from_record(combined, lags)
     k = record.outputs.shape[1] + 1
     # A row of the statistics has the k channels of each lag, the constant, and the k channels of the sample. The
     # combination is the last channel. The regression of it alone uses its column at each lag, the constant, and its
@@ -194,8 +194,12 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
     sample_column = constant_column + k
     columns_of_combination = np.append(lag_columns, [constant_column, sample_column])
     gram_of_combination = statistics.gram[np.ix_(columns_of_combination, columns_of_combination)]
-    joint = var.regress(statistics.gram, statistics.row_count, prior_precision, MIXER_NOISE)
-    alone = var.regress(gram_of_combination, statistics.row_count, prior_precision, MIXER_NOISE)
+    joint = lag_regression.regress(
+        statistics.gram, statistics.row_count, prior_precision, MIXER_NOISE
+    )
+    alone = lag_regression.regress(
+        gram_of_combination, statistics.row_count, prior_precision, MIXER_NOISE
+    )
     return joint.free_energy - alone.free_energy
 
 
@@ -213,10 +217,10 @@ def _with_combined_inputs(record: Record, mixer: Array) -> Record:
 
 
 def select_hyperparameters(
-    statistics: var.LagStatistics,
+    statistics: lag_regression.LagStatistics,
     lags: int,
     candidates: Sequence[VarHyperparameters] = HYPERPARAMETER_GRID,
-) -> tuple[VarHyperparameters, var.Regression]:
+) -> tuple[VarHyperparameters, lag_regression.Regression]:
     """Selects the number of lags and the ridge of the joint autoregression by the highest free energy F̄.
 
     Args:
@@ -235,7 +239,7 @@ def select_hyperparameters(
     for candidate in possible:
         # All candidates are fitted to the same samples, so that their free energies can be compared.
         gram = statistics.gram_of_fewer_lags(lags, candidate.lags)
-        regression = var.regress(gram, statistics.row_count, candidate.prior_precision)
+        regression = lag_regression.regress(gram, statistics.row_count, candidate.prior_precision)
         fits.append((candidate, regression))
     return max(fits, key=lambda fit: fit[1].free_energy)
 
@@ -280,7 +284,7 @@ class JointModel(ImmutableResult):
             # The statistics have the most lags that the record suffices for; those of fewer lags are a part of them.
             lags = _largest_lags(record)
             combined = _with_combined_inputs(record, mixer)
-            scaling, statistics = var.LagStatistics.from_record(combined, lags)
+            scaling, statistics = lag_regression.LagStatistics.from_record(combined, lags)
             hyperparameters, regression = select_hyperparameters(statistics, lags)
             process = var.VectorAutoregression.from_regression(regression, scaling)
             return cls(

@@ -21,12 +21,8 @@ from mavdem.dem.forecast.joint import (
     VarHyperparameters,
     select_hyperparameters,
 )
-from mavdem.dem.forecast.var import (
-    ChannelScaling,
-    LagStatistics,
-    VectorAutoregression,
-    latest_samples,
-)
+from mavdem.dem.forecast.lag_regression import ChannelScaling, LagStatistics, latest_samples
+from mavdem.dem.forecast.var import VectorAutoregression
 from mavdem.dem.online.memory import MemoryBlock, SampleMemory
 from mavdem.dem.online.prediction_errors import PredictionErrors
 

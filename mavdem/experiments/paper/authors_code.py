@@ -8,7 +8,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.confidence import CONFIDENCE_LEVEL, INTERVAL_QUANTILES
 from mavdem.experiments import methods
-from mavdem.experiments.comparison import Method
+from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.paper.checks import Check, ExperimentResult, lists_by_name, percent
 from mavdem.experiments.paper.flights import DATA_FOLDER, TRAINING_SAMPLES
 from mavdem.experiments.paper.runner import (

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.experiments.comparison import Outcome
+from mavdem.experiments.outcomes import Outcome
 from mavdem.experiments.paper import figures
 from mavdem.experiments.paper.checks import Check, ExperimentResult, lists_by_name, percent
 from mavdem.experiments.paper.error_tables import errors_by_experiment

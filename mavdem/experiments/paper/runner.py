@@ -15,8 +15,9 @@ from mavdem import evaluate
 from mavdem.arrays import Array
 from mavdem.dem import Settings, learn
 from mavdem.dem.parallel import parallel_map
-from mavdem.experiments.comparison import Method, Outcome, run_trial
+from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.held_out import Progress
+from mavdem.experiments.outcomes import Outcome, run_trial
 from mavdem.experiments.paper.flights import (
     TEST_SAMPLES,
     TRAINING_SAMPLES,

@@ -27,6 +27,7 @@ from mavdem.ingest.telemetry import (
     fields_by_rule,
     selected_rows,
 )
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 
 
 class SensorMessages(NamedTuple):
@@ -78,9 +79,6 @@ INSTANCE_FIELD = "I"
 
 MAVLINK_UNITS_PER_DEGREE = 1e7
 """Latitude and longitude of MAVLink's positions are in 1e-7 degrees."""
-
-MILLIMETRES_PER_METRE = 1000.0
-"""MAVLink's altitudes and accuracies of positions are in mm."""
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:

@@ -27,7 +27,7 @@ from mavdem.dem.engine.gauss_newton import (
     gauss_newton,
 )
 from mavdem.dem.engine.kalman import MAX_DOUBLINGS, STEADY_CHANGE, steady_state_gain
-from mavdem.dem.forecast.var import lagged_rows
+from mavdem.dem.forecast.lag_regression import lagged_rows
 from mavdem.plant.closed_loop.identification import (
     DAMPING_FACTOR,
     INITIAL_DAMPING,

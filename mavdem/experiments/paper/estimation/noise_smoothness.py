@@ -25,7 +25,8 @@ from mavdem.dem.fitting import generalized_data as flight_data
 from mavdem.dem.fitting import generative_model as flight_model
 from mavdem.dem.learning import prepared_training
 from mavdem.dem.scaling import Scaling
-from mavdem.experiments.comparison import PLANT, Method, run_trial
+from mavdem.experiments.compared_methods import PLANT, Method
+from mavdem.experiments.outcomes import run_trial
 from mavdem.experiments.paired_test import Paired, paired
 from mavdem.experiments.paper.checks import Check, ExperimentResult, percent
 from mavdem.experiments.paper.estimation.dem_covariance import (

@@ -1,0 +1,290 @@
+"""Bayesian regression on lagged samples: the statistics, prior and posterior of a vector autoregression."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dtrtri
+
+from mavdem.arrays import Array
+from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
+from mavdem.dem.record import ChannelStatistics, Record
+from mavdem.errors import NotLearnable
+from mavdem.facts.model import ModelRefusal
+
+RIDGE = 0.01
+"""Prior precision of the coefficients of the first lag, of channels of variance 1, in units of Σ⁻¹.
+
+A choice, tried on simulated and real flights. Since it is a precision, its weight against the data falls with the
+number of samples.
+"""
+
+CONSTANT_RIDGE = 1e-8
+"""Prior precision of the offset, which the prior leaves practically free, in units of Σ⁻¹."""
+
+MIN_RESIDUAL_FREEDOM = 1.0
+"""Fewest degrees of freedom with which Σ is estimated, where there are hardly more samples than coefficients."""
+
+
+class ChannelScaling(NamedTuple):
+    """Scaling of each channel, outputs first, to mean 0 and variance 1; a constant channel is only centred."""
+
+    center: Array
+    """Means of the k channels (k,), in physical units."""
+
+    scale: Array
+    """Standard deviations of the k channels (k,), in physical units; 1 for a constant channel."""
+
+    @classmethod
+    def from_record(cls, record: Record) -> ChannelScaling:
+        """Returns the scaling of the outputs and inputs of a record, by their means and standard deviations.
+
+        Args:
+            record: training data, in physical units.
+        """
+        inputs, outputs = record.channel_statistics
+        # The statistics of the outputs and of the inputs are joined, field by field, to those of all channels.
+        channels = ChannelStatistics(
+            *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
+        )
+        return cls(channels.mean, np.where(channels.varying, np.sqrt(channels.variance), 1.0))
+
+    def scaled(self, channels: Array) -> Array:
+        """Scales channels from physical units to mean 0 and variance 1.
+
+        Args:
+            channels: (…, k) values of the channels; fewer than k columns are the first channels, such as the outputs.
+
+        Returns:
+            (…, k) scaled values.
+        """
+        count = channels.shape[-1]
+        return (channels - self.center[:count]) / self.scale[:count]
+
+    def scaled_segments(self, record: Record) -> list[Array]:
+        """Returns the scaled channels (T, k) of each segment of a record, outputs first."""
+        return [self.scaled(np.hstack([outputs, inputs])) for inputs, outputs in record.segments]
+
+
+def lagged_rows(samples: Array, lags: int) -> Array:
+    """Returns the regressors of an autoregression: for each sample, the samples before it, side by side.
+
+    Args:
+        samples: (…, T, k) samples z of k channels in time order; leading axes are independent segments.
+        lags: number L of samples before each.
+
+    Returns:
+        (…, T − L, L · k) rows [z_{t−1}, …, z_{t−L}], one for each sample z_t that has L samples before it; none if T <
+        L.
+    """
+    rows = max(0, samples.shape[-2] - lags)
+    # Each block has, for each of the samples, the sample ``lag`` steps before it.
+    blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
+    return np.concatenate(blocks, axis=-1)
+
+
+def latest_samples(channels: Array, count: int) -> Array:
+    """Takes the last samples of channels; if there are too few, the first one is repeated before them.
+
+    Args:
+        channels: samples of k channels (T, k), at least one sample.
+        count: number of samples to return.
+
+    Returns:
+        (count, k) samples.
+    """
+    rows = np.arange(len(channels) - count, len(channels))
+    return channels[np.maximum(rows, 0)]
+
+
+class LagStatistics(NamedTuple):
+    """Sufficient statistics of the regression of samples on their lags; they add up over segments.
+
+    A row of the regression is [z_{t−1}, …, z_{t−L}, 1, z_t], of (L + 1) k + 1 numbers.
+    """
+
+    row_count: float
+    """Number of samples that have L samples before them; not an integer where earlier samples are discounted."""
+
+    gram: Array
+    """Sum of the outer product of each row with itself, ((L + 1) k + 1) squared."""
+
+    @classmethod
+    def from_segments(cls, segments: Iterable[Array], lags: int) -> LagStatistics:
+        """Sums up the statistics of segments; no row reaches across a gap between two of them.
+
+        Args:
+            segments: channels (T, k) of each segment, at least one segment.
+            lags: number L of lags.
+
+        Returns:
+            Number and second moments of the rows of all segments; no rows where every segment has at most L samples.
+        """
+        tables = []
+        for channels in segments:
+            past = lagged_rows(channels, lags)
+            ones = np.ones((len(past), 1))
+            # Of a segment with fewer than L samples both the past and the targets are empty.
+            targets = channels[lags:][: len(past)]
+            tables.append(np.hstack([past, ones, targets]))
+        return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
+
+    @classmethod
+    def from_record(cls, record: Record, lags: int) -> tuple[ChannelScaling, LagStatistics]:
+        """Scales the channels of a record, and sums up the statistics of their regression on the past.
+
+        Args:
+            record: training data; its channels are the outputs and then the inputs.
+            lags: number L of lags.
+
+        Returns:
+            The scaling, and the statistics of the scaled channels.
+
+        Raises:
+            NotLearnable: no segment has more than ``lags`` samples.
+        """
+        scaling = ChannelScaling.from_record(record)
+        statistics = cls.from_segments(scaling.scaled_segments(record), lags)
+        if statistics.row_count <= 0:
+            raise NotLearnable(
+                ModelRefusal.SEGMENTS_TOO_SHORT_FOR_LAGS,
+                samples=lags,
+                longest=record.longest_segment,
+            )
+        return scaling, statistics
+
+    def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
+        """Adds the statistics of earlier samples with a weight, so that each of them counts as a fraction of a sample.
+
+        Args:
+            earlier: statistics of the earlier samples.
+            weight: weight of an earlier sample, 0 to 1.
+
+        Returns:
+            Statistics of all samples.
+        """
+        return LagStatistics(
+            self.row_count + weight * earlier.row_count, self.gram + weight * earlier.gram
+        )
+
+    def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
+        """Returns the Gram matrix of the same regression with fewer lags, by leaving out columns.
+
+        The rows stay the same, so that free energies of different numbers of lags are of the same data.
+
+        Args:
+            lags: number of lags L of these statistics.
+            fewer: number of lags to keep, the latest ones, at most L.
+
+        Returns:
+            Gram matrix (fewer · k + 1 + k, fewer · k + 1 + k): the k channels of each lag, the constant, and the k
+            channels of the sample.
+        """
+        # A row has the k channels of each lag, the constant, and the k channels of the sample.
+        k = (len(self.gram) - 1) // (lags + 1)
+        constant_column = lags * k
+        columns = np.concatenate([np.arange(fewer * k), np.arange(constant_column, len(self.gram))])
+        return self.gram[np.ix_(columns, columns)]
+
+
+class Regression(NamedTuple):
+    """Posterior of the coefficients of k channels on [z_{t−1}, …, z_{t−L}, 1]: matrix normal, exact given Σ."""
+
+    mean: Array
+    """(q, k) posterior mean, q = L k + 1."""
+
+    covariance_root: Array
+    """(q, q) R with RᵀR the posterior covariance of one channel's coefficients, in units of its innovation variance."""
+
+    innovation_covariance: Array
+    """(k, k) estimate of Σ."""
+
+    terms: dict[str, float]
+    """Terms of the free energy by name, nats."""
+
+    @property
+    def free_energy(self) -> float:
+        """F̄, nats: since the posterior is exact given Σ, the log evidence at the estimate of Σ."""
+        return sum(self.terms.values())
+
+
+def lag_prior_precision(lags: int, ridge: float) -> Array:
+    """Returns the prior precision of a channel's coefficients by lag, which grows with the square of the lag.
+
+    Args:
+        lags: number L of lags.
+        ridge: precision at lag 1.
+
+    Returns:
+        Diagonal matrix (L, L) with ridge · i² at lag i.
+    """
+    return np.diag(ridge * np.arange(1.0, lags + 1) ** 2)
+
+
+def regress(
+    gram: Array,
+    row_count: float,
+    prior_precision: Array,
+    noise_floor: float = ROUNDING_TOLERANCE,
+) -> Regression:
+    """Regresses samples of k channels on their lags, with a Gaussian prior, and computes the evidence.
+
+    The prior mean is a random walk, A₁ = I and all else 0. Deviations from it have the covariance Σ ⊗ P⁻¹, the same for
+    every channel. With a diagonal precision P that grows with the lag this is the "Minnesota prior" (R. Litterman,
+    "Forecasting with Bayesian vector autoregressions", Journal of Business & Economic Statistics 4(1), 1986). Σ is
+    estimated as the squared errors, those of the prior among them, over the number of rows less the effective number
+    of coefficients.
+
+    Args:
+        gram: statistics of rows [z_{t−1}, …, z_{t−L}, 1, z_t] of channels of about variance 1.
+        row_count: number of rows, more than 0.
+        prior_precision: (L, L) prior precision P of a channel's coefficients by lag.
+        noise_floor: variance that the free energy adds to those of the innovations, so that a channel that follows
+            exactly from others does not dominate it.
+
+    Returns:
+        The posterior of the coefficients, and the terms of F̄.
+    """
+    lags = len(prior_precision)
+    k = (len(gram) - 1) // (lags + 1)
+    q = lags * k + 1
+    precision = np.zeros((q, q))
+    precision[:-1, :-1] = np.kron(prior_precision, np.eye(k))
+    precision[-1, -1] = CONSTANT_RIDGE
+    random_walk = np.eye(q, k)
+    # With the Cholesky factor F Fᵀ of the posterior precision, R = F⁻¹ has RᵀR = the posterior covariance.
+    factor = np.linalg.cholesky(gram[:q, :q] + precision)
+    covariance_root, _ = dtrtri(factor, lower=True)
+    # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
+    moments = gram.copy()
+    moments[q:] -= moments[:k]
+    moments[:, q:] -= moments[:, :k]
+    # Rows and columns up to q belong to the regressors, those from q on to the targets.
+    explained = covariance_root @ moments[:q, q:]
+    deviation = covariance_root.T @ explained
+    squared_errors = moments[q:, q:] - explained.T @ explained
+    # The nearest positive semidefinite matrix: rounding leaves negative eigenvalues where errors vanish.
+    eigenvalues, eigenvectors = np.linalg.eigh((squared_errors + squared_errors.T) / 2)
+    squared_errors = (eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T
+    # The trace of prior precision times posterior covariance: the coefficients that the prior determines, not the data.
+    effective_coefficients = q - np.sum(precision * (covariance_root.T @ covariance_root))
+
+    noise = squared_errors / row_count + noise_floor * np.eye(k)
+    noise_precision = np.linalg.inv(noise)
+    squared_deviation = np.sum(noise_precision * (deviation.T @ precision @ deviation))
+    # ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
+    precision_gain = (
+        2 * (np.log(factor.diagonal()).sum())
+        - k * np.linalg.slogdet(prior_precision)[1]
+        - np.log(CONSTANT_RIDGE)
+    )
+    terms = {
+        "prediction errors": -0.5 * (np.sum(noise_precision * squared_errors) - squared_deviation),
+        "noise entropy": -0.5 * row_count * np.linalg.slogdet(2 * np.pi * noise)[1],
+        "parameter errors": -0.5 * squared_deviation,
+        "parameter entropy": -0.5 * k * precision_gain,
+    }
+    freedom = max(row_count - effective_coefficients, MIN_RESIDUAL_FREEDOM)
+    return Regression(random_walk + deviation, covariance_root, squared_errors / freedom, terms)

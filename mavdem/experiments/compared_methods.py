@@ -1,0 +1,71 @@
+"""Forecasting methods that are compared: DEM in its variants, other identification methods, and trivial forecasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+from mavdem.dem import Settings, learn
+from mavdem.experiments import methods
+from mavdem.facts.forecasts import HeldOutForecast, MethodName
+from mavdem.flight import Flight
+from mavdem.forecaster import Forecaster
+
+
+class Method(NamedTuple):
+    """A method to compare."""
+
+    name: str
+    """Name, unique among the methods."""
+
+    learn: Callable[[Flight], Forecaster]
+    """Trains a model on a flight. It must pickle, since it runs in other processes."""
+
+    predicts: bool = False
+    """Whether the model also forecasts with unknown inputs."""
+
+
+PLANT = Settings(forecasts="plant")
+"""Settings of DEM's model with the motors as causes."""
+
+DEM_SETTINGS = {
+    MethodName.JOINT: Settings(),
+    MethodName.PLANT: PLANT,
+    MethodName.PLANT_P1: replace(PLANT, p=1, d=1),
+    MethodName.PAPER: Settings.paper(),
+    MethodName.PAPER_P1: replace(Settings.paper(), p=1, d=1, window=2),
+}
+"""Settings of DEM by the name of the method.
+
+p = 1 is what the paper calls without generalized coordinates (section V.G): the first derivative only, which the model
+itself needs.
+"""
+
+
+def _default_methods() -> Iterator[Method]:
+    """Yields the methods of ``mavdem compare``, the reference first: DEM's joint model is compared with all others.
+
+    They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
+    maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
+    forecasts. Those that need no inputs over the forecast also forecast without them.
+    """
+    for name, settings in DEM_SETTINGS.items():
+        yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)
+    for order in (2, 4):
+        yield Method(f"subspace({order})", partial(methods.subspace, order=order))
+    for order in (2, 4):
+        yield Method(f"PEM({order})", partial(methods.pem, order=order))
+    yield Method("EM(2)", partial(methods.em, order=2))
+    for order in (4, 10):
+        yield Method(
+            f"{MethodName.JOINT_VAR}({order})", partial(methods.var, order=order), predicts=True
+        )
+    yield Method(HeldOutForecast.CONSTANT_MEAN, methods.constant_mean, predicts=True)
+    yield Method(HeldOutForecast.HOLD_LAST, methods.hold, predicts=True)
+    yield Method("zero", methods.zero)
+
+
+METHODS = tuple(_default_methods())
+"""The methods of ``mavdem compare``; the first is compared with each of the others."""
