@@ -12,8 +12,8 @@ from mavdem.assessment.condition import Condition
 from mavdem.assessment.judgement import Judgement
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.tier import Tier
-from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.evaluate import HeldOut

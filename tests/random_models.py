@@ -6,12 +6,8 @@ from numpy.random import default_rng
 
 from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generalized_coordinates import temporal_precision
-from mavdem.dem.engine.generative import (
-    GeneralizedMoments,
-    GenerativeModel,
-    Prior,
-    SufficientStatistics,
-)
+from mavdem.dem.engine.generative import GenerativeModel, Prior
+from mavdem.dem.engine.moments import GeneralizedMoments, SufficientStatistics
 
 
 def positive_definite(rng, size):

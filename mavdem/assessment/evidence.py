@@ -20,7 +20,7 @@ from mavdem.assessment.flights import loss_onset, settled_flight
 from mavdem.assessment.time_history import TimeHistory, time_history
 from mavdem.dataset import flight_states, phases, time_series
 from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
-from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.segments import Segment, Segments, recorded_spans
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries

@@ -11,7 +11,8 @@ from mavdem.assessment.condition import Condition, condition_of
 from mavdem.assessment.identity import Identity, identity_of
 from mavdem.assessment.tier import tier_of
 from mavdem.containers import JsonValues
-from mavdem.dataset.learnability import Learnability, learnability_of
+from mavdem.dataset.learnability import learnability_of
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.ingest import Component, Log
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows

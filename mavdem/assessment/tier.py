@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from mavdem.assessment.condition import Condition
-from mavdem.dataset.learnability import Learnability, slower_stream_rate
+from mavdem.dataset.segment_learnability import Learnability, slower_stream_rate
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, MIN_STREAM_RATE
 from mavdem.facts import Fact
 from mavdem.facts.vehicle import TierAllowance

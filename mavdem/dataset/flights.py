@@ -4,12 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.learnability import (
-    MIN_SEGMENT_DURATION,
-    Learnability,
-    learnability_of,
-    segment_learnabilities,
-)
+from mavdem.dataset.learnability import learnability_of, segment_learnabilities
+from mavdem.dataset.segment_learnability import MIN_SEGMENT_DURATION, Learnability
 from mavdem.dataset.segments import Segment, Segments
 from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import message_counts

@@ -9,9 +9,10 @@ from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.engine.ascent import CoordinateAscent, maximise_free_energy
 from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
-from mavdem.dem.engine.generative import GenerativeModel, ModelSizes, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, ModelSizes, Prior
 from mavdem.dem.engine.linalg import raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (

@@ -23,9 +23,10 @@ from mavdem.arrays import Array
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
 from mavdem.dem.engine.ascent import Iterate, initial_iterate
 from mavdem.dem.engine.generalized_coordinates import temporal_precision
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, Prior
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, raise_on_overflow
 from mavdem.dem.engine.model import pack
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.dem.engine.quasi_newton import maximise_by_quasi_newton
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling

@@ -11,8 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags, Integers
-from mavdem.ingest.px4_messages import TRANSLATION_RULES, in_time_order
-from mavdem.ingest.px4_topics import Topics, array_field, first_instance, flag_or_true
+from mavdem.ingest.px4_messages import TRANSLATION_RULES
+from mavdem.ingest.px4_topics import (
+    Topics,
+    array_field,
+    first_instance,
+    flag_or_true,
+    in_time_order,
+)
 from mavdem.ingest.telemetry import (
     Columns,
     Fields,

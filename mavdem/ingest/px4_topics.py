@@ -3,7 +3,7 @@
 Topics are defined in https://github.com/PX4/PX4-Autopilot/tree/main/msg.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from mavdem.arrays import Array, Flags
 from mavdem.files import load_adjacent_toml
-from mavdem.ingest.telemetry import Columns, last_values
+from mavdem.ingest.telemetry import (
+    Columns,
+    Fields,
+    concatenated_columns,
+    last_values,
+    selected_rows,
+)
 
 Topics = Mapping[str, Mapping[int, Columns]]
 """Logged topics by name and number of the instance.
@@ -51,3 +57,11 @@ def last_field_values(topic: Columns, field: str, time: Array) -> NDArray[Any]:
     if field not in topic:
         return np.zeros(len(time))
     return last_values(time, topic["time"], topic[field])
+
+
+def in_time_order(parts: Sequence[Columns]) -> Fields:
+    """Joins tables of one message into one in the order of time; without any, it has no rows."""
+    if not parts:
+        return {"time": np.zeros(0)}
+    columns = concatenated_columns(parts)
+    return selected_rows(columns, np.argsort(columns["time"], kind="stable"))

@@ -26,18 +26,16 @@ from mavdem.ingest.px4_messages import (
     extended_sys_state,
     heartbeat,
     highres_imu,
-    hil_actuator_controls,
     injected_rates,
     local_position_ned,
     manual_control,
-    motor_speeds,
     renamed_message,
     sensor_samples,
-    servo_output_raw,
     system_time,
     untranslated_topic,
     vibration,
 )
+from mavdem.ingest.px4_motor_messages import hil_actuator_controls, motor_speeds, servo_output_raw
 from mavdem.ingest.px4_topics import Topics, first_instance
 from mavdem.ingest.telemetry import (
     Columns,

@@ -10,10 +10,10 @@ from mavdem.arrays import Array
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.attitude import Attitude
-from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.resampling import mean_rate
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts
@@ -119,8 +119,8 @@ def live_evidence(
     findings = findings or LiveFindings()
     learnability = Learnability(
         signals.axis,
-        True,
-        Fact(Unjudged.NOT_JUDGED, because=None),
+        learnable=True,
+        reason=Fact(Unjudged.NOT_JUDGED, because=None),
         figures=QualityFigures(armed=condition.duration, airborne=condition.duration),
     )
     log = log_of_vehicles((signals.telemetry,), 0, 0)

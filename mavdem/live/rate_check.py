@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
-from mavdem.dataset.learnability import slow_streams
+from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.dataset.segments import STEP_TOLERANCE
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.facts import Fact

@@ -18,7 +18,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.containers import Numbers
 from mavdem.dataset import resampling
-from mavdem.dataset.learnability import MAX_STEP_RATIO
+from mavdem.dataset.segment_learnability import MAX_STEP_RATIO
 from mavdem.dataset.setpoints import STAMP_ROUNDING
 from mavdem.dataset.signals import MIN_STREAM_RATE
 from mavdem.live.samples import DECISION_SECONDS, SampleStream

@@ -7,8 +7,8 @@ from refusals import prose
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.judgement import headline_of, next_step_of
-from mavdem.dataset.learnability import Learnability
 from mavdem.dataset.quality import QualityFigures
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent

@@ -28,7 +28,7 @@ from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.lights.tracking import tracking_light
 from mavdem.dataset.alignment import aligned_flight
-from mavdem.dataset.learnability import slow_streams
+from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Level

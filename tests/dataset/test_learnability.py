@@ -9,9 +9,10 @@ from numpy.random import default_rng
 from pytest import approx, mark
 
 from mavdem.dataset.alignment import aligned_flight
-from mavdem.dataset.learnability import learnability_of, segment_cautions, slow_streams
+from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.rate_advice import rate_advice
+from mavdem.dataset.segment_learnability import segment_cautions, slow_streams
 from mavdem.dataset.segments import settled_segments
 from mavdem.dataset.signals import Signals
 from mavdem.documents.vehicle import Verdict

@@ -7,7 +7,7 @@ from pytest import approx
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.ingest.motors import ChannelSource, MotorGeometry
-from mavdem.ingest.px4_messages import motor_speeds
+from mavdem.ingest.px4_motor_messages import motor_speeds
 
 HOVER = Hover()
 TIME = np.arange(0.0, 60.0, 0.2)

@@ -19,9 +19,9 @@ from mavdem.dem.engine.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import logdet
 from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.dem.engine.steps import (
     FreeEnergyOfLambda,
     d_step,

@@ -12,7 +12,7 @@ import mavdem
 from mavdem.dem.engine.ascent import posterior_after_each_round
 from mavdem.dem.engine.free_energy import SampleFreeEnergy
 from mavdem.dem.engine.generalized_coordinates import taylor_weights
-from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.engine.moments import SufficientStatistics
 
 pytestmark = needs_oracle
 

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 from pytest import mark
 
 from mavdem.ingest.dataflash.translation import mavlink_messages
-from mavdem.ingest.px4_messages import motor_speeds
+from mavdem.ingest.px4_motor_messages import motor_speeds
 from mavdem.ingest.px4_translation import messages_of_topics
 
 TIME = np.arange(20.0, 23.0)

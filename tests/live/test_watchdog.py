@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 from mavdem.cli.live_status import StatusLines
-from mavdem.dataset.learnability import slow_streams
+from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.events import ReportedEvent

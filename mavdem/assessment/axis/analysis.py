@@ -27,9 +27,10 @@ from mavdem.assessment.tier import tier_of
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.intervals import Intervals, in_intervals
-from mavdem.dataset.learnability import Learnability, learnability_of
+from mavdem.dataset.learnability import learnability_of
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import settled_intervals
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import MIN_SLOW_MOTION_RATE, Signals, rate_between_outages
 from mavdem.dataset.steady_flight import tracked_headings
 from mavdem.dataset.time_series import TimeSeries

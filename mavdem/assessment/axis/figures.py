@@ -22,7 +22,7 @@ from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import usable_segments
 from mavdem.dataset.intervals import in_intervals
-from mavdem.dataset.learnability import Learnability
+from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
 from mavdem.dem.record import Record

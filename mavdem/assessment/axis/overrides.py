@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from mavdem.assessment.condition import Condition
 from mavdem.containers import Names
-from mavdem.dataset.learnability import MIN_TRUSTED_CONSISTENCY
+from mavdem.dataset.segment_learnability import MIN_TRUSTED_CONSISTENCY
 from mavdem.facts import Code, Fact, Facts, Level
 from mavdem.facts.assessment import Override
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE, Oscillation

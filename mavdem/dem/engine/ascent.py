@@ -17,8 +17,9 @@ from numpy.linalg import LinAlgError
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import inverse
+from mavdem.dem.engine.moments import GeneralizedMoments, SufficientStatistics
 
 CONVERGED_ROUND_NATS = 0.02
 """Gain of F̄ by a round, nats, below which F̄ has converged.

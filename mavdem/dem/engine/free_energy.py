@@ -18,8 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import logdet
+from mavdem.dem.engine.moments import GeneralizedMoments, SufficientStatistics
 
 
 class Posterior(NamedTuple):

@@ -19,6 +19,13 @@ import numpy as np
 from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.linalg import logdet
 from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.model_structure import (
+    ErrorRows,
+    OperatorStructure,
+    PrecisionStructure,
+    RegressorLayout,
+    RegressorMoments,
+)
 
 
 class ModelSizes(NamedTuple):
@@ -65,98 +72,6 @@ class Prior(NamedTuple):
             float(theta_error @ self.theta_precision @ theta_error),
             float(lambda_error @ self.lambda_precision @ lambda_error),
         )
-
-
-class SufficientStatistics(NamedTuple):
-    """Sufficient statistics of the generalized data: their number and their second moments."""
-
-    sample_count: float
-    """Number of samples; not an integer where autocorrelated samples count as an effective sample size."""
-
-    gram: Array
-    """Σ_t [ỹ; η̃][ỹ; η̃]ᵀ, square, as wide as the generalized data."""
-
-    @classmethod
-    def from_segments(cls, *segments: Array) -> SufficientStatistics:
-        """Counts the samples of all segments, and sums the outer products of their generalized data.
-
-        Args:
-            *segments: (T, (p + 1)m + (d + 1)r) generalized data [ỹ; η̃] of each segment, one row for each sample.
-
-        Returns:
-            The number of samples, and the Gram matrix (k, k) of the k generalized data.
-        """
-        gram = np.asarray(sum(data.T @ data for data in segments))
-        sample_count = sum(map(len, segments))
-        return cls(sample_count, gram)
-
-
-class ErrorRows(NamedTuple):
-    """Rows of the vector of prediction errors ε̃, by what is predicted."""
-
-    outputs: slice
-    """ỹ − C̃ x̃."""
-
-    inputs: slice
-    """ṽ − η̃."""
-
-    states: slice
-    """D x̃ − Ã x̃ − B̃ ṽ."""
-
-    state_prior: slice
-    """x itself, where x has a prior about 0; empty where it has none."""
-
-
-class OperatorStructure(NamedTuple):
-    """Where the parameters stand in the error operator E: P entries of it are −θ, all others are constants."""
-
-    constant: Array
-    """E at θ = 0."""
-
-    rows: Indices
-    """(P,) row of each entry that is a parameter."""
-
-    columns: Indices
-    """(P,) column of each such entry."""
-
-    parameters: Indices
-    """(P,) index in θ of each such entry."""
-
-
-class RegressorLayout(NamedTuple):
-    """Where the regressors of [A B] and of C, with their derivatives, stand in the joint vector [ỹ; η̃; X]."""
-
-    state_columns: Indices
-    """(q + 1, n + r) columns of [x; v] by order; one past the last column for derivatives that inputs do not have."""
-
-    output_columns: Indices
-    """(p + 1, n) columns of x by order."""
-
-    state_parameters: Indices
-    """(n, n + r) indices in θ of the rows of [A B]."""
-
-    output_parameters: Indices
-    """(m, n) indices in θ of the rows of C."""
-
-
-class RegressorMoments(NamedTuple):
-    """Second moments of the regressors, summed over the samples, and over their orders with the weights S."""
-
-    states: Array
-    """(n + r, n + r) moments of [x; v], which [A B] multiplies."""
-
-    outputs: Array
-    """(n, n) moments of x, which C multiplies."""
-
-
-class PrecisionStructure(NamedTuple):
-    """How the precision Π̃ of the errors depends on λ: each column is scaled by one noise precision e^λ."""
-
-    precision_at_zero: Array
-    """(dim ε̃, dim ε̃) Π̃ at λ = 0."""
-
-    noise_of_error: Indices
-    """(dim ε̃,) index in λ of the noise of each error; −1 for errors whose precision does not depend on λ."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -591,69 +506,3 @@ def _row_block_index(parameters: Indices) -> tuple[Indices, Indices]:
         Index arrays (rows, s, 1) and (rows, 1, s), by which ``matrix[_row_block_index(parameters)]`` is (rows, s, s).
     """
     return parameters[:, :, None], parameters[:, None, :]
-
-
-@dataclass(frozen=True, eq=False)
-class GeneralizedMoments:
-    """Second moments of the data [ỹ; η̃] and of the state estimates X = L [ỹ; η̃], summed over the samples."""
-
-    model: GenerativeModel
-    """The generative model."""
-
-    samples: SufficientStatistics
-    """Statistics of the generalized data."""
-
-    joint_map: Array
-    """[I; L], which maps the data [ỹ; η̃] of a sample to the joint vector [ỹ; η̃; X]."""
-
-    @classmethod
-    def from_state_map(
-        cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array
-    ) -> GeneralizedMoments:
-        """Returns the moments for states that are estimated linearly from the data of the same sample.
-
-        Since the estimates X are a linear map of the data, their moments follow from those of the data, and no sample
-        has to be visited again.
-
-        Args:
-            model: the generative model.
-            samples: second moments of the data [ỹ; η̃]: generalized outputs ỹ and generalized inputs η̃.
-            state_map: (dim X, dim [ỹ; η̃]) the map L from the data to the estimated generalized states X = L [ỹ; η̃].
-        """
-        data_dimension = state_map.shape[1]
-        identity_map = np.eye(data_dimension)
-        return cls(model, samples, joint_map=np.vstack([identity_map, state_map]))
-
-    @cached_property
-    def joint_moments(self) -> Array:
-        """Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ."""
-        return self.joint_map @ self.samples.gram @ self.joint_map.T
-
-    @cached_property
-    def regressor_moments(self) -> RegressorMoments:
-        """Second moments of the regressors of [A B] and C, summed over the samples."""
-        return self.model.regressor_moments(self.joint_moments)
-
-    def cross_moments(self, theta: Array) -> Array:
-        """Returns the second moments Σ_t ε̃ [ỹ; η̃; X]ᵀ of errors and joint vector, for parameters θ (k,)."""
-        error_map = self.model.error_operator(theta) @ self.joint_map
-        return error_map @ self.samples.gram @ self.joint_map.T
-
-    def error_moments(self, theta: Array) -> Array:
-        """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, for parameters θ (k,).
-
-        The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
-        they are differences of, and would be lost in the rounding of the joint moments.
-
-        Args:
-            theta: parameters θ (k,).
-
-        Returns:
-            The second moments (dim ε̃, dim ε̃).
-        """
-        error_map = self.model.error_operator(theta) @ self.joint_map
-        return error_map @ self.samples.gram @ error_map.T
-
-    def squared_errors_by_noise(self, theta: Array) -> Array:
-        """Returns the squared errors Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ of each noise, (g,) in the order of λ, at parameters θ (k,)."""
-        return self.model.squared_errors_by_noise(self.error_moments(theta))

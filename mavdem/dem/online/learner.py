@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future, wait
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,6 +23,7 @@ from mavdem.dem.online.error_bands import ErrorBands
 from mavdem.dem.online.estimate import Estimate, SurpriseMark
 from mavdem.dem.online.forecaster import OnlineForecaster
 from mavdem.dem.online.free_energy_monitor import FreeEnergyMonitor, Surprise
+from mavdem.dem.online.learner_arguments import checked_row, is_same_mixer, validated_horizons
 from mavdem.dem.online.memory import SampleMemory, drop_blocks_since
 from mavdem.dem.online.surprise_cause import (
     CAUSE_SECONDS,
@@ -33,13 +34,10 @@ from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import (
     MAX_ABS_VALUE,
-    MAX_STEPS,
     is_number,
-    require_finite_and_bounded,
     validated_count,
     validated_directions,
     validated_step,
-    validated_table,
 )
 from mavdem.errors import NotLearnable, fact_from_error
 from mavdem.facts import Fact
@@ -75,8 +73,6 @@ after an unusual sample.
 DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
 """Steps ahead that are predicted unless others are given."""
 
-MIN_MIXER_COSINE = 0.9
-"""Cosine of the angle between two estimates of the axis mixer, above which they differ by chance only; a choice."""
 
 MAX_STEP_DEVIATION = 0.5
 """Deviation of a step from ``dt``, in units of ``dt``, beyond which there is a gap."""
@@ -169,7 +165,7 @@ class OnlineLearner:
         self._dt = validated_step(dt)
         self._n_inputs = validated_count(n_inputs, "n_inputs")
         self._n_outputs = validated_count(n_outputs, "n_outputs")
-        self.horizons = _validated_horizons(horizons)
+        self.horizons = validated_horizons(horizons)
         block_size = max(1, round(MEMORY_BLOCK_SECONDS / dt))
         # A memory that is no finite number of blocks is refused like one that is too short.
         max_blocks = 0
@@ -357,11 +353,11 @@ class OnlineLearner:
             ValueError: There are more or fewer values, or one is not finite or too large; the message names it.
         """
         if not (isinstance(time, float) and abs(time) < MAX_ABS_VALUE):
-            time = float(_checked_row(time, "time", 1)[0])
+            time = float(checked_row(time, "time", 1)[0])
         return _Sample(
             time=time,
-            inputs=_checked_row(inputs, "inputs", self._n_inputs),
-            outputs=_checked_row(outputs, "outputs", self._n_outputs),
+            inputs=checked_row(inputs, "inputs", self._n_inputs),
+            outputs=checked_row(outputs, "outputs", self._n_outputs),
         )
 
     def _count_gaps(self, step: float) -> None:
@@ -535,7 +531,7 @@ class OnlineLearner:
         # The joint model of the fit shows the axis mixer. If the forecaster had none, or another, it learns again.
         mixer = self._forecaster.axis_mixer
         fitted_mixer = monitor.learned.joint.mixer
-        if mixer is None or not _is_same_mixer(mixer, fitted_mixer):
+        if mixer is None or not is_same_mixer(mixer, fitted_mixer):
             self._forecaster.relearn(self._memory.blocks, fitted_mixer)
 
     def _retry_later(self, error: BaseException) -> None:
@@ -557,57 +553,3 @@ class OnlineLearner:
         if isinstance(error, ValueError) and self._monitor is None:
             for _ in range(len(self._memory.blocks) // 2):
                 self._memory.blocks.popleft()
-
-
-def _validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
-    """Checks the horizons of the predictions.
-
-    Args:
-        horizons: Steps ahead to predict.
-
-    Returns:
-        The steps as integers.
-
-    Raises:
-        ValueError: There are none, or they do not increase, or one is not from 1 to ``MAX_STEPS``.
-    """
-    steps: list[int] = []
-    if np.ndim(horizons):
-        steps = [validated_count(number, "horizons", MAX_STEPS) for number in horizons]
-    if not steps or steps != sorted(set(steps)):
-        raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
-    return tuple(steps)
-
-
-def _checked_row(values: Any, name: str, columns: int) -> Array:
-    """Checks the values of one sample, in the same way as a table of samples for ``learn``.
-
-    Args:
-        values: The values; of a single column, one number.
-        name: Name of the argument, for the message of an error.
-        columns: Number of values that there must be.
-
-    Returns:
-        The values as an array, (columns,).
-
-    Raises:
-        ValueError: There are more or fewer, or one is not finite or larger than ``MAX_ABS_VALUE``.
-    """
-    if isinstance(values, np.ndarray) and values.shape == (columns,) and values.dtype == float:
-        # The rows of a live stream are such arrays, which need no conversion.
-        row = values
-    else:
-        row = validated_table([values], name, columns)[0]
-    require_finite_and_bounded(row, name)
-    return row
-
-
-def _is_same_mixer(mixer: Array, other_mixer: Array) -> bool:
-    """Returns whether two axis mixers are so much alike that their difference may be chance, apart from signs.
-
-    Args:
-        mixer: (r, c) combinations of the inputs, as columns of unit length.
-        other_mixer: (r, c) the other ones.
-    """
-    cosines = np.sum(mixer * other_mixer, axis=0)
-    return bool(abs(cosines).min() >= MIN_MIXER_COSINE)

@@ -15,7 +15,8 @@ from numpy.random import default_rng
 
 from mavdem.dem.engine.ascent import posterior_after_each_round
 from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
-from mavdem.dem.engine.generative import GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.dem.engine.steps import with_optimal_covariances
 from mavdem.experiments.paper.checks import Check, ExperimentResult
 from mavdem.experiments.paper.runner import Runner

@@ -12,7 +12,8 @@ from numpy.random import Generator, default_rng
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
-from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.generative import GenerativeModel, Prior
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.loops.margins import Complex
 
 TRUE_A = -2.0

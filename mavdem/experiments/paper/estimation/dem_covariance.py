@@ -7,13 +7,9 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
-from mavdem.dem.engine.generative import (
-    GeneralizedMoments,
-    GenerativeModel,
-    Prior,
-    SufficientStatistics,
-)
+from mavdem.dem.engine.generative import GenerativeModel, Prior
 from mavdem.dem.engine.model import pack
+from mavdem.dem.engine.moments import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.steps import d_step, m_step, with_optimal_covariances
 from mavdem.experiments.paper.estimation.covariance_estimators import (
     FIRST_LOG_PRECISION,

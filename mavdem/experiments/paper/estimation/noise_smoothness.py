@@ -19,8 +19,8 @@ from scipy.stats import norm, t
 
 from mavdem.arrays import Array
 from mavdem.dem import Settings, learn
-from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import one_thread, raise_on_overflow
+from mavdem.dem.engine.moments import SufficientStatistics
 from mavdem.dem.fitting import generalized_data as flight_data
 from mavdem.dem.fitting import generative_model as flight_model
 from mavdem.dem.learning import prepared_training

@@ -20,11 +20,8 @@ from mavdem.arrays import Array
 from mavdem.dem.engine.ascent import Iterate, initial_iterate, run_rounds
 from mavdem.dem.engine.free_energy import Posterior, expected_noise_precisions
 from mavdem.dem.engine.generalized_coordinates import temporal_precision
-from mavdem.dem.engine.generative import (
-    GeneralizedMoments,
-    GenerativeModel,
-    SufficientStatistics,
-)
+from mavdem.dem.engine.generative import GenerativeModel
+from mavdem.dem.engine.moments import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.steps import FreeEnergyOfLambda
 
 MAX_ROUNDS = 100

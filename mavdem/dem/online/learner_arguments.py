@@ -1,0 +1,75 @@
+"""Checks of what the online learner is given: horizons, samples and mixers."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dem.validation import (
+    MAX_STEPS,
+    require_finite_and_bounded,
+    validated_count,
+    validated_table,
+)
+
+if TYPE_CHECKING:
+    pass
+
+MIN_MIXER_COSINE = 0.9
+"""Cosine of the angle between two estimates of the axis mixer, above which they differ by chance only; a choice."""
+
+
+def validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
+    """Checks the horizons of the predictions.
+
+    Args:
+        horizons: Steps ahead to predict.
+
+    Returns:
+        The steps as integers.
+
+    Raises:
+        ValueError: There are none, or they do not increase, or one is not from 1 to ``MAX_STEPS``.
+    """
+    steps: list[int] = []
+    if np.ndim(horizons):
+        steps = [validated_count(number, "horizons", MAX_STEPS) for number in horizons]
+    if not steps or steps != sorted(set(steps)):
+        raise ValueError(f"horizons must be steps, increasing, not {horizons!r}")
+    return tuple(steps)
+
+
+def checked_row(values: Any, name: str, columns: int) -> Array:
+    """Checks the values of one sample, in the same way as a table of samples for ``learn``.
+
+    Args:
+        values: The values; of a single column, one number.
+        name: Name of the argument, for the message of an error.
+        columns: Number of values that there must be.
+
+    Returns:
+        The values as an array, (columns,).
+
+    Raises:
+        ValueError: There are more or fewer, or one is not finite or larger than ``MAX_ABS_VALUE``.
+    """
+    if isinstance(values, np.ndarray) and values.shape == (columns,) and values.dtype == float:
+        # The rows of a live stream are such arrays, which need no conversion.
+        row = values
+    else:
+        row = validated_table([values], name, columns)[0]
+    require_finite_and_bounded(row, name)
+    return row
+
+
+def is_same_mixer(mixer: Array, other_mixer: Array) -> bool:
+    """Returns whether two axis mixers are so much alike that their difference may be chance, apart from signs.
+
+    Args:
+        mixer: (r, c) combinations of the inputs, as columns of unit length.
+        other_mixer: (r, c) the other ones.
+    """
+    cosines = np.sum(mixer * other_mixer, axis=0)
+    return bool(abs(cosines).min() >= MIN_MIXER_COSINE)

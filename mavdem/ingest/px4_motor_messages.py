@@ -1,0 +1,202 @@
+"""MAVLink messages of motors and their speed controllers, made of PX4's topics; each function makes one message.
+
+PX4 translates in the same way when it sends these messages; each function names the file of
+https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. A function raises KeyError
+where a topic, or a field of it, was not logged.
+"""
+
+import numpy as np
+
+from mavdem.arrays import Array, Flags
+from mavdem.ingest.motor_geometry import MAX_PX4_ROTORS, motor_geometry
+from mavdem.ingest.motors import PORT_OUTPUTS
+from mavdem.ingest.px4_topics import (
+    Topics,
+    first_instance,
+    in_time_order,
+)
+from mavdem.ingest.telemetry import (
+    Columns,
+    Fields,
+    Parameters,
+    selected_rows,
+)
+
+MIN_TURNS_PER_DRIVER = 2
+"""Changes of ``noutputs`` per driver from which on drivers publish in turn; with fewer, the number changed once."""
+
+
+def servo_output_raw(topics: Topics) -> Fields:
+    """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) of actuator_outputs: each instance of the topic is a port of 16.
+
+    The decimals that the message cuts off are kept. An instance that two drivers publish in turn, each with its
+    ``noutputs``, becomes two ports; that of the driver whose first output changes most keeps the instance's number.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        ``time`` (N,), s, ``port`` and the 16 outputs in the unit of the driver, in the order of time.
+    """
+    ports = []
+    for instance, topic in topics.get("actuator_outputs", {}).items():
+        # With two drivers the number of outputs alternates from message to message.
+        output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
+        turns = np.count_nonzero(np.diff(output_counts))
+        parts: list[Columns] = [topic]
+        if turns:
+            distinct_counts = np.unique(output_counts)
+            if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
+                parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
+        parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
+        for part_number, part in enumerate(parts):
+            outputs = _used_outputs(part)
+            port_number = instance + PORT_OUTPUTS * part_number
+            port = np.full(len(outputs), port_number, dtype=np.uint8)
+            fields = {f"servo{n + 1}_raw": outputs[:, n] for n in range(PORT_OUTPUTS)}
+            ports.append({"time": part["time"], "port": port, **fields})
+    return in_time_order(ports)
+
+
+def _used_outputs(topic: Columns) -> Array:
+    """Returns the outputs of actuator_outputs.
+
+    Outputs from number ``noutputs`` on are not in use, and may hold old values; they are set to 0. Where ``noutputs``
+    is 0 or was not logged, all outputs are kept.
+
+    Args:
+        topic: Columns (N,) of actuator_outputs.
+
+    Returns:
+        The outputs (N, 16).
+    """
+    zeros = np.zeros(len(topic["time"]))
+    columns = [topic.get(f"output[{n}]", zeros) for n in range(PORT_OUTPUTS)]
+    outputs = np.column_stack(columns).astype(np.float64)
+    output_count = topic.get("noutputs", zeros)[:, None]
+    is_unused = (output_count > 0) & (np.arange(PORT_OUTPUTS) >= output_count)
+    return np.where(is_unused, 0.0, outputs)
+
+
+def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
+    """Makes HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range, of actuator_motors, from PX4 1.13 on.
+
+    The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
+    a motor that is off, becomes 0.
+
+    Args:
+        topics: The logged topics.
+        vehicle: MAV_TYPE without its prefix.
+        parameters: The autopilot's parameters by name. Without them motor n is put on channel n.
+
+    Returns:
+        ``time`` (N,), s, and ``controls`` (N, 16), 0 to 1 of the range.
+    """
+    topic = first_instance(topics, "actuator_motors")
+    motors = range(1, MAX_PX4_ROTORS + 1)
+    channel_of_motor = {motor: motor for motor in motors}
+    all_channels = range(1, PORT_OUTPUTS + 1)
+    geometry = motor_geometry(vehicle, "PX4", parameters, all_channels, PORT_OUTPUTS)
+    if geometry is not None and not geometry.channels_assumed:
+        channel_of_motor = dict(zip(geometry.motors, geometry.channels, strict=True))
+    controls = np.zeros((len(topic["control[0]"]), PORT_OUTPUTS))
+    for motor in motors:
+        field = f"control[{motor - 1}]"
+        if field in topic and motor in channel_of_motor:
+            control = topic[field]
+            is_on = np.isfinite(control)
+            controls[:, channel_of_motor[motor] - 1] = np.where(is_on, control, 0.0)
+    return {"time": topic["time"], "controls": controls}
+
+
+MAX_ESCS = 8
+"""Number of speed controllers for which esc_status has room."""
+
+FIRST_MOTOR_FUNCTION = 101
+"""Value of ``actuator_function`` of the first motor; those of the others follow (PX4's ``functions.hpp``)."""
+
+MAX_MOTORS = 12
+"""Number of motors that have a value of ``actuator_function``."""
+
+MAX_ESC_CELSIUS = 200.0
+"""Temperature, °C, that no speed controller survives: larger numbers are in K, as those of DroneCAN's were before PX4
+converted them."""
+
+ZERO_CELSIUS = 273.15
+"""0 °C in K."""
+
+
+def motor_speeds(topics: Topics) -> Fields:
+    """Makes ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        ``time`` (N,), s, the number of the controller from 0 as ``Instance``, the size of its speed as ``RPM`` (some
+        report a sign for the direction), and as far as logged its current ``Curr``, A, temperature ``Temp``, °C,
+        ``ErrorCount``, since boot, and the number of its motor from 1 as ``Motor``, 0 for none.
+    """
+    topic = first_instance(topics, "esc_status")
+    parts = []
+    for instance in range(MAX_ESCS):
+        if f"esc[{instance}].esc_rpm" not in topic:
+            break
+        is_online = _is_online(topic, instance)
+        if is_online.any():
+            parts.append(_speed_controller(selected_rows(topic, is_online), instance))
+    return in_time_order(parts)
+
+
+def _is_online(topic: Columns, instance: int) -> Flags:
+    """Returns flags of esc_status: whether a controller reports, by its flags or the number of controllers.
+
+    If neither was logged, one that ever turns reports throughout.
+
+    Args:
+        topic: Columns (N,) of esc_status.
+        instance: Number of the speed controller, from 0.
+
+    Returns:
+        Flags (N,).
+    """
+    if "esc_online_flags" in topic:
+        # Bit n of the flags is that of controller n.
+        return topic["esc_online_flags"].astype(np.int64) >> instance & 1 > 0
+    if "esc_count" in topic:
+        return np.asarray(topic["esc_count"] > instance)
+    has_turned = bool(topic[f"esc[{instance}].esc_rpm"].any())
+    return np.full(len(topic["time"]), has_turned)
+
+
+def _speed_controller(topic: Columns, instance: int) -> Fields:
+    """Makes the columns of the table ESC for one speed controller.
+
+    Args:
+        topic: Messages of esc_status in which it reports, N rows.
+        instance: Its number, from 0.
+
+    Returns:
+        Columns of N rows by field name, such as "RPM" and "Temp".
+    """
+    field = f"esc[{instance}]."
+    fields: Fields = {
+        "time": topic["time"],
+        "Instance": np.full(len(topic["time"]), instance),
+        "RPM": abs(topic[f"{field}esc_rpm"].astype(np.float64)),
+    }
+    if f"{field}esc_current" in topic:
+        fields["Curr"] = topic[f"{field}esc_current"]
+    if f"{field}esc_temperature" in topic:
+        temperature = topic[f"{field}esc_temperature"].astype(np.float64)
+        # Before the first report of a controller it is 0 or NaN.
+        reported_temperature = temperature[temperature > 0]
+        if len(reported_temperature) and np.median(reported_temperature) > MAX_ESC_CELSIUS:
+            temperature = np.where(temperature > 0, temperature - ZERO_CELSIUS, np.nan)
+        fields["Temp"] = temperature
+    if f"{field}esc_errorcount" in topic:
+        fields["ErrorCount"] = topic[f"{field}esc_errorcount"]
+    if f"{field}actuator_function" in topic:
+        motor = 1 + topic[f"{field}actuator_function"].astype(np.int64) - FIRST_MOTOR_FUNCTION
+        fields["Motor"] = np.where((motor >= 1) & (motor <= MAX_MOTORS), motor, 0)
+    return fields
