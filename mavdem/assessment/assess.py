@@ -34,8 +34,8 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem.parallel import in_second_process
 from mavdem.errors import NotLearnable
-from mavdem.facts import Fact, NamedFacts
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.lights import Light
 from mavdem.files import AnyPath
 from mavdem.immutable import ReadOnlyDict, freeze
@@ -243,7 +243,7 @@ def _evidence_without_loops(
     """
     # 1. Reports of the autopilot, and events in the motion. A reported crash counts only if sensors confirm it.
     reports = reported_events(signals)
-    events = weighed_reports(signals, [*reports, *motion_events(signals, reports)])
+    events = _events_without_motors(signals, reports)
     # 2. The ending, if the flight was lost.
     ending = ending_of(signals, events, analysis.condition.collective)
     # 3. Losses of motor thrust until then, one of which may have caused the loss of the flight.
@@ -269,6 +269,27 @@ def _evidence_without_loops(
     if evidence.reasons_not_to_fly:
         evidence = replace(evidence, wind=without_flight_advice(wind))
     return evidence
+
+
+def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
+    """Returns the reports of the autopilot that sensors do not contradict, and events in the motion."""
+    return weighed_reports(signals, [*reports, *motion_events(signals, reports)])
+
+
+@np.errstate(all="ignore")
+def loss_of_flight(signals: Signals) -> Fact | None:
+    """Returns how a flight was lost, without what failed first: that takes the whole assessment.
+
+    Args:
+        signals: signals of the vehicle.
+
+    Returns:
+        The event that the assessment reports too; None if no flight was lost.
+    """
+    ending = ending_of(signals, _events_without_motors(signals, reported_events(signals)))
+    if ending is None or ending.code is Ending.LOSS_REPORTED:
+        return ending
+    return ending.replace(subject="", cause=None, word=None)
 
 
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:

@@ -6,7 +6,7 @@ from shlex import quote
 
 import click
 
-from mavdem.assessment.assess import assess_signals
+from mavdem.assessment.assess import assess_signals, loss_of_flight
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.inventory import inventory
 from mavdem.assessment.record import Assessment, analysed_contents
@@ -45,7 +45,7 @@ def info_command(
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints
     if a model can be learned (a model of the slow motion too; if not, why and what to change) and, if 15 lines suffice,
-    settled flight and message rates. `mavdem SOURCE` says what happened and what is wrong; with --verbose and --json,
+    settled flight and message rates; of a lost flight, how it was lost. `mavdem SOURCE` says what happened and what is wrong; with --verbose and --json,
     which take as long as that, it is added: headline, lights, senders, instances, and what can be trusted. With --json
     the reason why no model can be learned is also printed on standard error.
 
@@ -108,11 +108,13 @@ def _print_analyses(
         f"`mavdem {quote(log.source)}` says what happened and what is wrong.", "Next:"
     )
     for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
+        loss = loss_of_flight(signals)
+        headlines = [] if loss is None else [Sentence("", str(loss))]
         print_screen(
             vehicle_title(log, signals, analysis),
             summary=vehicle_contents(values),
             details=senders,
-            conclusion=[next_step],
+            conclusion=[*headlines, next_step],
             verbose=False,
         )
 

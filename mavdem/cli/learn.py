@@ -29,7 +29,7 @@ from mavdem.cli.result_folders import (
 )
 from mavdem.cli.sources import read_source
 from mavdem.cli.streams import print_page_path
-from mavdem.dataset.axes import TILT_AXES
+from mavdem.dataset.axes import AXES
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
@@ -46,7 +46,7 @@ PAGE_LINES = 1
 
 @click.command("learn")
 @source_options(
-    (*TILT_AXES, ALL_AXES),
+    (*AXES, ALL_AXES),
     "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw.",
 )
 @file_option("--out", "Folder for the results. [default: named after the log]")

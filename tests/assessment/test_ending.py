@@ -9,6 +9,7 @@ from frames import QUAD, geometry
 from hover import X_QUAD_PARAMETERS, Hover, changed, columns, only, pulses, with_pulses
 from pytest import approx, mark
 
+from mavdem.assessment.assess import loss_of_flight
 from mavdem.assessment.ending import ending_of
 from mavdem.assessment.failure_by_commands import is_first_at_limit, weak_motor
 from mavdem.assessment.first_failure import first_failure
@@ -433,6 +434,15 @@ def test_a_log_that_ends_after_the_loss_shows_why():
     assert ending.code is Ending.CONTROL_LOST
     assert str(events[MotionEvent.LOG_ENDED_IN_AIR]).endswith(", after control was lost.")
     assert events[MotionEvent.LOG_ENDED_IN_AIR].remedy == ""
+
+
+def test_a_loss_is_stated_without_its_cause_where_nothing_else_is_computed():
+    made = lost(1)
+    _, ending = judged(made)
+    loss = loss_of_flight(Signals(made))
+    assert (loss.code, loss.time) == (ending.code, ending.time)
+    assert str(ending).startswith(str(loss).rstrip(".")) and "motor" not in str(loss)
+    assert loss_of_flight(Signals(flight())) is None
 
 
 def test_every_witness_says_when_and_agrees_with_its_event():

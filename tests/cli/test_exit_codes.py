@@ -55,7 +55,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         "learn {flight} --out x --preset paper --order 11": "--order: 11 is not in 1 to 10",
         "learn {flight} --out x --start 86401": "0<=x<=86400",
         "track {logs} --out f --jobs 1025": "1<=x<=1024",
-        "learn {flight} --out x --axis yaw": "'yaw' is not one of 'roll', 'pitch'",
+        "learn {flight} --out x --axis up": "'up' is not one of 'roll', 'pitch', 'yaw', 'all'",
         "learn {flight} --out x --train many": "'many' is no length: give seconds, as in 7s",
         "learn {flight} --out x --vehicle --verbose": "--verbose is an option",
         "learn {flight} --out ''": "An argument is empty",
