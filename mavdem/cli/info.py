@@ -44,10 +44,10 @@ def info_command(
     """Reports what a log holds and if a model can be learned.
 
     SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle it prints
-    if a model can be learned (a model of the slow motion too; if not, why and what to change) and, if 15 lines suffice,
-    settled flight and message rates; of a lost flight, how it was lost. `mavdem SOURCE` says what happened and what is wrong; with --verbose and --json,
-    which take as long as that, it is added: headline, lights, senders, instances, and what can be trusted. With --json
-    the reason why no model can be learned is also printed on standard error.
+    if a model can be learned (a model of the slow motion too; if not, why and what to change), how a lost flight was
+    lost and, if 15 lines suffice, settled flight and message rates. `mavdem SOURCE` says what happened and what is
+    wrong; with --verbose and --json, which take as long as that, it is added: headline, lights, senders, instances, and
+    what can be trusted. With --json the reason why no model can be learned is also printed on standard error.
 
     Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
