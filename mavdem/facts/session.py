@@ -92,6 +92,7 @@ class RateFact(Code):
     RATE_REFUSED = "rate_refused"
     RATES_ASKED_AGAIN = "rates_asked_again"
     RATE_BELOW_ASKED = "rate_below_asked"
+    MESSAGE_ABSENT = "message_absent"
     RATE_FELL = "rate_fell"
     RATES_CONTESTED = "rates_contested"
     RATES_NOT_RESTORED = "rates_not_restored"

@@ -102,6 +102,11 @@ class RateNegotiation:
         ids = FrameSender(vehicle.system, vehicle.component)
         return RateRequest(ids, rate, parameters=parameters)
 
+    @property
+    def absent_messages(self) -> frozenset[str]:
+        """Names of the messages that do not come, although they were requested."""
+        return frozenset() if self._request is None else self._request.absent_messages
+
     def restart(self) -> None:
         """Requests rates again, after a reboot or a silence in which the vehicle may have forgotten them."""
         if self._request is not None:

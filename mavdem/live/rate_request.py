@@ -190,6 +190,12 @@ class _MessageInterval:
     is_restored: bool = False
     """Whether the vehicle has confirmed the former interval."""
 
+    was_received: bool = False
+    """Whether it came at all."""
+
+    is_absent: bool = False
+    """Whether the message did not come at all, although it was requested, or was refused."""
+
 
 class RateRequest:
     """Makes a vehicle send messages at requested rates, and restores its own rates at the end.
@@ -344,6 +350,8 @@ class RateRequest:
         Returns:
             A frame with MAV_CMD_SET_MESSAGE_INTERVAL, or nothing.
         """
+        interval.was_received = interval.was_received or rate > 0
+        interval.is_absent = interval.is_absent and rate == 0
         if rate >= interval.needed_rate:
             interval.set_count = 0
             # It was reached because of a setting only if there was one.
@@ -358,6 +366,8 @@ class RateRequest:
             interval.reachable_rate = rate
             interval.needed_rate = MIN_RATE_RATIO * rate
             self._report(interval, RateFact.RATE_BELOW_ASKED, rate=rate, needed_rate=interval.rate)
+            if rate == 0:
+                self._report_absence(interval)
             return []
         if interval.was_reached:
             self._report_fall(interval, rate)
@@ -414,6 +424,17 @@ class RateRequest:
         """
         if interval.is_reported:
             self.events.append(Fact(code, subject=interval.name, **figures))
+
+    def _report_absence(self, interval: _MessageInterval) -> None:
+        """Reports once that a message does not come although it was requested, unless more was reported of it."""
+        if not interval.is_absent and not interval.is_reported:
+            self.events.append(Fact(RateFact.MESSAGE_ABSENT, subject=interval.name))
+        interval.is_absent = True
+
+    @property
+    def absent_messages(self) -> frozenset[str]:
+        """Names of the messages that do not come, although they were requested."""
+        return frozenset(interval.name for interval in self._intervals if interval.is_absent)
 
     def take_reply(self, message: Message) -> None:
         """Takes a reply of the vehicle: to a query a MESSAGE_INTERVAL, to a setting a COMMAND_ACK.
@@ -479,6 +500,8 @@ class RateRequest:
             latest_interval.needed_rate = 0.0
             latest_interval.may_have_changed = False
             self._report(latest_interval, RateFact.RATE_REFUSED, result=result)
+            if not latest_interval.was_received:
+                self._report_absence(latest_interval)
 
     def restart(self) -> None:
         """Allows all rates to be requested again at once: the vehicle may have rebooted, and forgotten them.

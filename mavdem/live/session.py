@@ -6,6 +6,7 @@ view's own queue. What is received is recorded first, and waits for its analysis
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from dataclasses import replace
 
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
@@ -298,7 +299,7 @@ class LiveSession:
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        return self._report.status
+        return replace(self._report.status, absent_messages=self._rates.absent_messages)
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""

@@ -15,6 +15,7 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
+from mavdem.facts.vibration import VibrationLight
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.wind import WindEstimate
@@ -133,6 +134,9 @@ class SessionStatus(ImmutableResult):
     worst_lights: NamedFacts = field(default_factory=dict)
     """The worst fact found so far without a model, by light."""
 
+    absent_messages: frozenset[str] = frozenset()
+    """Names of the messages that do not come, although the vehicle was asked for them."""
+
     @property
     def overall_judgement(self) -> Judgement:
         """Headline, lights and next step of the flight, from the model and from the checks that need no model.
@@ -153,6 +157,15 @@ class SessionStatus(ImmutableResult):
 
         headline = judgement.headline
         next_step = judgement.next_step
+        vibration = lights[Light.VIBRATION]
+        if (
+            vibration.code is VibrationLight.VIBRATION_UNKNOWN
+            and "VIBRATION" in self.absent_messages
+        ):
+            # What was asked for in vain is not advised.
+            lights[Light.VIBRATION] = vibration.replace(is_asked=True)
+            if next_step.figures.get("because") == vibration:
+                next_step = next_step_of(headline, lights, None)
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         if bad_lights and not headline.is_bad:
             headline = bad_lights[0]

@@ -27,6 +27,7 @@ from mavdem.live.rate_request import (
 
 VEHICLE = FrameSender(7, 1)
 US = (255, 190)
+NO_VIBRATION = Fact(RateFact.MESSAGE_ABSENT, subject="VIBRATION")
 
 
 def told(name, first, second, to=US):
@@ -69,6 +70,19 @@ def test_a_refused_rate_is_reported_and_not_requested_again():
     below = Fact(RateFact.RATE_BELOW_ASKED, subject="ATTITUDE", rate=50.0, needed_rate=400.0)
     assert slow.events == [below]
     assert [slow.frames_due(float(second), {30: 36.0}) for second in range(60, 90)] == [[]] * 30
+
+
+@mark.parametrize("is_refused", [True, False])
+def test_a_message_of_lesser_use_that_never_comes_is_reported_once(is_refused):
+    request = RateRequest(VEHICLE, 50.0, (), secondary_messages=(241,))
+    for second in range(60):
+        frames = request.frames_due(float(second), {})
+        if is_refused and [one for one in said(frames) if one[0] == SET_INTERVAL]:
+            request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 4))
+    assert request.drain_events() == [NO_VIBRATION]
+    assert request.absent_messages == {"VIBRATION"}
+    request.frames_due(61.0, {241: 4.0})
+    assert request.absent_messages == (request.absent_messages if is_refused else frozenset())
 
 
 @mark.parametrize("interval", [0, 5, -5, -(2**31)])
@@ -180,7 +194,8 @@ def test_landing_messages_are_requested_only_where_they_do_not_come():
     asked = {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL}
     vibration = 241
     assert asked == {30, 36, 83, 245, 32, vibration}
-    assert vehicle.request.events == [], "and what the vehicle does not know needs no word"
+    absent = {fact.subject for fact in vehicle.request.events}
+    assert absent == {"ATTITUDE_TARGET", "EXTENDED_SYS_STATE", "LOCAL_POSITION_NED", "VIBRATION"}
     vehicle.give_back()
     assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
 
@@ -210,7 +225,7 @@ def test_rates_are_by_the_clock_of_a_simulator_that_falls_behind():
         vehicle.run(60.0)
     assert vehicle.rates == {30: 100.0, 36: 100.0, 83: 50.0, 245: 4.0, 32: 4.0, 74: 4.0}
     # Two of motion, the setpoint, three of the state of flight, and the vibration, which this vehicle does not know.
-    assert vehicle.settings() == 7 and vehicle.request.events == []
+    assert vehicle.settings() == 7 and vehicle.request.events == [NO_VIBRATION]
 
 
 def test_rates_that_are_not_measured_yet_are_not_requested_again():
@@ -220,7 +235,7 @@ def test_rates_that_are_not_measured_yet_are_not_requested_again():
         # This computer was busy, so that the measurement begins anew.
         vehicle.arrivals = ArrivalRates()
     # Two of motion, the setpoint, three of the state of flight, and the vibration, which this vehicle does not know.
-    assert vehicle.settings() == 7 and vehicle.request.events == []
+    assert vehicle.settings() == 7 and vehicle.request.events == [NO_VIBRATION]
 
 
 def test_a_rate_that_was_never_reached_is_not_reported_as_lost():

@@ -15,12 +15,14 @@ from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
 
+from mavdem.assessment.judgement import Judgement, next_step_of
 from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
-from mavdem.facts.assessment import NextStep
+from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.events import ReportedEvent
 from mavdem.facts.lights import Light
+from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
@@ -414,3 +416,15 @@ def test_messages_with_arrays_are_counted_where_a_value_of_the_array_changes():
     for time, cell in enumerate((4100, 4100, 4050)):
         recent.add("BATTERY_STATUS", float(time), (0, np.array([cell, 4100]), -1, 50, 1))
     assert recent.changes["BATTERY_STATUS"] == 2
+
+
+def test_what_was_asked_for_in_vain_is_not_advised():
+    lights = {str(light): Fact(LogLight.RECORDED_FAST, Level.GOOD) for light in Light}
+    unknown = lights["vibration"] = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")
+    headline = Fact(Headline.NOTHING_WRONG, Level.GOOD)
+    judged = Judgement(headline, next_step_of(headline, lights, None), lights)
+    status = SessionStatus(model_judgement=judged)
+    assert "Ask for VIBRATION" in str(status.overall_judgement.next_step)
+    asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
+    assert asked.lights["vibration"] == unknown.replace(is_asked=True)
+    assert str(asked.next_step) == "VIBRATION was asked for, and does not come."
