@@ -43,6 +43,7 @@ from mavdem.loops.gain_design import (
 )
 from mavdem.loops.limit_cycles import Oscillation
 from mavdem.loops.loop_construction import at_limit_share
+from mavdem.plant.parameters import DRAWS, ESTIMATE, LAG
 
 GAIN_REDUCTION = 2 / 3
 """Factor on the gains that make a vehicle oscillate: 3.5 dB less."""
@@ -189,11 +190,10 @@ def advise(
         if gains and may_change:
             step = _next_step(loop, target)
         gains |= step.gains
-    # Row 0 is the estimated plant, which ``with_draws`` always keeps. The first half of the others chose the gains.
+    # ``with_draws`` always keeps the estimated plant. The first half of the draws chose the gains.
     judging_draws = slice(len(loop.effectiveness) // 2, None)
     loop_after = loop.with_draws(judging_draws).with_parameters(gains)
-    all_draws = slice(1, None)
-    judging_loop = loop_after.with_draws(all_draws, EFFECTIVENESS_FACTORS)
+    judging_loop = loop_after.with_draws(DRAWS, EFFECTIVENESS_FACTORS)
     scores = margin_scores(target, judging_loop.rate, judging_loop.attitude)
     present_gains = loop.controller.parameters
     return Advice(
@@ -227,9 +227,8 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
         The gains with their stage; without gains if none are worth changing.
     """
     search = GainSearch(loop, target)
-    # Row 0 is the estimated plant.
-    rate_score = margin_scores(target, loop.rate)[0]
-    attitude_score = margin_scores(target, loop.attitude)[0]
+    rate_score = margin_scores(target, loop.rate)[ESTIMATE]
+    attitude_score = margin_scores(target, loop.attitude)[ESTIMATE]
     if rate_score < 1:
         return search.step(Stage.RATE)
     if attitude_score < 1:
@@ -267,8 +266,7 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
     limited_share = at_limit_share(record, loop.controller)
     if limited_share > MAX_AT_LIMIT_SHARE:
         return (Fact(GainFact.MOTOR_AT_LIMIT, share=limited_share),)
-    # Row 0 is the estimated plant.
-    if not (loop.rate.stable[0] and loop.attitude.stable[0]):
+    if not (loop.rate.is_stable and loop.attitude.is_stable):
         return (Fact(GainFact.LOOP_UNSTABLE),)
     if loop.disagreement:
         return (loop.disagreement,)
@@ -289,8 +287,9 @@ def _shows_lag(loop: Loop) -> bool:
         loop: rate and attitude loop of one axis.
     """
     is_identified_in_loop = not loop.plant.filtered
-    # Row 0 is the estimated plant; column 1 its motor lag without the gyro's filters.
-    return is_identified_in_loop or bool(loop.dynamics[0, 1] >= loop.record.dt)
+    # The motor lag of the estimated plant, without the gyro's filters.
+    lag = loop.dynamics[ESTIMATE, LAG]
+    return is_identified_in_loop or bool(lag >= loop.record.dt)
 
 
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:

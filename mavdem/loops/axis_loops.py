@@ -33,7 +33,7 @@ from mavdem.loops.margins import (
 )
 from mavdem.loops.measured_response import MeasuredResponse
 from mavdem.plant import Physical
-from mavdem.plant.parameters import wind_torque_density
+from mavdem.plant.parameters import ESTIMATE, wind_torque_density
 
 if TYPE_CHECKING:
     from mavdem.loops.advice import Advice
@@ -172,22 +172,22 @@ class Loop(Margins):
     ) -> Loop:
         """Returns the loop with the estimated plant and some of the draws, each at several control effectivenesses.
 
-        The N plants of a loop are the estimate, in row 0, and N - 1 draws from its posterior, which show how uncertain
-        it is. Search and judgement of gains use different draws. Scaling the control effectiveness (angular
+        The N plants of a loop are the estimate, in row ``ESTIMATE``, and N - 1 draws from its posterior, which show how
+        uncertain it is. Search and judgement of gains use different draws. Scaling the control effectiveness (angular
         acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
             rows: indices of the plants to take, of N; the estimate comes first in any case.
             effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
-                should be 1, so that row 0 remains the estimate.
+                should be 1, so that row ``ESTIMATE`` remains the estimate.
             grid: frequencies of the responses.
 
         Returns:
             The loop with E · P plants, P being one more than ``rows`` selects: all plants with the first factor, then
             all with the second, and so on.
         """
-        # Row 0 must be the estimate, since a loop's figures are those of row 0.
-        plants = np.append(0, np.arange(len(self.effectiveness))[rows])
+        # The estimate must come first again, since a loop's figures are those of that row.
+        plants = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
         dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
@@ -251,8 +251,7 @@ class Loop(Margins):
         Returns:
             The standard deviation σ, degrees.
         """
-        # Row 0 is the estimated plant.
-        power = np.abs(self.attitude.disturbance[0]) ** 2 * torque_density
+        power = np.abs(self.attitude.disturbance[ESTIMATE]) ** 2 * torque_density
         return float(np.degrees(np.sqrt(np.trapezoid(power, self.rate.frequency))))
 
 
@@ -286,9 +285,9 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         or "attitude"; ``lacking`` its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share`` is the
         lower score of both loops by the estimated plant.
     """
-    # Row 0 of all scores and ratios is that of the estimated plant, by which the weaker loop is chosen.
-    rate_score = margin_scores(target, loop.rate)[0]
-    attitude_score = margin_scores(target, loop.attitude)[0]
+    # The weaker loop is chosen by the estimated plant.
+    rate_score = margin_scores(target, loop.rate)[ESTIMATE]
+    attitude_score = margin_scores(target, loop.attitude)[ESTIMATE]
     weaker_name, weaker_loop = "rate", loop.rate
     if attitude_score < rate_score:
         weaker_name, weaker_loop = "attitude", loop.attitude
@@ -299,7 +298,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
     low_probability = 1 - INTERVAL_QUANTILES[1]
     if np.quantile(scores, low_probability, method="lower") >= 1:
         level = Level.GOOD
-    elif scores[0] >= 1:
+    elif scores[ESTIMATE] >= 1:
         level = Level.WATCH
     ratios = margin_ratios(target, weaker_loop)
     # A loop that no gain makes unstable has an infinite gain margin, and reports cannot write infinity.
@@ -310,8 +309,8 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         LoopFact.MARGIN_RATING,
         level,
         subject=weaker_name,
-        lacking=min(ratios, key=lambda figure: ratios[figure][0]),
-        share=max(scores[0], LOWEST_SCORE),
+        lacking=min(ratios, key=lambda figure: ratios[figure][ESTIMATE]),
+        share=max(scores[ESTIMATE], LOWEST_SCORE),
         phase_margin=weaker_loop.phase_margin,
         phase_margin_interval=weaker_loop.phase_margin_interval,
         gain_margin=weaker_loop.gain_margin if isfinite(weaker_loop.gain_margin) else None,

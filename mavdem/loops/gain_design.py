@@ -183,7 +183,7 @@ class GainSearch:
 
         They are the first half of the posterior's draws; the second half judges the result.
         """
-        # Row 0 is the estimated plant and no draw; `with_draws` adds it by itself.
+        # The first row is the estimated plant and no draw; ``with_draws`` adds it by itself.
         choosing_draws = slice(1, len(self.loop.effectiveness) // 2)
         return self.loop.with_draws(choosing_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
@@ -258,7 +258,7 @@ class GainSearch:
                 # Less P than the largest with enough margin only makes the loop slower.
                 if score >= 1:
                     lean = inf
-                    if loop.attitude.stable[0]:
+                    if loop.attitude.is_stable:
                         lean = loop.angle_deviation(self.models.wind)
                     slower = FACTORS[number:]
                     designs.append(

@@ -492,11 +492,11 @@ def _require_known_margin(rate: OpenLoop) -> None:
     """
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
-    if not (is_certain and rate.stable[0]):
+    if not (is_certain and rate.is_stable):
         # The margin is infinite where the gain never crosses 1.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(
             LoopFact.MARGIN_UNCERTAIN,
             phase_margin_interval=interval,
-            is_stable=bool(rate.stable[0]),
+            is_stable=rate.is_stable,
         )

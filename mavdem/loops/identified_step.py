@@ -55,7 +55,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     if not is_output_explained:
         return None
     rate = loop.rate
-    if loop.agrees is False or not rate.stable[0]:
+    if loop.agrees is False or not rate.is_stable:
         return None
     closed_loop_response = rate.closed[rate.stable][: count + 1]
     steps = steps_from_frequency_responses(rate.frequency, closed_loop_response, time)
@@ -93,13 +93,13 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
     """Computes overshoot and rise time of the step that a closed loop predicts, from the estimate and its draws.
 
     Args:
-        loop: the rate or attitude loop; row 0 of its responses is the estimate, later rows are draws.
+        loop: the rate or attitude loop; its responses are those of the estimate, then of draws.
         duration: time after the step that is computed, s.
 
     Returns:
         The figures; None if the estimated loop is unstable.
     """
-    if not loop.stable[0]:
+    if not loop.is_stable:
         return None
     time = np.linspace(0.0, duration, PREDICTED_POINTS)
     steps = steps_from_frequency_responses(loop.frequency, loop.closed[loop.stable], time)

@@ -26,6 +26,7 @@ from mavdem.plant.parameters import (
     DELAY,
     DYNAMICS,
     EFFECTS,
+    ESTIMATE,
     LAG,
     LAG_AND_DELAY,
     PLANT_MINIMUM,
@@ -102,8 +103,8 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
     draws = _plant_draws(plant, gyro_delay(controller), record.dt)
     mixer_gains = inputs_per_demand(controller, record)
     effectiveness = draws.effect @ mixer_gains
-    # Row 0 is the estimate. Negated, the comparison also refuses NaN.
-    if not effectiveness[0] > 0:
+    # Negated, the comparison also refuses NaN.
+    if not effectiveness[ESTIMATE] > 0:
         raise NotLearnable(LoopFact.MIXER_REVERSED)
     loop = Loop(axis, plant, record, controller, effectiveness, draws.dynamics)
     cautions = _cautions(loop)
@@ -120,7 +121,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
             controller,
             mixer_gains,
             rate.frequency,
-            rate.closed[0],
+            rate.closed[ESTIMATE],
             is_controller_identified=not plant.filtered,
             limited_share=at_limit_share(record, controller),
         )
@@ -168,7 +169,7 @@ def _cautions(loop: Loop) -> list[Fact]:
             # With a gain margin of GM dB, L crosses the negative real axis at −10^(−GM / 20). The frequency of the
             # crossing is the one at which L is nearest to that point.
             crossing = -(10 ** (-rate.gain_margin / DECIBELS_PER_DECADE))
-            nearest = np.argmin(np.abs(rate.response[0] - crossing))
+            nearest = np.argmin(np.abs(rate.response[ESTIMATE] - crossing))
             if rate.frequency[nearest] >= nyquist_frequency:
                 cautions.append(Fact(LoopFact.GAIN_MARGIN_EXTRAPOLATED, rate=nyquist_frequency))
     if rate.crossover * record.dt > MAX_CROSSOVER_FRACTION:
@@ -266,7 +267,7 @@ def inputs_per_demand(controller: Controller, record: Record) -> Array:
 
 
 class _PlantDraws(NamedTuple):
-    """N plants without the gyro's filters: the estimate in row 0, then draws from its posterior."""
+    """N plants without the gyro's filters: the estimate in row ``ESTIMATE``, then draws from its posterior."""
 
     effect: Array
     """Angular acceleration per input (N, r), rad/s² per unit of the input."""
@@ -312,7 +313,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
         dt: time step of the record, s.
 
     Returns:
-        Effects, damping, lag and delay (N, r + 3): those of the estimate in row 0, then those of draws.
+        Effects, damping, lag and delay (N, r + 3): those of the estimate in row ``ESTIMATE``, then those of draws.
     """
     estimate = parameter_vector(plant)
     covariance = plant.covariance.copy()
@@ -327,7 +328,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     )
     lag_and_delay = draws[:, LAG_AND_DELAY].sum(axis=1)
     remaining_lag_and_delay = np.maximum(lag_and_delay - filter_delay, 0.0)
-    if filter_delay > lag_and_delay[0] / 2:
+    if filter_delay > lag_and_delay[ESTIMATE] / 2:
         # The angular frequency of half of the cut-off of a Butterworth filter with this delay, rad/s. There, the phase
         # of the remaining lag and delay is that of the identified lag less that of the filter. The effect is multiplied
         # by the ratio of the attenuations, so that the gain stays the same.
@@ -337,7 +338,7 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
         remaining_lag_and_delay = np.maximum(remaining_phase / half_cutoff + draws[:, DELAY], 0.0)
         lag_attenuation = np.hypot(1.0, half_cutoff * draws[:, LAG])
         draws[:, EFFECTS] *= (abs(BUTTERWORTH_AT_HALF_CUTOFF) / lag_attenuation)[:, None]
-    # The posterior of the delay is the mean of prior and flight, weighted by their precisions. Row 0 is its mean.
+    # The posterior of the delay is the mean of prior and flight, weighted by precision. The estimate is its mean.
     prior_weight = delay_variance / (delay_variance + delay_deviation**2)
     normals = np.append(0.0, default_rng(DELAY_SEED).standard_normal(POSTERIOR_DRAWS))
     errors = delay_deviation * np.sqrt(prior_weight) * normals

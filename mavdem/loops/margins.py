@@ -23,6 +23,7 @@ from mavdem.immutable import ImmutableResult, freeze
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.controllers import Controller
 from mavdem.loops.filters import gyro_response, notch_response
+from mavdem.plant.parameters import ESTIMATE
 
 Complex = NDArray[np.complex128]
 """Complex numbers of any shape, such as a frequency response."""
@@ -53,14 +54,14 @@ DECIBELS_PER_NEPER = 20 / np.log(10)
 
 @dataclass(frozen=True)
 class FigureEstimate:
-    """Descriptor: attribute of :class:`Margins` that is a figure of the estimated plant, the first of its values."""
+    """Descriptor: attribute of :class:`Margins` that is a figure of the estimated plant."""
 
     name: str
     """The key in ``Margins.figures``."""
 
     def __get__(self, loop: Any, owner: type | None = None) -> float:
         """Returns the figure of the estimated plant."""
-        return float(loop.figures[self.name][0])
+        return float(loop.figures[self.name][ESTIMATE])
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class FigureInterval:
         # The method "nearest" takes values as they are: interpolation between infinite margins would give NaN.
         values = loop.figures[self.name]
         low, high = np.quantile(values, INTERVAL_QUANTILES, method="nearest").tolist()
-        if self.name in SIGNED_MARGINS and values[0] >= 0:
+        if self.name in SIGNED_MARGINS and values[ESTIMATE] >= 0:
             low = max(low, 0.0)
         return low, high
 
@@ -118,7 +119,8 @@ class Margins(ImmutableResult):
 class OpenLoop(Margins):
     """Frequency responses of a rate or attitude loop, opened at its controller.
 
-    There are N responses at F frequencies: that of the estimated plant, and then those of draws from its posterior.
+    There are N responses at F frequencies: that of the estimated plant in row ``ESTIMATE``, then those of draws from
+    its posterior.
     """
 
     frequency: Array
@@ -144,6 +146,11 @@ class OpenLoop(Margins):
         poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
         further_turn = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
         return freeze(np.abs(further_turn) < np.pi)
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether the closed loop of the estimated plant is stable."""
+        return bool(self.stable[ESTIMATE])
 
     @cached_property
     def figures(self) -> Mapping[str, Array]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, Interval
+from mavdem.plant.parameters import DRAWS, ESTIMATE
 
 SETTLING_BAND = 0.05
 """Distance from 1 within which a step has settled: the usual 5 %."""
@@ -37,7 +38,7 @@ def step_figures(
 
     Args:
         time: times after the step (K,), s.
-        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+        steps: responses to a step of 1 (N, K), that of the estimate in row ``ESTIMATE``, then those of draws.
         frequency: known frequencies (F,), Hz.
         gains: gains |T| (N, F), in the same order.
 
@@ -84,17 +85,17 @@ def _unbiased_overshoots(steps: Array) -> Array:
     and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
 
     Args:
-        steps: responses to a step of 1 (N, K), that of the estimate in row 0, then those of draws.
+        steps: responses to a step of 1 (N, K), that of the estimate in row ``ESTIMATE``, then those of draws.
 
     Returns:
         Overshoots (N,), 0 or more, as fractions of the step, in the same order.
     """
     raw_overshoots = np.maximum(steps.max(axis=1) - 1, 0.0)
-    raw_estimate = raw_overshoots[0]
+    raw_estimate = raw_overshoots[ESTIMATE]
     excess = raw_overshoots - raw_estimate
     # The estimate is corrected by the bias, each draw by its own excess.
     corrections = excess.copy()
-    corrections[0] = excess[1:].mean()
+    corrections[ESTIMATE] = excess[DRAWS].mean()
     return np.maximum(raw_estimate - corrections, 0.0)
 
 
@@ -128,6 +129,6 @@ def with_interval(values: Array) -> IntervalEstimate:
         values: figures (N,), that of the estimate first, then those of draws. 5 % of the draws lie below the interval
             and 5 % above it; it is widened to hold the estimate.
     """
-    low, high = np.quantile(values[1:], INTERVAL_QUANTILES).tolist()
-    value = values[0]
+    low, high = np.quantile(values[DRAWS], INTERVAL_QUANTILES).tolist()
+    value = values[ESTIMATE]
     return IntervalEstimate(value, min(low, value), max(high, value))

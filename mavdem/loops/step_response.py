@@ -45,6 +45,7 @@ from mavdem.loops.welch import (
     resampled_signals,
     welch_spectra_of_pieces,
 )
+from mavdem.plant.parameters import DRAWS, ESTIMATE
 
 RESPONSE_SECONDS = {"rate": 0.5, "attitude": 2.0}
 """Duration of a step response until it has settled, s, by loop."""
@@ -520,9 +521,8 @@ def _step_response_with_figures(
         steps = identified_responses
     gains = np.abs(responses.responses)
     coherence = _coherence_where_driven(spectra)
-    # Row 0 of all responses is the estimate, the others are draws.
     known_count = _known_frequency_count(responses.frequency, gains, spectra.frequency, coherence)
-    step_half_width = coverage_factor() * steps[1:].std(axis=0)
+    step_half_width = coverage_factor() * steps[DRAWS].std(axis=0)
     if known_count < 2 or step_half_width.max() >= MAX_STEP_HALF_WIDTH:
         return Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=f"{axis} {loop}")
     frequency = responses.frequency[:known_count]
@@ -532,11 +532,11 @@ def _step_response_with_figures(
         axis=axis,
         loop=loop,
         time=responses.time,
-        step=steps[0],
+        step=steps[ESTIMATE],
         step_half=step_half_width,
         frequency=frequency,
-        response=responses.responses[0, :known_count],
-        gain_half=coverage_factor() * gains[1:].std(axis=0),
+        response=responses.responses[ESTIMATE, :known_count],
+        gain_half=coverage_factor() * gains[DRAWS].std(axis=0),
         max_frequency=frequency[-1],
         windows=estimate.windows,
         coherence=np.interp(figures["peak_frequency"].value, spectra.frequency, coherence),
@@ -571,14 +571,14 @@ def _known_frequency_count(
 
     Args:
         frequency: (F,) frequencies of the response, Hz, ascending.
-        gains: (N, F) gains |T|, that of the estimate in row 0, then those of draws.
+        gains: (N, F) gains |T|, that of the estimate in row ``ESTIMATE``, then those of draws.
         spectrum_frequency: (F′,) frequencies of the coherence, Hz.
         coherence: (F′,) coherence of setpoint and response.
 
     Returns:
         The number, at most F.
     """
-    gains_of_draws = gains[1:]
+    gains_of_draws = gains[DRAWS]
     is_uncertain = gains_of_draws.std(axis=0) > MAX_GAIN_DEVIATION
     certain_count = len(frequency)
     if is_uncertain.any():

@@ -27,6 +27,7 @@ from mavdem.loops.autopilot_parameters import (
 )
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
+from mavdem.plant.parameters import ESTIMATE, LAG_AND_DELAY
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag
 
@@ -152,8 +153,10 @@ def build_twin(
     arm = _arm(controller.parameters, mass_or_typical)
     autopilot = "px4" if px4 else "ardupilot"
     control = _control_parameters(controller.parameters, autopilot)
-    # Row 0 of the dynamics is the estimate; its columns are damping, lag and delay. Yaw does not count.
-    lags_and_delays = [loop.dynamics[0, 1:] for axis, loop in loops.items() if axis != "yaw"]
+    # Yaw does not count.
+    lags_and_delays = [
+        loop.dynamics[ESTIMATE, LAG_AND_DELAY] for axis, loop in loops.items() if axis != "yaw"
+    ]
     # The simulator holds its output over a control cycle. That delays it by half a cycle, which the identified delay
     # contains already.
     hold_delay = control.loop_period / 2
@@ -307,8 +310,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
     # Some controllers linearise the thrust curve, so that outputs per demand depend on the output: that in hover.
     outputs_per_demand = controller.outputs_per_demand([twin.hover] * MOTOR_COUNT)
     total_output = np.abs(outputs_per_demand).sum()
-    # Row 0 of the effectiveness is the estimate.
-    return lever * twin.slope * total_output / loop.effectiveness[0]
+    return lever * twin.slope * total_output / loop.effectiveness[ESTIMATE]
 
 
 def _notes(
@@ -357,8 +359,7 @@ def _effectiveness_note(loop: Loop) -> Fact:
         A fact with ``share``, the half width of the 90 % interval over the estimate, and ``is_biased``, whether the
         identification of the plant calls the effectiveness biased.
     """
-    # Row 0 of the effectiveness is the estimate, the others are draws from its posterior.
-    estimate = loop.effectiveness[0]
+    estimate = loop.effectiveness[ESTIMATE]
     half_width = coverage_factor() * np.std(loop.effectiveness)
     is_biased = bool(loop.plant.bias != 0)
     return Fact(TwinFact.EFFECT_NOTE, share=half_width / estimate, is_biased=is_biased)

@@ -33,6 +33,12 @@ DYNAMICS = slice(-3, None)
 LAG_AND_DELAY = slice(-2, None)
 """Entries of a parameter vector (r + 3,) with lag and delay, in this order."""
 
+ESTIMATE = 0
+"""Row of the estimate in all arrays over N plants, and over what follows from them, such as their responses."""
+
+DRAWS = slice(1, None)
+"""Rows of such arrays with draws from the posterior, which follow the estimate."""
+
 MIN_DRAWN_SHARE = 0.05
 """Least lag and delay of a posterior sample, relative to the estimate: both are positive."""
 
@@ -169,8 +175,8 @@ class Physical(NamedTuple):
             seed: seed of the random numbers.
 
         Returns:
-            (N + 1, r + 3) samples of the effects of r inputs, damping, lag and delay. The first row is the estimate
-            itself.
+            (N + 1, r + 3) samples of the effects of r inputs, damping, lag and delay. Row ``ESTIMATE`` is the
+            estimate itself, the others are ``DRAWS``.
         """
         theta = parameter_vector(self)
         samples = normal_draws(theta, self.covariance, number, seed)

@@ -16,6 +16,7 @@ from mavdem.facts.model import ModelName
 from mavdem.fleet.row import utf8_text
 from mavdem.loops.step_response import StepResponse
 from mavdem.plant.parameter_history import parameter_history
+from mavdem.plant.parameters import ESTIMATE
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Blocks, markdown
 from mavdem.report.charts.chart import Chart, Line, over_time
@@ -299,7 +300,7 @@ class RecordingTabs:
         sensitivity_views = []
         for axis, loop in loops.items():
             # The first response is that of the estimate; draws from the posterior follow.
-            sensitivity = 1 / abs(1 + loop.rate.response[0])
+            sensitivity = 1 / abs(1 + loop.rate.response[ESTIMATE])
             sensitivity_views.append(
                 self._draw_bars(
                     f"loops/{axis}",

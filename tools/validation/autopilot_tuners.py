@@ -126,7 +126,7 @@ def _gain_at_oscillation(loop: Loop, gains: TunedGains, field: str) -> float:
     value: float = getattr(gains, field)
     for _ in range(MAX_GROWTHS):
         raised = gains._replace(**{field: value})
-        if not loop.with_parameters(parameters_of(loop, raised)).rate.stable[0]:
+        if not loop.with_parameters(parameters_of(loop, raised)).rate.is_stable:
             break
         value *= GAIN_GROWTH
     return value
@@ -167,7 +167,7 @@ def _rate_twitch(loop: Loop, gains: TunedGains) -> Twitch:
         Peak and bounce back; of an unstable loop, values that count as too high a peak and a full bounce.
     """
     rate = loop.with_parameters(parameters_of(loop, gains, TESTING_INTEGRAL_RATIO)).rate
-    if not rate.stable[0]:
+    if not rate.is_stable:
         return Twitch(peak=2.0, bounce=1.0)
     time = np.linspace(0.01, TWITCH_SECONDS, 50)
     response = step_from_frequency_response(rate.frequency, rate.closed[0], time)
@@ -240,7 +240,7 @@ def _tuned_angle_gain(loop: Loop, gains: TunedGains) -> float:
             attitude = loop.with_parameters(
                 parameters_of(loop, tuned, TESTING_INTEGRAL_RATIO)
             ).attitude
-            overshoots = not attitude.stable[0]
+            overshoots = not attitude.is_stable
             if not overshoots:
                 step = step_from_frequency_response(attitude.frequency, attitude.closed[0], time)
                 overshoots = bool(step.max() > 1 + AGGRESSIVENESS / 2)

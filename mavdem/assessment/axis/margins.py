@@ -30,6 +30,7 @@ from mavdem.loops.resonance import (
     spectral_resonance,
 )
 from mavdem.loops.step_response import StepResponse, rate_step_response
+from mavdem.plant.parameters import ESTIMATE
 
 LEAST_MARGINS = MARGIN_TARGETS["sharp"]
 """The smallest margins that are advised: a loop that surely has less is bad."""
@@ -159,12 +160,14 @@ def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segment
         The fact; None if the two agree, or cannot be compared.
     """
     # An unstable loop predicts no response.
-    if not isinstance(loop, Loop) or loop.agrees is not None or not loop.rate.stable[0]:
+    if not isinstance(loop, Loop) or loop.agrees is not None or not loop.rate.is_stable:
         return None
     measured = rate_step_response(signals, segments, loop)
     if isinstance(measured, Fact):
         return None
-    comparison = response_comparison(measured, loop, loop.rate.frequency, loop.rate.closed[0])
+    comparison = response_comparison(
+        measured, loop, loop.rate.frequency, loop.rate.closed[ESTIMATE]
+    )
     if comparison is None or comparison.code is not StepResponseFact.PREDICTION_DOUBTED:
         return None
     return comparison

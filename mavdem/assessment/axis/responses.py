@@ -20,6 +20,7 @@ from mavdem.loops.step_response import (
     attitude_step_response,
     rate_step_response,
 )
+from mavdem.plant.parameters import ESTIMATE
 
 RATE_FEEDFORWARD_PARAMETER = "ATC_RATE_FF_ENAB"
 """ArduPilot's parameter that adds the derivative of the attitude's setpoint to the setpoint of the rate."""
@@ -82,7 +83,7 @@ def responses_of(evidence: Evidence) -> Responses:
         attitude = attitude_step_response(signals, segments)
         if isinstance(loop, Loop):
             attitude_prediction = predicted_attitude_response(loop, has_feedforward=has_feedforward)
-            rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[0])
+            rate_response = _compared_response(rate, loop, loop.rate, loop.rate.closed[ESTIMATE])
             attitude_response = _compared_response(
                 attitude, loop, loop.attitude, attitude_prediction
             )
@@ -120,8 +121,7 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
         for loop_name, response in loops.items():
             if not isinstance(response.measured, StepResponse):
                 continue
-            # Row 0 is the estimated plant.
-            closed_loop = advised_loop.rate.closed[0]
+            closed_loop = advised_loop.rate.closed[ESTIMATE]
             if loop_name == "attitude":
                 closed_loop = predicted_attitude_response(
                     advised_loop, has_feedforward=response.has_feedforward
@@ -146,7 +146,7 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
     Returns:
         (F,) at ``loop.attitude.frequency``.
     """
-    closed_loop = loop.attitude.closed[0]
+    closed_loop = loop.attitude.closed[ESTIMATE]
     if not has_feedforward:
         return closed_loop
     feedforward = 2j * np.pi * loop.attitude.frequency / loop.controller.angle_gain
@@ -164,16 +164,14 @@ def _compared_response(
     Args:
         measured: the measured response of the rate or attitude loop, or why it is not known.
         loop: the axis with its two identified loops, rate and attitude.
-        open_loop: the one of these two whose response was measured; row 0 is the estimate, later rows are draws from
-            its posterior.
+        open_loop: the one of these two whose response was measured.
         closed_loop: (F,) its predicted frequency response from setpoint to rate or angle, at ``open_loop.frequency``.
 
     Returns:
         The measured response with its prediction. There is no prediction without a measured response, nor by an
         unstable loop, which has none.
     """
-    is_stable = open_loop.stable[0]
-    if isinstance(measured, Fact) or not is_stable:
+    if isinstance(measured, Fact) or not open_loop.is_stable:
         return LoopResponse(measured)
     frequency = open_loop.frequency
     return LoopResponse(

@@ -206,7 +206,7 @@ class ClosedLoop(ForecasterBase):
 
         Args:
             draws: number of draws from the posterior of the plant, for the intervals of the margins. They follow the
-                estimate, which is row 0.
+                estimate, which is row ``ESTIMATE`` of the responses.
             seed: seed of the draws.
 
         Raises:

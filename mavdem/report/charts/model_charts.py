@@ -13,6 +13,7 @@ from mavdem.confidence import INTERVAL_QUANTILES
 from mavdem.dem import Learned
 from mavdem.dem.record import Record
 from mavdem.experiments.held_out import CONSTANT_MEAN, FORECAST, HeldOut
+from mavdem.plant.parameters import ESTIMATE
 from mavdem.report.charts.chart import FREQUENCY, TIME, Axis, Chart, Charts, Line, LineStyle, Span
 from mavdem.report.charts.frequency_responses import (
     identified_plant,
@@ -93,7 +94,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
         is_angle = output_index + 1 < output_count
         response = plant_response(physical, command.motors, frequency, is_angle)
         source, colour = "physical parameters", PHYSICAL
-    estimate = response[0]
+    estimate = response[ESTIMATE]
     # The phases of draws are counted from that of the estimate, so that none is a whole turn away from it.
     phase = np.degrees(np.unwrap(np.angle(estimate)) + np.angle(response / estimate))
     gain_axis = Axis(unit_per_input(unit, command.unit), is_logarithmic=True)
