@@ -71,6 +71,9 @@ FIELD_TYPES = {
 }
 """NumPy type by format character; "a" is an array of 32 numbers, "n", "N" and "Z" are texts, "M" is a flight mode."""
 
+FIELD_BYTES = {character: np.dtype(kind).itemsize for character, kind in FIELD_TYPES.items()}
+"""Number of bytes of a field by its format character."""
+
 TEXT_CHARACTERS = "nNZ"
 """Format characters of texts."""
 
@@ -97,19 +100,21 @@ class FormatDefinition:
 
         Its fields are called "0", "1" and so on: NumPy may change a name that damage has made.
         """
-        if not all(character in FIELD_TYPES for character in self.characters):
-            return None
-        has_name_per_field = len(self.fields) == len(self.characters)
-        if not has_name_per_field or len(set(self.fields)) < len(self.fields):
+        if not self.wire_length:
             return None
         return np.dtype(
             [(f"{i}", FIELD_TYPES[character]) for i, character in enumerate(self.characters)]
         )
 
-    @property
+    @cached_property
     def wire_length(self) -> int:
         """Number of bytes of a message by its fields, header included; 0 where they are inconsistent."""
-        return 0 if self.wire is None else HEADER_BYTES + self.wire.itemsize
+        if not FIELD_BYTES.keys() >= set(self.characters):
+            return 0
+        has_name_per_field = len(self.fields) == len(self.characters)
+        if not has_name_per_field or len(set(self.fields)) < len(self.fields):
+            return 0
+        return HEADER_BYTES + sum(FIELD_BYTES[character] for character in self.characters)
 
 
 FORMAT_ID = 0x80
@@ -315,6 +320,8 @@ class _MessageScan:
         self.repairs: Facts = ()
         self.definitions = {FORMAT_ID: FORMAT}
         self.sharing_definitions: dict[int, list[FormatDefinition]] = {}
+        # The definition in each FMT by its offset: each is needed again when the messages are found.
+        self._parsed_definitions: dict[int, tuple[int, FormatDefinition] | None] = {}
         self._learn_definitions()
         # Length by id, 0 for ids without a definition.
         self._lengths = [0] * MESSAGE_IDS
@@ -453,8 +460,8 @@ class _MessageScan:
                 if is_new_name and definition.length == definition.wire_length:
                     self.sharing_definitions.setdefault(message_id, []).append(definition)
                 continue
-            # Without a ``wire`` type the length of the fields is not known, so nothing contradicts the stated length.
-            is_sound = definition.wire is None or definition.length == definition.wire_length
+            # Where the length of the fields is not known (0), nothing contradicts the stated length.
+            is_sound = definition.wire_length in (0, definition.length)
             if is_sound and definition.length >= HEADER_BYTES:
                 self.definitions[message_id] = definition
             elif definition.wire_length > HEADER_BYTES:
@@ -475,8 +482,10 @@ class _MessageScan:
         """Returns id and definition in the FMT at an offset; None if it is cut off or damaged."""
         if offset + FORMAT.length > len(self.content):
             return None
-        values = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
-        return parse_definition(FormatFields(*values))
+        if offset not in self._parsed_definitions:
+            values = FORMAT_BODY.unpack_from(self.content, offset + HEADER_BYTES)
+            self._parsed_definitions[offset] = parse_definition(FormatFields(*values))
+        return self._parsed_definitions[offset]
 
     def _is_of_another_log(self, offset: int) -> bool:
         """Returns whether the FMT at an offset is sound and differs from the first one of the same id.

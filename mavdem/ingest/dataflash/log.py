@@ -352,6 +352,9 @@ class _LogClock(NamedTuple):
     seconds: Array
     """Its stamp (n,), s."""
 
+    rows: Mapping[str, Integers]
+    """Row of each message of a name among these, by the name."""
+
 
 class _KeptMessages(NamedTuple):
     """A log without the blocks of other logs in it."""
@@ -381,11 +384,15 @@ def _log_clock(logged_tables: Mapping[str, MessageTable]) -> _LogClock:
     stamps = _stamps_of_messages(logged_tables)
     names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
     if not names:
-        return _LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0))
+        return _LogClock((), np.zeros(0, dtype=np.int64), np.zeros(0), {})
     positions = np.concatenate([logged_tables[name].position for name in names])
     order = np.argsort(positions, kind="stable")
     seconds = np.concatenate([stamps[name] for name in names])
-    return _LogClock(names, positions[order], seconds[order])
+    row_of_message = np.empty(len(order), dtype=np.int64)
+    row_of_message[order] = np.arange(len(order))
+    message_counts = [len(logged_tables[name].position) for name in names]
+    rows = np.split(row_of_message, np.cumsum(message_counts)[:-1])
+    return _LogClock(names, positions[order], seconds[order], dict(zip(names, rows, strict=True)))
 
 
 def _without_old_blocks(
@@ -513,7 +520,8 @@ def _on_boot_clock(
         return {}, ()
     stamps = _stamps_of_messages(logged_tables)
     # All messages have one clock: their stamps, in the order of the log, are read as those of one message.
-    _, positions, seconds = clock
+    positions = clock.positions
+    seconds = clock.seconds
     # As a float, or in text, a damaged stamp may be anything.
     is_impossible = ~((seconds >= 0) & (seconds <= MAX_STAMP_SECONDS))
     # To the boot clock, 0 stands for no stamp.
@@ -525,16 +533,17 @@ def _on_boot_clock(
     time, boot = boot_times[all_messages]
     tables: dict[str, Columns] = {}
     for name, table in logged_tables.items():
-        # Row of each message among the stamped ones; for one without a stamp, that of the stamped one behind it.
-        rows = np.searchsorted(positions, table.position)
         if name in clock.names:
+            rows = clock.rows[name]
             table_time = time[rows]
             tables[name] = {**table.columns, "time": table_time, "boot": _boots(boot, rows)}
             # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
             is_trusted = table_time == seconds[rows]
             if not is_trusted.all():
                 tables[name] = selected_rows(tables[name], is_trusted)
-        elif name in UNSTAMPED_MESSAGES and len(rows):
+        elif name in UNSTAMPED_MESSAGES and len(table.position):
+            # The row of the stamped message behind each.
+            rows = np.searchsorted(positions, table.position)
             tables[name] = _placed_by_neighbours(name, table, stamps.get(name), rows, time, boot)
     count = np.count_nonzero(is_impossible)
     impossible_stamps = repair_facts(

@@ -185,7 +185,10 @@ def _batch_samples(tables: Tables, batch_type: int, instance: int) -> Columns:
     data = messages_with_fields(tables, "ISBD", ("N", "seqno", "x", "y", "z"))
     if not headers or not data or any(data[axis].ndim != 2 for axis in "xyz"):
         return {}
-    data_rows_of_batch = rows_by_value(data["N"].astype(np.int64))
+    batch_numbers = data["N"]
+    if batch_numbers.dtype.kind == "f":
+        batch_numbers = batch_numbers.astype(np.int64)
+    data_rows_of_batch = rows_by_value(batch_numbers)
     batch_start = _sample_time(headers, headers["SampleUS"])
     is_wanted = (headers["type"] == batch_type) & (headers["instance"] == instance)
     is_sound = (headers["mul"] > 0) & (headers["smp_rate"] > 0)

@@ -59,7 +59,10 @@ def field_texts(columns: Columns, field: str) -> list[str]:
         field: Name of the field; without it there are no texts.
     """
     texts = []
-    for value in columns.get(field, ()):
+    values = columns.get(field, np.zeros(0))
+    if values.ndim > 1:
+        return [""] * len(values)
+    for value in values.tolist():
         text = ""
         if isinstance(value, bytes):
             text = value.split(b"\0", 1)[0].decode("utf-8", errors="replace")
