@@ -4,12 +4,15 @@ import faulthandler
 import gc
 import os
 import pickle
+from contextlib import nullcontext
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
+from pathlib import Path
 from unittest.mock import Mock
 
+from filelock import FileLock
 from hypothesis import settings
-from pytest import MonkeyPatch, fixture, hookimpl
+from pytest import Module, MonkeyPatch, fixture, hookimpl
 
 # What is imported and collected stays, and the collector would walk over it again and again: a quarter of the start.
 gc.disable()
@@ -32,6 +35,36 @@ def pytest_addoption(parser):
         action="store_true",
         help="compare figures of many more flights and all pictures, and check all logs",
     )
+
+
+def one_at_a_time(config, name):
+    """Lets only one process of a run at a time do what has this name, where there are several.
+
+    All collect the same tests in the same order. In a new checkout each would compile the same files, for some seconds
+    of a processor. So the others wait for the first, and read what it has written.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return nullcontext()
+    # The folder of a process is in that of the run.
+    path = Path(config.option.basetemp).with_name(f"{name}.lock")
+    return FileLock(path).acquire(poll_interval=0.02)
+
+
+@hookimpl(wrapper=True)
+def pytest_make_collect_report(collector):
+    """Imports the tests of a file, which compiles them and what they import."""
+    if not isinstance(collector, Module):
+        return (yield)
+    name = sha256(collector.nodeid.encode()).hexdigest()
+    with one_at_a_time(collector.config, name):
+        return (yield)
+
+
+@hookimpl(wrapper=True)
+def pytest_collection_modifyitems(config):
+    """Hypothesis collects the constants of all modules, as values to try, and keeps them in files."""
+    with one_at_a_time(config, "constants"):
+        return (yield)
 
 
 def pytest_collection_finish():
@@ -200,6 +233,18 @@ def run_folder(tmp_path_factory):
 def once_in_a_run(run_folder):
     """Makes a function one whose result for the same arguments is computed once in a run: a flight, for example."""
     return lambda function: once(function, run_folder)
+
+
+@fixture(scope="session", autouse=True)
+def one_process():
+    """Tests run on all cores already: what they run starts no processes only to share its work.
+
+    A copy of the process of a test has large memory, and its results stay unknown to the tests that follow. Tests of
+    these processes say that there are two cores.
+    """
+    with MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
+        yield
 
 
 @fixture(scope="session", autouse=True)

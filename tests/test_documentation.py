@@ -49,8 +49,7 @@ PAGES |= {
 def test_examples_run(page, printed, here, monkeypatch, capsys):
     (here / "logs").symlink_to(ROOT / "logs")
     (here / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
-    # All methods, on all cores, are in tests/cli/test_compare.py.
-    monkeypatch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
+    # All methods are in tests/cli/test_compare.py.
     monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
     # To the end PEM takes twelve seconds.
     monkeypatch.setattr(maximum_likelihood, "MAX_ITERATIONS", 20)

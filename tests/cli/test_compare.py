@@ -25,9 +25,8 @@ FEW = (
 
 @fixture
 def quick(monkeypatch):
-    """Methods that take no time, in this process."""
+    """Methods that take no time."""
     monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)
-    monkeypatch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
 
 
 def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, tmp_path, capsys):

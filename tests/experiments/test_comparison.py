@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from pytest import MonkeyPatch, approx, fixture, mark, raises
+from pytest import approx, fixture, mark, raises
 from simulated import simulated
 
 from mavdem import baselines, learn
@@ -45,13 +45,6 @@ def is_off(train):
 REFUSES, BREAKS, EXPLODES, IS_OFF = (
     Method(made.__name__, made) for made in (refuses, breaks, explodes, is_off)
 )
-
-
-@fixture(scope="module", autouse=True)
-def in_this_process():
-    with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
-        yield
 
 
 @fixture(scope="module")

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 from made_up_analysis import assessment, physical
-from pytest import MonkeyPatch, approx, fixture, mark
+from pytest import approx, fixture, mark
 from recorded_flights import LOGS
 
 import mavdem
@@ -71,9 +71,7 @@ def test_a_comparison_of_methods(request):
         Method("subspace(2)", baselines.subspace),
         Method("subspace(400)", partial(baselines.subspace, order=400)),
     ]
-    with MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.parallel.available_workers", lambda: 1)
-        compared = compare(windows("px4", flight, hop=850), methods)
+    compared = compare(windows("px4", flight, hop=850), methods)
     is_golden(request, "comparison", comparison_report(compared))
 
 
