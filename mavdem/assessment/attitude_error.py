@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -16,6 +15,7 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.margins import Complex
+from mavdem.running_filters import running_maximum, running_minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +88,11 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         return None
     # Number of samples in the time that the vehicle has to follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
-    # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
-    # with their sample.
-    shift = (window - 1) // 2
     is_unknown = np.isnan(tracking.setpoints)
     setpoints = np.where(is_unknown, 0.0, tracking.setpoints)
-    lowest = minimum_filter1d(setpoints, window, axis=0, origin=shift)
-    highest = maximum_filter1d(setpoints, window, axis=0, origin=shift)
+    # Lowest and highest setpoint over the samples up to each one.
+    lowest = running_minimum(setpoints, before=window - 1, after=0)
+    highest = running_maximum(setpoints, before=window - 1, after=0)
     # Of roll, pitch and yaw the first two.
     tilts = tracking.angles[:, :2]
     error_without_setpoint = np.where(tracking.is_rate_controlled, 0.0, tilts / 2)

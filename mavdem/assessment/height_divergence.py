@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
@@ -21,6 +20,7 @@ from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import WitnessFact
+from mavdem.physical_constants import GRAVITY
 from mavdem.vibration.vibration_message import reported_vibration
 from mavdem.witnesses.accelerometer import AccelerometerWitness
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors

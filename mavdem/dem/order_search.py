@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from math import ceil, e, pi, sqrt
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
-from scipy.ndimage import gaussian_filter1d
 
 from mavdem.arrays import Array
 from mavdem.confidence import MIN_SAMPLES_FOR_STATISTICS
@@ -249,7 +249,7 @@ def embed_by_kernel(
         return np.empty((0, (order + 1) * samples.shape[1]))
     # SciPy takes derivatives per sample; divided by dt to the k they are per second to the k.
     derivatives = [
-        gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
+        scipy.ndimage.gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
         for k in range(order + 1)
     ]
     return np.hstack(derivatives)[reach:-reach]

@@ -307,11 +307,11 @@ class LearningProcess(Executor):
             start_method: Literal["spawn", "fork"] = "spawn"
             if may_fork and _is_fork_safe():
                 start_method = "fork"
-                # Whoever learns has this module anyway. Found here, the libraries need not be found by the process
+                # Whoever learns has this module anyway. Loaded here, the libraries need not be loaded by the process
                 # while the first model is waited for.
-                from mavdem.dem.engine.linalg import find_blas_libraries
+                from mavdem.dem.engine.linalg import load_libraries
 
-                find_blas_libraries()
+                load_libraries()
                 # A collection in this process would write to each of its objects, and so copy what both share.
                 gc.collect()
                 gc.freeze()
@@ -367,6 +367,10 @@ def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Resul
     if available_workers() == 1 or not _is_fork_safe():
         yield lambda: None
         return
+    from mavdem.dem.engine.linalg import load_libraries
+
+    # Both processes need the libraries, which they share where this one has loaded them.
+    load_libraries()
     try:
         call = ForkedCall(work)
     except OSError:

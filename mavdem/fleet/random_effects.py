@@ -12,7 +12,7 @@ from math import exp, hypot, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import stdtr
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor
@@ -188,7 +188,7 @@ def quantity_change(
     mean_before, mean_after = means
     difference = mean_after - mean_before
     # Two-sided probability of such a difference if nothing changed.
-    p_value = float(2 * stdtr(freedom, -abs(difference) / sd))
+    p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
     if quantity.kind not in LOGARITHMIC_KINDS:
         return QuantityChange(
             quantity, mean_before, mean_after, difference, half_width, p_value, allowance

@@ -15,7 +15,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor, half_width
@@ -492,4 +492,4 @@ def _filter_weights(log_likelihoods: Array) -> Array:
     # The log density of a normal distribution is minus half of the squared distance.
     prior_distances = (GUST_PARAMETERS - GUST_PRIOR_MEAN) / GUST_PRIOR_SD
     log_weights = likelihood_of_size - (prior_distances**2).sum(axis=1) / 2
-    return np.repeat(softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)
+    return np.repeat(scipy.special.softmax(log_weights) / DRAG_DRAWS, DRAG_DRAWS)

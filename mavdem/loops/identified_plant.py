@@ -7,7 +7,7 @@ are not modelled, and signals do not change evenly between their samples. So the
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.facts.identifiability import Status
@@ -120,7 +120,9 @@ def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
     Returns:
         The derivatives (r + 3, 4).
     """
-    derivatives: Array = block_diag(effect[:, None], [values.damping], [values.lag], [values.delay])
+    derivatives: Array = scipy.linalg.block_diag(
+        effect[:, None], [values.damping], [values.lag], [values.delay]
+    )
     return derivatives
 
 

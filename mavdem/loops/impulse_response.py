@@ -20,9 +20,7 @@ from math import ceil
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_toeplitz
-from scipy.linalg.lapack import dsytrd
-from scipy.special import softmax
+import scipy
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array
 from mavdem.containers import Numbers
@@ -411,7 +409,7 @@ def _whitening_filter(residuals: Array) -> Array:
         for lag in range(AUTOREGRESSION_ORDER + 1)
     ]
     autocovariance[0] *= 1 + WHITE_NOISE_SHARE
-    coefficients = solve_toeplitz(autocovariance[:-1], autocovariance[1:])
+    coefficients = scipy.linalg.solve_toeplitz(autocovariance[:-1], autocovariance[1:])
     prediction_error_filter = np.append(1.0, -coefficients)
     difference_filter = [1.0, -1.0]
     return np.convolve(prediction_error_filter, difference_filter)
@@ -494,7 +492,7 @@ def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
     """
     shapes = _prior_shapes(tuple(knots.tolist()))
     # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
-    weights = softmax(_log_evidence_of_priors(precision, moment, shapes.roots))
+    weights = scipy.special.softmax(_log_evidence_of_priors(precision, moment, shapes.roots))
     return np.tensordot(weights @ PRIOR_VARIANCES, shapes.covariances, axes=1)
 
 
@@ -525,7 +523,7 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
     for shape, root in enumerate(roots):
         bordered[1:, 0] = moment @ root
         bordered[1:, 1:] = root.T @ precision @ root
-        _, diagonal, off_diagonals[shape], _, _ = dsytrd(bordered, lower=1)
+        _, diagonal, off_diagonals[shape], _, _ = scipy.linalg.lapack.dsytrd(bordered, lower=1)
         diagonals[shape] = diagonal[1:]
     diagonals = diagonals.T[:, :, None] * PRIOR_VARIANCES + 1
     squares = (off_diagonals.T[:, :, None] * PRIOR_VARIANCES) ** 2

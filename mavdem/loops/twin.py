@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.confidence import Interval, coverage_factor
 from mavdem.containers import Numbers
@@ -27,6 +26,7 @@ from mavdem.loops.autopilot_parameters import (
 )
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
 from mavdem.loops.controllers import controller_from_parameters
+from mavdem.physical_constants import GRAVITY
 from mavdem.plant.parameters import ESTIMATE, LAG_AND_DELAY
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.vehicle_drag import Drag

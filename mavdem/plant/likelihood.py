@@ -17,7 +17,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, rfft
+import scipy
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.facts.model import Refinement
@@ -401,7 +401,7 @@ def _prediction_errors(
         Prediction errors (b, W, N′), rad/s.
     """
     first = round(SETTLING_SECONDS / windows.dt) + 1
-    errors = irfft(residual * (1 / factor)[:, None], windows.samples)[..., first:]
+    errors = scipy.fft.irfft(residual * (1 / factor)[:, None], windows.samples)[..., first:]
     errors -= errors.mean(axis=-1, keepdims=True)
     return errors
 
@@ -424,7 +424,7 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     Returns:
         Factors (b, F); and variances (b,), those of the one-step prediction errors.
     """
-    cepstrum = irfft(np.log(density), samples)
+    cepstrum = scipy.fft.irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])
     # The causal half of the cepstrum stays, without sample 0, which is the variance. An even number of samples has one
     # in the middle that belongs to both halves: half of it stays.
@@ -432,4 +432,4 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     first_anticausal = samples // 2 + 1
     cepstrum[:, first_anticausal:] = 0.0
     cepstrum[:, (samples + 1) // 2 : first_anticausal] /= 2
-    return np.exp(rfft(cepstrum)), variance
+    return np.exp(scipy.fft.rfft(cepstrum)), variance

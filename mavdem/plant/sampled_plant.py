@@ -13,7 +13,7 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_lyapunov
+import scipy
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.kalman import SmoothedSignal, SteadyStateFilter
@@ -78,7 +78,7 @@ def process_covariance(A: Array, Q: Array, dt: float) -> Array:
     """
     n = A.shape[-1]
     # The exponential is [[exp(−A dt), G], [0, exp(Aᵀ dt)]], and the covariance is exp(A dt) G.
-    exponential = expm(np.block([[-A, Q], [np.zeros_like(A), A.mT]]) * dt)
+    exponential = scipy.linalg.expm(np.block([[-A, Q], [np.zeros_like(A), A.mT]]) * dt)
     return exponential[..., n:, n:].mT @ exponential[..., :n, n:]
 
 
@@ -101,7 +101,11 @@ def _autoregressive_noise(denominator: Array) -> ColouredNoise:
     A[-1] = -denominator[:0:-1]
     Q = np.zeros((order, order))
     Q[-1, -1] = 1.0
-    state_sd = np.sqrt(solve_continuous_lyapunov(A, -Q).diagonal())
+    # The equation A P + P Aᵀ = −Q for the covariance P, as linear equations for its rows one after the other.
+    identity = np.eye(order)
+    equations = np.kron(A, identity) + np.kron(identity, A)
+    covariance = np.linalg.solve(equations, -Q.ravel()).reshape(order, order)
+    state_sd = np.sqrt(covariance.diagonal())
     Q[-1, -1] /= state_sd[-1] ** 2
     # |D(jω)|² is D(s) D(−s), of which only even powers of s remain.
     mirrored_denominator = denominator * (-1.0) ** np.arange(order, -1, -1)

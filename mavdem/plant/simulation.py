@@ -4,8 +4,8 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import solve_discrete_lyapunov
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.model import linear_recursion
@@ -140,7 +140,7 @@ def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
     # motors' torque are known at the beginning.
     P = np.zeros_like(Q)
     wind = slice(WIND_STATES, None)
-    P[wind, wind] = solve_discrete_lyapunov(transition[wind, wind], Q[wind, wind])
+    P[wind, wind] = scipy.linalg.solve_discrete_lyapunov(transition[wind, wind], Q[wind, wind])
     variance = np.empty((steps, 2))
     for step in range(steps):
         P = transition @ P @ transition.T + Q

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import rfft
+import scipy
 
 from mavdem.arrays import Array, ArrayPair, Indices
 from mavdem.dem.priors import derivative_pairs
@@ -112,8 +112,8 @@ class FlightWindows(NamedTuple):
         channels = [inputs - responses, responses]
         for name in REFINEMENTS:
             channels.append(refined[name])
-        input_transforms = rfft(np.moveaxis(np.array(channels), 3, 1))
-        rate_transforms = rfft(rate)
+        input_transforms = scipy.fft.rfft(np.moveaxis(np.array(channels), 3, 1))
+        rate_transforms = scipy.fft.rfft(rate)
         # The frequency 0 has the mean of each window. That is its trim, which the model does not explain.
         input_transforms[..., 0] = 0.0
         rate_transforms[..., 0] = 0.0

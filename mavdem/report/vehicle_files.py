@@ -11,11 +11,11 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.facts import NamedFacts
 from mavdem.loops.twin import Twin
 from mavdem.loops.twin_flight import RATE_BANDS
+from mavdem.physical_constants import GRAVITY
 from mavdem.report.blocks import Block, Blocks, Sentence, Table
 from mavdem.report.pages.environment import environment
 

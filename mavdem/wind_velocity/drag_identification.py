@@ -14,7 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from mavdem.arrays import Array, as_real_array
 from mavdem.dem.engine.linalg import normal_draws
@@ -185,7 +185,7 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         Mean and covariance of the ten scaled parameters, and the share of the force that steering explains.
     """
     prior_mean = np.append(drag.mean, GUST_PRIOR_MEAN)
-    precision = block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
+    precision = scipy.linalg.block_diag(np.linalg.inv(drag.covariance), np.diag(GUST_PRIOR_SD**-2))
     steered_fraction = steered_share(grid)
     # Factors of the information: four entries of drag, two of lean, and four of gusts and noise.
     information_shares = np.repeat([steered_fraction**2, _turned_share(grid), 1.0], [4, 2, 4])

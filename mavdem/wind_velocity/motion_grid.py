@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags, Indices, as_real_array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import AirflowFact
+from mavdem.physical_constants import GRAVITY
 
 GRID_STEP = 0.5
 """Usual time step of the grid, s: a choice. Slower samples have their own step."""

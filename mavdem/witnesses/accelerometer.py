@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -13,6 +12,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import Parameters
+from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.sensors import further_specific_forces, specific_force
 
 MAX_GRAVITY_ERROR = 0.5

@@ -11,7 +11,6 @@ from math import inf, isinf
 from typing import NamedTuple
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -23,6 +22,7 @@ from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Fact
 from mavdem.facts.witnesses import HeightSource, WitnessFact
+from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
     AccelerometerWitness,

@@ -4,7 +4,6 @@ Each is a time series over all boots, or None where no message has it.
 """
 
 import numpy as np
-from scipy.constants import g as GRAVITY  # noqa: N812
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.signals import Signals
@@ -18,6 +17,7 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import Columns, Parameters, Telemetry
 from mavdem.ingest.vocabulary import ACCELEROMETERS_MESSAGE
+from mavdem.physical_constants import GRAVITY
 
 MILLIGRAVITY = GRAVITY / 1000
 """Unit of the accelerations of RAW_IMU and SCALED_IMU, m/s²."""

@@ -6,8 +6,7 @@ Eq. ``Smatrix`` of the paper is the inverse of that covariance.
 from math import factorial
 
 import numpy as np
-from scipy.linalg import inv
-from scipy.ndimage import correlate1d
+import scipy
 
 from mavdem.arrays import Array
 
@@ -69,7 +68,7 @@ def embed(
     complete_windows = slice(samples_before_center, len(samples) - samples_after_center)
     derivatives = []
     for derivative_weights in weights:
-        derivative = correlate1d(samples, derivative_weights, axis=0)
+        derivative = scipy.ndimage.correlate1d(samples, derivative_weights, axis=0)
         derivatives.append(derivative[complete_windows])
     return np.hstack(derivatives)
 
@@ -112,6 +111,6 @@ def temporal_precision(order: int, smoothness: float) -> Array:
     Returns:
         Precision (order + 1, order + 1), entry (i, j) in s^(i + j).
     """
-    precision_in_widths = inv(temporal_covariance(order, smoothness=1.0))
+    precision_in_widths = scipy.linalg.inv(temporal_covariance(order, smoothness=1.0))
     width_powers = smoothness ** np.arange(order + 1)
     return precision_in_widths * np.outer(width_powers, width_powers)

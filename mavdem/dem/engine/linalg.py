@@ -9,12 +9,13 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from importlib import import_module
 from threading import RLock
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
 from numpy.random import default_rng
-from scipy.linalg.lapack import dposv, dpotrf, dpotri
 from threadpoolctl import ThreadpoolController
 
 from mavdem.arrays import SMALLEST_POSITIVE, Array, ArrayPair
@@ -40,7 +41,7 @@ def solve(matrix: Array, right: Array) -> Array:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    _, solution, info = dposv(scaled, (right.T * scale).T)
+    _, solution, info = scipy.linalg.lapack.dposv(scaled, (right.T * scale).T)
     _raise_if_not_factorized(info)
     return (solution.T * scale).T
 
@@ -58,10 +59,10 @@ def inverse(matrix: Array) -> Array:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = dpotrf(scaled, clean=1)
+    factor, info = scipy.linalg.lapack.dpotrf(scaled, clean=1)
     _raise_if_not_factorized(info)
     # LAPACK fills the upper triangle only, and leaves zeros below it.
-    upper = dpotri(factor)[0] * scale * scale[:, None]
+    upper = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
     # The diagonal, every (k + 1)-th entry, is in both triangles, so that each of them holds half of it.
     upper.flat[:: len(upper) + 1] *= 0.5
     return upper + upper.T
@@ -77,7 +78,7 @@ def logdet(matrix: Array) -> float:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     scale, scaled = _scaled_to_unit_diagonal(matrix)
-    factor, info = dpotrf(scaled)
+    factor, info = scipy.linalg.lapack.dpotrf(scaled)
     _raise_if_not_factorized(info)
     # The determinant is Π (L_ii / s_i)², with the Cholesky factor L of the scaled matrix and the scale s.
     return 2.0 * float(np.log(factor.diagonal() / scale).sum())
@@ -147,8 +148,10 @@ def require_positive_definite(matrix: Array, name: str, size: int) -> None:
         raise ValueError(f"{name} must be symmetric")
     # An empty matrix has nothing to factorize.
     if size:
+        _, scaled = _scaled_to_unit_diagonal(matrix)
         try:
-            logdet(matrix)
+            # NumPy's factorization, so that a mere check of an argument does not import SciPy's.
+            np.linalg.cholesky(scaled)
         except LinAlgError:
             raise ValueError(f"{name} must be positive definite") from None
 
@@ -212,12 +215,19 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_renew_lock_after_fork)
 
 
-def find_blas_libraries() -> None:
-    """Finds the loaded BLAS libraries, which :func:`one_thread` needs: a process that is forked then has them."""
+def load_libraries() -> None:
+    """Loads the parts of SciPy that learning uses, and finds the BLAS libraries, which :func:`one_thread` needs.
+
+    Otherwise each is loaded at its first use. A process that is forked afterwards shares them.
+    """
+    for part in ("fft", "linalg", "ndimage", "special"):
+        import_module(f"scipy.{part}")
     _blas_controller()
 
 
 @cache
 def _blas_controller() -> ThreadpoolController:
     """Returns the controller of the loaded BLAS libraries; finding these takes longer than a fit, so it is kept."""
+    # SciPy has a BLAS of its own, which is found only where it is loaded.
+    import_module("scipy.linalg")
     return ThreadpoolController()

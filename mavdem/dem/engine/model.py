@@ -4,9 +4,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import expm
-from scipy.linalg.blas import dtbsv, ztbsv
 
 from mavdem.arrays import Array
 
@@ -118,7 +117,7 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
     generator[..., :n, :n] = A * dt
     generator[..., :n, n:end_of_inputs] = B * dt
     generator[..., n:end_of_inputs, end_of_inputs:] = np.eye(r)
-    flow = expm(generator)
+    flow = scipy.linalg.expm(generator)
     effect_of_start = flow[..., :n, n:end_of_inputs]
     effect_of_change = flow[..., :n, end_of_inputs:]
     # The change is u_{t+1} − u_t, so that part of it counts against the inputs at the start.
@@ -192,7 +191,9 @@ def scalar_recursion(factor: complex, forcing: NDArray[Any], start: complex) -> 
     Returns:
         x₁ … x_T, (T,), of the type of the forcing.
     """
-    solve_banded: Any = ztbsv if np.iscomplexobj(forcing) else dtbsv
+    solve_banded: Any = (
+        scipy.linalg.blas.ztbsv if np.iscomplexobj(forcing) else scipy.linalg.blas.dtbsv
+    )
     # LAPACK's band storage: the first row is the main diagonal, the second the one below it.
     diagonals = np.ones((2, len(forcing)), forcing.dtype, order="F")
     diagonals[1] = -factor

@@ -9,8 +9,8 @@ optimization", SIAM J. Sci. Comput. 16, 1995.
 """
 
 import numpy as np
+import scipy
 from numpy.linalg import LinAlgError
-from scipy.linalg import block_diag
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.ascent import CONVERGED_ROUND_NATS, Iterate, iterate_at, run_rounds
@@ -85,7 +85,7 @@ class _Search:
         _, lambda_precision = FreeEnergyOfLambda.from_posterior(posterior).gradient(
             posterior.lambda_
         )
-        self._root = block_diag(
+        self._root = scipy.linalg.block_diag(
             np.linalg.cholesky(inverse(theta_precision(posterior))),
             np.linalg.cholesky(inverse(lambda_precision)),
         )

@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import hadamard
 
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
@@ -39,7 +38,7 @@ MIXER_LAGS = 10
 MIXER_RIDGE = 1e-3
 """Prior precision of the first lag's coefficients in that estimate."""
 
-QUADROTOR_X_MIXERS = hadamard(4)[1:] / 2
+QUADROTOR_X_MIXERS = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]]) / 2
 """(3, 4) mixer rows of a quadrotor X, of unit length: roll, pitch and yaw in some order, for any motor numbering.
 
 On each axis two motors turn the vehicle one way and two the other.

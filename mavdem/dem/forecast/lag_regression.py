@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
@@ -256,7 +256,7 @@ def regress(
     random_walk = np.eye(q, k)
     # With the Cholesky factor F Fᵀ of the posterior precision, R = F⁻¹ has RᵀR = the posterior covariance.
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
-    covariance_root, _ = dtrtri(factor, lower=True)
+    covariance_root, _ = scipy.linalg.lapack.dtrtri(factor, lower=True)
     # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
     moments = gram.copy()
     moments[q:] -= moments[:k]

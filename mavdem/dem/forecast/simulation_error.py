@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import null_space
+import scipy
 
 from mavdem.arrays import Array, Flags, Indices
 from mavdem.dem.engine.gauss_newton import (
@@ -504,7 +504,7 @@ def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record
     weak = FREE_PARAMETER_PRECISION * np.eye(len(is_free))
     precision = np.where(np.outer(is_free, is_free), weak, model.prior.theta_precision)
     # Columns are an orthonormal basis of the motor combinations that should not turn the vehicle.
-    non_turning = null_space(axis_mixer(record).T)
+    non_turning = scipy.linalg.null_space(axis_mixer(record).T)
     # The first entry of a row of B, which is a motor's, shows whether the row is free.
     free_rows = np.flatnonzero(is_free[size_of_A : size_of_A_and_B : model.r])
     for row in free_rows:

@@ -20,7 +20,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.free_energy import Term
@@ -77,12 +77,12 @@ def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: in
     constant_trims = np.eye(CHANNELS)
     no_trim_noise = np.zeros((CHANNELS, CHANNELS))
     return KalmanFilter.design(
-        A=block_diag(loop.transition, constant_trims),
+        A=scipy.linalg.block_diag(loop.transition, constant_trims),
         C=np.hstack([loop.output, np.eye(CHANNELS)]),
-        Q=block_diag(loop.process_covariance, no_trim_noise),
+        Q=scipy.linalg.block_diag(loop.process_covariance, no_trim_noise),
         R=loop.noise_covariance,
         S=np.zeros((STATES + CHANNELS, CHANNELS)),
-        initial_covariance=block_diag(loop.stationary_covariance, trim_covariance),
+        initial_covariance=scipy.linalg.block_diag(loop.stationary_covariance, trim_covariance),
         samples=samples,
     )
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import softmax
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
@@ -229,7 +229,7 @@ def _mixture_of_modes(
     modes = list(mode_by_step_time.values())
 
     log_evidences = [mode.value - np.linalg.slogdet(mode.curvature)[1] / 2 for mode in modes]
-    weights = softmax(log_evidences)
+    weights = scipy.special.softmax(log_evidences)
     mode_points = np.array([mode.point for mode in modes])
     mean = weights @ mode_points
     # By the law of total variance: the mean covariance within the modes, and the covariance of their means.

@@ -21,7 +21,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
+import scipy
 
 from mavdem.arrays import Array, ArrayPair
 from mavdem.dem.engine.kalman import MAX_DOUBLINGS, STEADY_CHANGE
@@ -628,7 +628,7 @@ def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
     fastest = abs(loop.A).sum(axis=-1).max() * dt
     doublings = max(0, int(np.ceil(np.log2(fastest))))
     first_step = dt / 2**doublings
-    transition = expm(loop.A * first_step)
+    transition = scipy.linalg.expm(loop.A * first_step)
     intensity = loop.noise_gains @ loop.noise_gains.mT
     covariance = process_covariance(loop.A, intensity, first_step)
     for _ in range(doublings):
