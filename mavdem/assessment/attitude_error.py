@@ -7,6 +7,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
+from mavdem.dataset.axes import PITCH, TILT_COLUMNS
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import in_intervals
 from mavdem.dataset.phases import MAX_TILT
@@ -93,13 +94,12 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     # Lowest and highest setpoint over the samples up to each one.
     lowest = running_minimum(setpoints, before=window - 1, after=0)
     highest = running_maximum(setpoints, before=window - 1, after=0)
-    # Of roll, pitch and yaw the first two.
-    tilts = tracking.angles[:, :2]
+    tilts = tracking.angles[:, TILT_COLUMNS]
     error_without_setpoint = np.where(tracking.is_rate_controlled, 0.0, tilts / 2)
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T
-    pitch = tilts[:, 1]
+    pitch = tilts[:, PITCH]
     # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up, so that it leans the
     # vehicle backward; roll leans it the less, the more it is pitched.
     lean = 1j * roll_error * np.cos(pitch) - pitch_error
@@ -108,5 +108,5 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         lean=lean,
         magnitude=abs(lean),
         is_toppled=np.cos(tilts).prod(axis=1) < np.cos(MAX_TILT),
-        has_setpoint=~is_unknown[:, 1],
+        has_setpoint=~is_unknown[:, PITCH],
     )

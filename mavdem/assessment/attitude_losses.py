@@ -58,7 +58,9 @@ A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
 """
 
 
-def attitude_losses(sensors: BootSensors, error: AttitudeError, flight: Interval) -> list[Fact]:
+def attitude_losses(
+    sensors: BootSensors, error: AttitudeError, flight_interval: Interval
+) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
     A vehicle may lose its attitude and recover several times. The first loss that it does not recover from ends the
@@ -68,15 +70,15 @@ def attitude_losses(sensors: BootSensors, error: AttitudeError, flight: Interval
     Args:
         sensors: sensors of the boot.
         error: error of roll and pitch in this boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Returns:
         Events with the code ``ATTITUDE_CAUGHT`` for each loss that was recovered or harmless. The last one may have the
         code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
-    for start, end in _loss_intervals(sensors, error, flight):
-        event = _AttitudeLoss(sensors, flight, error, start, end).event()
+    for start, end in _loss_intervals(sensors, error, flight_interval):
+        event = _AttitudeLoss(sensors, flight_interval, error, start, end).event()
         events.append(event)
         is_recovered = event.code is MotionEvent.ATTITUDE_CAUGHT
         if not is_recovered:
@@ -84,7 +86,9 @@ def attitude_losses(sensors: BootSensors, error: AttitudeError, flight: Interval
     return events
 
 
-def _loss_intervals(sensors: BootSensors, error: AttitudeError, flight: Interval) -> Intervals:
+def _loss_intervals(
+    sensors: BootSensors, error: AttitudeError, flight_interval: Interval
+) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
     It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
@@ -93,13 +97,13 @@ def _loss_intervals(sensors: BootSensors, error: AttitudeError, flight: Interval
     Args:
         sensors: sensors of the boot.
         error: error of the attitude in the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Returns:
         Intervals, s since boot, that begin in the flight or at most ``MAX_SETPOINT_DELAY`` after the report of its
         landing. Losses that follow each other within ``RECOVERY_SECONDS`` are one.
     """
-    flight_start, flight_end = flight
+    flight_start, flight_end = flight_interval
     lost_intervals = lasting_runs(error.time, error.magnitude > LOST_ANGLE, MAX_SETPOINT_DELAY)
     toppled_intervals = []
     for start, end in lasting_runs(error.time, error.is_toppled, MAX_SETPOINT_DELAY):
@@ -168,10 +172,10 @@ class _AttitudeLoss(NamedTuple):
             has ``is_at_landing``. It lasts from the onset, or from an earlier knock,
             until the end of the loss, s since boot; without an end if the record ended first.
         """
-        rows = in_intervals(self.error.time, [(self.start, self.end)])
+        is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
         # The largest error in rad, and whether it was measured against a setpoint throughout.
-        angle = float(self.error.magnitude[rows].max())
-        has_setpoint = bool(self.error.has_setpoint[rows].all())
+        angle = float(self.error.magnitude[is_in_interval].max())
+        has_setpoint = bool(self.error.has_setpoint[is_in_interval].all())
         # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
         height = self.sensors.height_at(onset)
@@ -375,11 +379,15 @@ class _AttitudeLoss(NamedTuple):
         largest_turn = 0.0
         tilts = self.sensors.signals.tilts
         for tilt in tilts:
-            rows = (tilt.boot == self.sensors.boot) & in_intervals(tilt.time, [(onset, end)])
-            if np.count_nonzero(rows) < 2:
+            is_in_interval = (tilt.boot == self.sensors.boot) & in_intervals(
+                tilt.time, [(onset, end)]
+            )
+            if np.count_nonzero(is_in_interval) < 2:
                 return ()
-            turn = np.trapezoid(abs(tilt.rate[rows]), tilt.time[rows])
-            largest_change = max(largest_change, float(np.ptp(np.unwrap(tilt.angle[rows]))))
+            turn = np.trapezoid(abs(tilt.rate[is_in_interval]), tilt.time[is_in_interval])
+            largest_change = max(
+                largest_change, float(np.ptp(np.unwrap(tilt.angle[is_in_interval])))
+            )
             largest_turn = max(largest_turn, float(turn))
         fastest = self.sensors.fastest_rotation(tilts, (onset, end))
         if largest_change < ONSET_ANGLE:
@@ -412,17 +420,17 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     return stopped_at(sensors.signals, sensors.boot, time) is not False
 
 
-def has_risen_by(sensors: BootSensors, flight: Interval, time: float) -> bool:
+def has_risen_by(sensors: BootSensors, flight_interval: Interval, time: float) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
     Without a height, a vehicle that has flown for ``RECOVERY_SECONDS`` has risen.
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         time: s since boot.
     """
-    take_off, _ = flight
+    take_off, _ = flight_interval
     height = sensors.height_above_take_off
     if height is None:
         return time - take_off > RECOVERY_SECONDS

@@ -35,13 +35,13 @@ MIN_SWINGS = 4
 """Number of leans to alternate sides that are swings; to stop and to fly back takes two."""
 
 
-def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[Fact]:
+def attitude_swings(signals: Signals, boot: int, flight_interval: Interval) -> Iterator[Fact]:
     """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Yields:
         A fact for each axis and time, with the name of the axis as its subject, the largest ``angle``, rad, the number
@@ -50,7 +50,7 @@ def attitude_swings(signals: Signals, boot: int, flight: Interval) -> Iterator[F
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
         return
-    autonomous = intersection([flight], mode_intervals(signals, boot, AUTONOMOUS_MODES))
+    autonomous = intersection([flight_interval], mode_intervals(signals, boot, AUTONOMOUS_MODES))
     is_autonomous = in_intervals(tracking.time, autonomous)
     for column, axis in enumerate(TILT_AXES):
         angle = np.where(is_autonomous, tracking.angles[:, column], 0.0)

@@ -33,7 +33,7 @@ MAX_DISTANCE = 20.0
 """Distance, m, of landing and take-off up to which they count as one place: twice the error of a poor fix."""
 
 
-def barometer_drifts(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
+def barometer_drifts(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
     """Yields an event if the barometer drifted in a flight.
 
     The reading on the ground must have changed by more than noise and weather change it, the altitude by satellites
@@ -41,16 +41,16 @@ def barometer_drifts(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Yields:
         At most one fact, with the change of the barometer as ``change``, m upwards, and its witnesses.
     """
-    heights = ground_heights(sensors.signals, sensors.boot, flight)
+    heights = ground_heights(sensors.signals, sensors.boot, flight_interval)
     if heights is None:
         return
     change = heights.barometer_change
-    flight_start, flight_end = flight
+    flight_start, flight_end = flight_interval
     duration = min(flight_end, sensors.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
     # The satellites' altitude may have wandered the other way: that contradicts a rise as well.

@@ -11,6 +11,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_losses import LOST_ANGLE
 from mavdem.dataset.attitude import down_in_body
+from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import AttitudeTracking, attitude_tracking
@@ -47,7 +48,7 @@ def commanded_overturn(signals: Signals, boot: int, loss_time: float) -> Fact | 
         return None
 
     first_sample = int(overturned_samples[0])
-    vehicle_lean = _lean(tracking.angles[:, :2])
+    vehicle_lean = _lean(tracking.angles[:, TILT_COLUMNS])
     vehicle_leads = vehicle_lean[first_sample] > commanded_lean[first_sample]
     if vehicle_leads or _tracking_error(tracking, first_sample) > LOST_ANGLE:
         return None

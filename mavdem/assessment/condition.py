@@ -283,12 +283,12 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
     vibration = reported_vibration(signals)
     if vibration is None:
         return None
-    rows = in_segments(vibration.levels, *settled, slack=0)
-    if not rows.any():
+    is_in_segment = in_segments(vibration.levels, *settled, slack=0)
+    if not is_in_segment.any():
         return None
     # Columns are the axes of the first IMU, then those of the others.
-    levels_of_first_imu = vibration.levels.values[rows, : len(vibration.axes)]
-    clips = int(vibration.clips[rows].sum())
+    levels_of_first_imu = vibration.levels.values[is_in_segment, : len(vibration.axes)]
+    clips = int(vibration.clips[is_in_segment].sum())
     return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
 
 
@@ -324,12 +324,12 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
         recorded in these segments.
     """
     voltage = battery.voltage
-    rows = in_segments(voltage, *segments, slack=0)
-    if not rows.any():
+    is_in_segment = in_segments(voltage, *segments, slack=0)
+    if not is_in_segment.any():
         return None
-    time = voltage.time[rows]
-    boot = voltage.boot[rows]
-    volts = voltage.values[rows]
+    time = voltage.time[is_in_segment]
+    boot = voltage.boot[is_in_segment]
+    volts = voltage.values[is_in_segment]
     is_at_start = (boot == boot[0]) & (time <= time[0] + AVERAGING_SECONDS)
     is_at_end = (boot == boot[-1]) & (time >= time[-1] - AVERAGING_SECONDS)
     current_mean, current_max = None, None

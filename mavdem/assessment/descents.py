@@ -93,7 +93,7 @@ def _height_contradicts_fall(sensors: BootSensors, fall: Interval, mean_climb_ra
     return bool(end_height - start_height > expected_change)
 
 
-def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
+def dives(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
     """Yields the dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
 
     A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for
@@ -102,14 +102,14 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
     """
-    is_throttle_closed = _throttle_closed(sensors, flight)
+    is_throttle_closed = _throttle_closed(sensors, flight_interval)
     if is_throttle_closed is None:
         return
     # What shows the closed throttle: the stick, or else the motors.
     witness = WitnessFact.MOTORS_THROTTLED if sensors.stick is None else WitnessFact.THROTTLE_CLOSED
-    flight_start, flight_end = flight
+    flight_start, flight_end = flight_interval
     record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
     for closing, opening in true_intervals(is_throttle_closed.time, is_throttle_closed.values > 0):
         # Intervals at the ends of the record are infinite.
@@ -119,7 +119,7 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
             continue
         window = (start, end + BAROMETER_LAG)
         speed = sensors.sink_rate(window)
-        if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight, end):
+        if speed is None or speed < DIVE_SPEED or not _flies_on(sensors, flight_interval, end):
             continue
         witnesses: Facts = (
             supporting_statement(witness, time=start),
@@ -136,7 +136,7 @@ def dives(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
         )
 
 
-def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | None:
+def _throttle_closed(sensors: BootSensors, flight_interval: Interval) -> TimeSeries | None:
     """Returns whether the throttle was closed, at the samples of the motors' mean output.
 
     The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. If the pilot's stick was
@@ -145,7 +145,7 @@ def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | Non
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Returns:
         (N,) 0 or 1, of the whole boot; None if no motor outputs were recorded in the flight.
@@ -153,7 +153,7 @@ def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | Non
     collective = series_of_boot(sensors.signals.collective, sensors.boot)
     if collective is None:
         return None
-    in_flight = in_intervals(collective.time, [flight])
+    in_flight = in_intervals(collective.time, [flight_interval])
     if not in_flight.any():
         return None
     usual_output = float(np.median(collective.values[in_flight]))
@@ -165,18 +165,18 @@ def _throttle_closed(sensors: BootSensors, flight: Interval) -> TimeSeries | Non
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 
 
-def _flies_on(sensors: BootSensors, flight: Interval, time: float) -> bool:
+def _flies_on(sensors: BootSensors, flight_interval: Interval, time: float) -> bool:
     """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
 
     Flight and record must last so long, and the vehicle be above ``MAX_GROUND_HEIGHT``, if its height is known.
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         time: s since boot.
     """
     recovery_end = time + RECOVERY_SECONDS
-    _, flight_end = flight
+    _, flight_end = flight_interval
     if min(flight_end, sensors.record_end) < recovery_end:
         return False
     height = sensors.height_at(recovery_end)

@@ -207,9 +207,9 @@ class Evidence:
         for boot in np.unique(series.boot):
             is_in_boot = series.boot == boot
             for flight in self.flights(int(boot)):
-                rows = is_in_boot & in_intervals(series.time, [flight])
-                if rows.any():
-                    yield series.select(rows)
+                is_in_interval = is_in_boot & in_intervals(series.time, [flight])
+                if is_in_interval.any():
+                    yield series.select(is_in_interval)
 
     def values_in_flight(self, series: TimeSeries | None) -> Array:
         """Returns the samples (N,) or (N, k) of a series in flight, one flight after another; (0,) without any."""

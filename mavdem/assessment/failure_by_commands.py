@@ -298,10 +298,10 @@ def _sinking_at_full_throttle(
     stick_travel = stick.values[in_intervals(stick.time, [interval])]
     climb_rates = climb.values[in_intervals(climb.time, [interval])]
     commands = motors.range_fractions(boot)
-    rows = in_intervals(commands.time, [interval])
-    if not len(stick_travel) or not len(climb_rates) or not rows.any():
+    is_in_interval = in_intervals(commands.time, [interval])
+    if not len(stick_travel) or not len(climb_rates) or not is_in_interval.any():
         return None
-    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
     has_limited_motor = at_limit.any(axis=1).mean() > LIMITED_SHARE
     is_full_throttle = stick_travel.min() >= FULL_STICK
     is_sinking = climb_rates.max() <= -LEAST_SINK_RATE
@@ -314,7 +314,7 @@ def _sinking_at_full_throttle(
     return Fact(
         FailedFirst.THRUST_SPENT_FIRST,
         time=interval[0],
-        share=commands.values[rows].mean() / motors.scale.stop,
+        share=commands.values[is_in_interval].mean() / motors.scale.stop,
         names=tuple(limited_names),
     )
 

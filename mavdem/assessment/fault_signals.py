@@ -145,8 +145,8 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
     has_fix = fix.values > 0
     is_lost = np.zeros(len(has_fix), dtype=np.bool_)
     for boot in np.unique(fix.boot):
-        rows = fix.boot == boot
-        is_lost[rows] = np.logical_or.accumulate(has_fix[rows]) & ~has_fix[rows]
+        is_of_boot = fix.boot == boot
+        is_lost[is_of_boot] = np.logical_or.accumulate(has_fix[is_of_boot]) & ~has_fix[is_of_boot]
     columns = {"time": fix.time, "boot": fix.boot}
     yield FaultSignal(receiver, is_lost, ReportedEvent.GPS_LOST, columns=columns)
 

@@ -60,8 +60,8 @@ class PositionJumps:
         """
         start, end = interval
         is_inside = (self.time >= start - FLAG_DELAY) & (self.time <= end)
-        rows = (self.boot == boot) & is_inside
-        return float(self.distance[rows].max()) if rows.any() else None
+        is_selected = (self.boot == boot) & is_inside
+        return float(self.distance[is_selected].max()) if is_selected.any() else None
 
 
 def position_jumps(telemetry: Telemetry) -> PositionJumps:

@@ -83,7 +83,7 @@ more: what follows the contact does not change how the vehicle came to it."""
 def ground_contact(
     sensors: BootSensors,
     error: AttitudeError,
-    flight: Interval,
+    flight_interval: Interval,
     loss: Fact | None,
     reports: Sequence[Fact] = (),
 ) -> Fact | None:
@@ -92,7 +92,7 @@ def ground_contact(
     Args:
         sensors: sensors of the boot.
         error: error of the attitude in this boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         loss: the loss of attitude that the flight did not recover from; None if there was none.
         reports: events that the autopilot reports.
 
@@ -102,7 +102,7 @@ def ground_contact(
         ``angle`` (largest error of the attitude, rad) and its witnesses. If the attitude was lost shortly before a hit,
         it has that time, s, as ``onset``; where something hit above the take-off was the ground, ``is_ground``.
     """
-    contact = _Contact(sensors, error, flight, loss, reports)
+    contact = _Contact(sensors, error, flight_interval, loss, reports)
     return contact.event()
 
 
@@ -296,8 +296,8 @@ class _Contact:
 
     def _largest_error(self, interval: Interval) -> float:
         """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
-        rows = in_intervals(self.error.time, [interval])
-        return float(self.error.magnitude[rows].max(initial=0.0))
+        is_in_interval = in_intervals(self.error.time, [interval])
+        return float(self.error.magnitude[is_in_interval].max(initial=0.0))
 
     def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
         """Returns the event of a contact, of the kind that height, speed, pose and stick show.
@@ -427,8 +427,12 @@ class _Contact:
         height = self.sensors.height_above_take_off
         if height is None:
             return None
-        rows = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
-        return float(height.values[rows].min()) if rows.any() else self.sensors.height_at(time)
+        is_in_interval = in_intervals(height.time, [(time, time + MAX_SETPOINT_DELAY)])
+        return (
+            float(height.values[is_in_interval].min())
+            if is_in_interval.any()
+            else self.sensors.height_at(time)
+        )
 
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
         """Returns whether a contact was with the ground: its height is that of the resting place and of the take-off.
@@ -514,5 +518,5 @@ class _Contact:
         stick = self.sensors.stick
         if stick is None:
             return False
-        rows = in_intervals(stick.time, [interval])
-        return bool((stick.values[rows] > CLIMB_STICK).any())
+        is_in_interval = in_intervals(stick.time, [interval])
+        return bool((stick.values[is_in_interval] > CLIMB_STICK).any())

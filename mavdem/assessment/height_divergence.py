@@ -51,20 +51,20 @@ FULL_THROTTLE_COMMAND = 0.9
 """Largest command of all motors, as a share of the range, from which on they work at full throttle; a choice."""
 
 
-def height_divergences(sensors: BootSensors, flight: Interval) -> Iterator[Fact]:
+def height_divergences(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
     """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
     If the pilot sets the throttle, the autopilot does not control the height, so an error does no harm.
 
     Args:
         sensors: sensors of the boot, with the intervals in which their heights contradict each other.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Yields:
         Events of the intervals in which the estimate diverged; other contradictions have other causes.
     """
     manual = mode_intervals(sensors.signals, sensors.boot, MANUAL_THROTTLE_MODES)
-    automatic = intersection([flight], complement(manual))
+    automatic = intersection([flight_interval], complement(manual))
     for interval in _lasting_intervals(intersection(sensors.height.contradictions, automatic)):
         event = _divergence(sensors, interval)
         if event is not None:
@@ -269,18 +269,18 @@ def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:
     if vibration is None:
         return None
     levels = vibration.levels
-    rows = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
-    if not rows.any():
+    is_in_interval = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
+    if not is_in_interval.any():
         return None
-    count = int(vibration.clips[rows].sum())
+    count = int(vibration.clips[is_in_interval].sum())
     if count:
         start, end = interval
         return supporting_statement(WitnessFact.CLIPPED, time=start, until=end, count=count)
-    largest_levels = levels.values[rows].max(axis=1)
+    largest_levels = levels.values[is_in_interval].max(axis=1)
     largest_level = float(largest_levels.max())
     if largest_level <= vibration_limits(sensors.signals.telemetry).bad:
         return None
-    time = float(levels.time[rows][largest_levels.argmax()])
+    time = float(levels.time[is_in_interval][largest_levels.argmax()])
     return supporting_statement(WitnessFact.VIBRATED, time=time, vibration=largest_level)
 
 
@@ -298,12 +298,12 @@ def _full_throttle(sensors: BootSensors, interval: Interval) -> Fact | None:
     if motors is None or sensors.boot not in motors.boot:
         return None
     commands = motors.range_fractions(sensors.boot)
-    rows = in_intervals(commands.time, [interval])
-    if not rows.any():
+    is_in_interval = in_intervals(commands.time, [interval])
+    if not is_in_interval.any():
         return None
-    largest_commands = commands.values[rows].max(axis=1)
+    largest_commands = commands.values[is_in_interval].max(axis=1)
     largest_command = float(largest_commands.max())
     if largest_command <= FULL_THROTTLE_COMMAND:
         return None
-    time = float(commands.time[rows][largest_commands.argmax()])
+    time = float(commands.time[is_in_interval][largest_commands.argmax()])
     return supporting_statement(WitnessFact.MOTORS_FULL, time=time, share=largest_command)

@@ -114,9 +114,9 @@ def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
     parts = []
     for flight in evidence.in_flight(series):
         intervals = _carried_intervals(evidence, int(flight.boot[0]))
-        rows = in_intervals(flight.time, intervals)
-        if rows.any():
-            parts.append(flight.values[rows])
+        is_in_interval = in_intervals(flight.time, intervals)
+        if is_in_interval.any():
+            parts.append(flight.values[is_in_interval])
     return np.concatenate(parts) if parts else series.values
 
 

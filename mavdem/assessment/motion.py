@@ -190,20 +190,22 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         yield from _end_in_air(signals, boot, flights[-1], error.time[-1], events_of_last_flight)
 
 
-def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -> Intervals:
+def _intervals_out_of_control(
+    flight_events: Sequence[Fact], flight_interval: Interval
+) -> Intervals:
     """Returns the intervals from each event that takes the vehicle out of control to the flight's end.
 
     A vehicle that falls or lies on its back has motors at their limits, and so does one that follows a false height.
 
     Args:
         flight_events: events of the flight.
-        flight: its start and end, s since boot.
+        flight_interval: its start and end, s since boot.
 
     Returns:
         The intervals, s since boot.
     """
     intervals = []
-    _, flight_end = flight
+    _, flight_end = flight_interval
     for event in flight_events:
         start = event.time or 0.0
         if event.code is MotionEvent.HEIGHT_DIVERGED:
@@ -215,7 +217,7 @@ def _intervals_out_of_control(flight_events: Sequence[Fact], flight: Interval) -
 
 
 def _events_of_flight(
-    sensors: BootSensors, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
+    sensors: BootSensors, error: AttitudeError, flight_interval: Interval, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
@@ -225,15 +227,15 @@ def _events_of_flight(
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
     """
-    losses = attitude_losses(sensors, error, flight)
+    losses = attitude_losses(sensors, error, flight_interval)
     loss = None
     if losses and losses[-1].code is not MotionEvent.ATTITUDE_CAUGHT:
         loss = losses.pop()
     yield from losses
-    contact = ground_contact(sensors, error, flight, loss, reports)
+    contact = ground_contact(sensors, error, flight_interval, loss, reports)
     if contact is not None and loss is not None:
         is_ground_first = (loss_onset(contact) or 0.0) <= (loss.time or 0.0)
         if is_ground_first or loss.code in CONTACTS:
@@ -245,19 +247,21 @@ def _events_of_flight(
     for event in (loss, contact):
         if event is not None:
             yield event
-    yield from _standing_motors(sensors, error, flight, loss, contact, reports)
-    yield from _falls_of_flight(sensors, flight, loss, contact)
-    yield from dives(sensors, flight)
-    yield from attitude_swings(sensors.signals, sensors.boot, _until(flight, loss, contact))
-    yield from height_divergences(sensors, _until(flight, loss, contact))
-    yield from position_losses(sensors, _until(flight, loss, contact), reports)
-    yield from barometer_drifts(sensors, flight)
+    yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
+    yield from _falls_of_flight(sensors, flight_interval, loss, contact)
+    yield from dives(sensors, flight_interval)
+    yield from attitude_swings(
+        sensors.signals, sensors.boot, _until(flight_interval, loss, contact)
+    )
+    yield from height_divergences(sensors, _until(flight_interval, loss, contact))
+    yield from position_losses(sensors, _until(flight_interval, loss, contact), reports)
+    yield from barometer_drifts(sensors, flight_interval)
 
 
 def _standing_motors(
     sensors: BootSensors,
     error: AttitudeError,
-    flight: Interval,
+    flight_interval: Interval,
     loss: Fact | None,
     contact: Fact | None,
     reports: Sequence[Fact],
@@ -270,24 +274,24 @@ def _standing_motors(
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         loss: the loss of attitude in the air; None without one.
         contact: event of the contact with the ground; None for an ordinary landing.
         reports: events that the autopilot reports.
     """
-    _, latest = flight
+    _, latest = flight_interval
     if contact is not None and contact.code is not MotionEvent.LANDED_HARD:
         latest = min(latest, loss_onset(contact) or latest)
     if loss is not None and loss.time is not None:
         latest = min(latest, loss.time + MAX_SETPOINT_DELAY)
-    for event in standing_motors(sensors, error, flight, reports):
+    for event in standing_motors(sensors, error, flight_interval, reports):
         if (event.time or 0.0) < latest:
             yield event
 
 
-def _until(flight: Interval, *events: Fact | None) -> Interval:
+def _until(flight_interval: Interval, *events: Fact | None) -> Interval:
     """Returns the part of a flight before the first of some events, s since boot; events that are None do not count."""
-    start, end = flight
+    start, end = flight_interval
     for event in events:
         if event is not None and event.time is not None:
             end = min(end, event.time)
@@ -295,7 +299,7 @@ def _until(flight: Interval, *events: Fact | None) -> Interval:
 
 
 def _falls_of_flight(
-    sensors: BootSensors, flight: Interval, loss: Fact | None, contact: Fact | None
+    sensors: BootSensors, flight_interval: Interval, loss: Fact | None, contact: Fact | None
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
@@ -309,14 +313,14 @@ def _falls_of_flight(
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         loss: the loss of attitude in the air with which the flight ended; None if there was none.
         contact: event of the contact with the ground; None for an ordinary landing.
 
     Yields:
         The fall, at most one.
     """
-    flight_start, landing_time = flight
+    flight_start, landing_time = flight_interval
     flight_end = min(landing_time, sensors.record_end)
     start, end = flight_end - RECOVERY_SECONDS, flight_end + RECOVERY_SECONDS
     if loss is not None:
@@ -335,7 +339,7 @@ def _falls_of_flight(
 
 
 def _end_in_air(
-    signals: Signals, boot: int, flight: Interval, end_time: float, events: Sequence[Fact]
+    signals: Signals, boot: int, flight_interval: Interval, end_time: float, events: Sequence[Fact]
 ) -> Iterator[Fact]:
     """Yields one event if the log ends while the vehicle was still in the air, for no reason that the log shows.
 
@@ -348,13 +352,14 @@ def _end_in_air(
     Args:
         signals: signals of the vehicle.
         boot: number of the boot: the time from one start of the autopilot to the next.
-        flight: start and end of the boot's last flight, s since boot; the end is infinite without a recorded landing.
+        flight_interval: start and end of the boot's last flight, s since boot; the end is infinite without a recorded
+            landing.
         end_time: time of the last attitude sample of the boot, s since boot.
         events: events of this flight.
     """
     # In an earlier boot the recording ended with the restart of the autopilot, not with a failure in the air.
     is_last_boot = boot == signals.tilts[0].boot[-1]
-    flight_start, landing_time = flight
+    flight_start, landing_time = flight_interval
     has_landed = landing_time != inf
     if has_landed or not is_last_boot or signals.telemetry.is_ended_on_purpose:
         return

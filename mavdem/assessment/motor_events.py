@@ -147,9 +147,9 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: F
     if stick is None:
         return limit
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
-    rows = in_intervals(stick.time, intersection(manual, [interval]))
+    is_in_interval = in_intervals(stick.time, intersection(manual, [interval]))
     rows_of_event = in_intervals(stick.time, [interval])
-    is_full = rows & (stick.values >= FULL_STICK)
+    is_full = is_in_interval & (stick.values >= FULL_STICK)
     if not rows_of_event.any() or is_full.sum() <= FULL_THROTTLE_SHARE * rows_of_event.sum():
         return limit
     limit = limit.replace(is_full_throttle=True)

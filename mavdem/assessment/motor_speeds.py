@@ -83,14 +83,14 @@ class CommandChange(NamedTuple):
 
 
 def standing_motors(
-    sensors: BootSensors, error: AttitudeError, flight: Interval, reports: Sequence[Fact]
+    sensors: BootSensors, error: AttitudeError, flight_interval: Interval, reports: Sequence[Fact]
 ) -> Iterator[Fact]:
     """Yields the motors of a flight that stood still while they were commanded to turn.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
         error: error of the attitude in this boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
 
     Yields:
@@ -104,7 +104,7 @@ def standing_motors(
         motor = controller.motor_index(motors.geometry)
         speed = series_of_boot(controller.speed, sensors.boot)
         if motor is not None and speed is not None:
-            measured = speed.select(in_intervals(speed.time, [flight]))
+            measured = speed.select(in_intervals(speed.time, [flight_interval]))
             command = _commands_at(motors, sensors.boot, motor, measured.time)
             for interval in _standstills(sensors.signals, measured, command):
                 yield _standstill(sensors, error, reports, controller, motor, interval)
@@ -192,8 +192,8 @@ def _standstill(
     recorded = (start, end)
     commands = motors.range_fractions(sensors.boot)
     command = TimeSeries(commands.time, commands.boot, commands.values[:, motor])
-    rows = in_intervals(command.time, [recorded])
-    share = float(command.values[rows].mean()) if rows.any() else 0.0
+    is_in_interval = in_intervals(command.time, [recorded])
+    share = float(command.values[is_in_interval].mean()) if is_in_interval.any() else 0.0
     no_rotation = supporting_statement(
         WitnessFact.SPEED_ZERO,
         time=start,
@@ -304,8 +304,8 @@ def _reaction_of_attitude(error: AttitudeError, interval: Interval) -> Facts:
     largest = largest_error(error, interval_of_error)
     if largest is None:
         return ()
-    rows = in_intervals(error.time, [interval_of_error])
-    if error.magnitude[rows].max() > MIN_LEAN_ERROR:
+    is_in_interval = in_intervals(error.time, [interval_of_error])
+    if error.magnitude[is_in_interval].max() > MIN_LEAN_ERROR:
         return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
     held = contradicting_statement(
         WitnessFact.ATTITUDE_HELD,

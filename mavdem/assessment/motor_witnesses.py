@@ -124,8 +124,8 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: Interval) -> Facts:
     if error is None:
         return ()
     largest = largest_error(error, interval)
-    rows = in_intervals(error.time, [interval])
-    if largest is None or error.magnitude[rows].max() < MIN_LEAN_ERROR:
+    is_in_interval = in_intervals(error.time, [interval])
+    if largest is None or error.magnitude[is_in_interval].max() < MIN_LEAN_ERROR:
         return ()
     return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 

@@ -34,7 +34,7 @@ REACTION_SECONDS = 3.0
 
 
 def position_losses(
-    sensors: BootSensors, flight: Interval, reports: Sequence[Fact] = ()
+    sensors: BootSensors, flight_interval: Interval, reports: Sequence[Fact] = ()
 ) -> Iterator[Fact]:
     """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
@@ -43,7 +43,7 @@ def position_losses(
 
     Args:
         sensors: sensors of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
         reports: events that the autopilot reports.
 
     Yields:
@@ -54,7 +54,7 @@ def position_losses(
     has_position = fix if validity is None else validity
     if has_position is None:
         return
-    for start, end in _long_losses(has_position, flight):
+    for start, end in _long_losses(has_position, flight_interval):
         reactions = _autopilot_reactions(sensors, (start, end), reports)
         level = Level.BAD if reactions else Level.WATCH
         invalid: Facts = ()
@@ -75,14 +75,14 @@ def position_losses(
         )
 
 
-def _long_losses(has_position: TimeSeries, flight: Interval) -> Iterator[Interval]:
+def _long_losses(has_position: TimeSeries, flight_interval: Interval) -> Iterator[Interval]:
     """Yields the intervals of a flight, s since boot, in which a position that had been there was missing for long.
 
     Args:
         has_position: whether there was a position (N,), 1 or 0.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
     """
-    flags = has_position.select(in_intervals(has_position.time, [flight]))
+    flags = has_position.select(in_intervals(has_position.time, [flight_interval]))
     if not len(flags.time):
         return
     record_start, record_end = float(flags.time[0]), float(flags.time[-1])
@@ -154,8 +154,8 @@ def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
     """
     if fix is None:
         return ()
-    rows = in_intervals(fix.time, [interval])
-    if rows.any() and not fix.values[rows].any():
+    is_in_interval = in_intervals(fix.time, [interval])
+    if is_in_interval.any() and not fix.values[is_in_interval].any():
         start, end = interval
         return (supporting_statement(WitnessFact.NO_FIX, time=start, until=end),)
     return ()

@@ -258,10 +258,10 @@ def _without_contradicted_claim(
         is_in_boot = columns["boot"] == problem.figures["boot"]
         if not fault.is_about(problem.subject) or not is_in_boot.any():
             continue
-        rows = is_in_boot & in_intervals(columns["time"], nearby)
-        if fault.is_faulty[rows].any():
+        is_in_interval = is_in_boot & in_intervals(columns["time"], nearby)
+        if fault.is_faulty[is_in_interval].any():
             return problem
-        are_recorded_after.append(bool((columns["time"][rows] >= time).any()))
+        are_recorded_after.append(bool((columns["time"][is_in_interval] >= time).any()))
     if not are_recorded_after or not all(are_recorded_after):
         return problem
     return problem.with_code(ReportedEvent.AUTOPILOT_SAID).replace(is_contradicted=True)
@@ -370,7 +370,7 @@ def _detected_changes(signals: Signals, boot: int) -> Array:
     return landed_state.time[is_defined][is_change]
 
 
-def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
+def _is_high(signals: Signals, boot: int, flight_interval: Interval) -> bool:
     """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
 
     Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. If the record ends within a second, its height above the
@@ -379,9 +379,9 @@ def _is_high(signals: Signals, boot: int, flight: Interval) -> bool:
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
     """
-    take_off, end = flight
+    take_off, end = flight_interval
     height = BootSensors(signals, boot, take_off).height_above_take_off
     if height is None:
         return False
@@ -407,9 +407,9 @@ def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
     message = "CURRENT_MODE" if columns else "HEARTBEAT"
     reason_numbers = {}
     if "Rsn" in columns:
-        rows = columns["boot"] == span.boot
+        is_selected = columns["boot"] == span.boot
         reason_numbers = dict(
-            zip(columns["time"][rows].tolist(), columns["Rsn"][rows], strict=True)
+            zip(columns["time"][is_selected].tolist(), columns["Rsn"][is_selected], strict=True)
         )
     for time, mode in signals.mode_changes(span.boot):
         cause, level = mode_change_reason(reason_numbers.get(time))
@@ -431,9 +431,9 @@ def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
         columns = signals.telemetry.messages.get(counting.message, {})
         if counting.field not in columns:
             continue
-        rows = columns["boot"] == span.boot
-        values = columns[counting.field][rows]
-        times = columns["time"][rows]
+        is_selected = columns["boot"] == span.boot
+        values = columns[counting.field][is_selected]
+        times = columns["time"][is_selected]
         for row in 1 + np.flatnonzero(values[1:] != values[:-1]):
             subject = counting.subject.format(int(values[row]))
             yield _event(
@@ -461,8 +461,10 @@ def _lasting_faults(
         if not len(fault.is_faulty):
             continue
         columns = fault.columns_of(signals)
-        rows = columns["boot"] == span.boot
-        faulty_intervals = true_intervals(columns["time"][rows], fault.is_faulty[rows])
+        is_selected = columns["boot"] == span.boot
+        faulty_intervals = true_intervals(
+            columns["time"][is_selected], fault.is_faulty[is_selected]
+        )
         for start, end in intersection(faulty_intervals, armed):
             yield _event(
                 signals,

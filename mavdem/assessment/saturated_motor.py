@@ -253,14 +253,14 @@ def _outstanding_excess(
     start, _ = interval
     motor = motors.geometry.names.index(event.subject)
     commands = motors.range_fractions(boot)
-    rows = in_intervals(commands.time, [interval])
+    is_in_interval = in_intervals(commands.time, [interval])
     is_in_flight = in_intervals(commands.time, flights_in_boot(signals, boot))
     is_before = is_in_flight & (commands.time < start - LASTING_SECONDS)
     if not is_before.any():
         return None
     former_excess = np.quantile(_excess(commands.values[is_before], motor), FORMER_QUANTILE)
-    excess = float(_excess(commands.values[rows], motor).mean())
-    at_limit, _ = samples_at_limits(commands.values[rows], motors.scale)
+    excess = float(_excess(commands.values[is_in_interval], motor).mean())
+    at_limit, _ = samples_at_limits(commands.values[is_in_interval], motors.scale)
     most_limited = most_limited_motors(motors.geometry.names, at_limit.sum(axis=0))
     if most_limited != (event.subject,) or excess < MIN_EXCESS or former_excess > MAX_FORMER_EXCESS:
         return None
@@ -324,11 +324,11 @@ def _leans_towards(
     if not len(leaning_times):
         return False
     lean_start = leaning_times[0]
-    rows = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
+    is_in_interval = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
     # Forward is the real part, right the imaginary part, of the lean as of the position.
     position = complex(*motors.geometry.positions[number])
     if position == 0:
         return False
-    lean = complex(error.lean[rows].mean())
+    lean = complex(error.lean[is_in_interval].mean())
     angle_from_motor = abs(float(np.angle(lean / position)))
     return abs(lean) >= MIN_LEAN_ERROR and angle_from_motor <= MAX_LEAN_ANGLE

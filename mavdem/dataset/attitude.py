@@ -100,14 +100,14 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     # What was flown without these rates must not be lost.
     if integrated_rates.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
         return sent_attitude
-    rows = np.isfinite(integrated_rates.angle)
+    is_selected = np.isfinite(integrated_rates.angle)
     return Attitude(
         message=TUNING_MESSAGE,
-        time=tuning.time[rows],
-        boot=tuning.boot[rows],
-        angle=integrated_rates.angle[rows],
-        rate=tuning.values[rows, 0],
-        euler_rate=integrated_rates.euler_rate[rows],
+        time=tuning.time[is_selected],
+        boot=tuning.boot[is_selected],
+        angle=integrated_rates.angle[is_selected],
+        rate=tuning.values[is_selected, 0],
+        euler_rate=integrated_rates.euler_rate[is_selected],
         sent_count=tuning.sent_count,
         unused_count=tuning.unused_count,
         impossible_count=sent_attitude.impossible_count,

@@ -10,6 +10,18 @@ TILT_AXES = ("roll", "pitch")
 AXES = (*TILT_AXES, "yaw")
 """All axes, in the order of the columns of attitudes and body rates."""
 
+ROLL, PITCH, YAW = range(len(AXES))
+"""Columns of attitudes (N, 3) and body rates."""
+
+TILT_COLUMNS = slice(0, len(TILT_AXES))
+"""Columns of roll and pitch in an attitude (N, 3), without the heading."""
+
+NORTH, EAST, DOWN = range(3)
+"""Columns of velocities and positions (N, 3) over ground."""
+
+HORIZONTAL = slice(0, 2)
+"""Columns of north and east in them."""
+
 MAX_ANGLE = tau
 """Largest absolute Euler angle, rad, that a message can mean, whatever its convention: a whole turn."""
 

@@ -92,40 +92,42 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     return intersection(flights, complement(sorted(excluded_intervals)))
 
 
-def _has_vertical_speed(flight: Interval, speed: TimeSeries) -> bool:
+def _has_vertical_speed(flight_interval: Interval, speed: TimeSeries) -> bool:
     """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
 
     All speeds up to the end of the flight count, since a report of the take-off may come late.
 
     Args:
-        flight: Start and end of the flight, s.
+        flight_interval: Start and end of the flight, s.
         speed: Averaged vertical speed without its sign, m/s.
     """
-    start, end = flight
+    start, end = flight_interval
     if speed.time[0] > start:
         return True
     return bool(speed.values[speed.time <= end].max() >= MIN_LIFT_OFF_SPEED)
 
 
-def has_risen(signals: Signals, boot: int, flight: Interval) -> bool | None:
+def has_risen(signals: Signals, boot: int, flight_interval: Interval) -> bool | None:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off in a flight.
 
     Args:
         signals: Signals of the vehicle.
         boot: Number of the boot.
-        flight: Start and end of the flight, s.
+        flight_interval: Start and end of the flight, s.
 
     Returns:
         Whether it rose; None if the height was not recorded.
     """
-    height = height_above_take_off(signals, boot, flight)
+    height = height_above_take_off(signals, boot, flight_interval)
     if height is None:
         return None
-    is_in_flight = in_intervals(height.time, [flight])
+    is_in_flight = in_intervals(height.time, [flight_interval])
     return bool((height.values[is_in_flight] > MAX_GROUND_HEIGHT).any())
 
 
-def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> TimeSeries | None:
+def height_above_take_off(
+    signals: Signals, boot: int, flight_interval: Interval
+) -> TimeSeries | None:
     """Returns the height of a whole boot above the place where a flight began.
 
     If the flight began before the record, the first recorded height is the reference.
@@ -133,7 +135,7 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
     Args:
         signals: Signals of the vehicle.
         boot: Number of the boot.
-        flight: Start and end of the flight, s.
+        flight_interval: Start and end of the flight, s.
 
     Returns:
         The height (N,), m; None if it was not recorded.
@@ -141,11 +143,11 @@ def height_above_take_off(signals: Signals, boot: int, flight: Interval) -> Time
     height = series_of_boot(signals.height, boot)
     if height is None:
         return None
-    start_height = np.interp(flight[0], height.time, height.values)
+    start_height = np.interp(flight_interval[0], height.time, height.values)
     return TimeSeries(height.time, height.boot, height.values - start_height)
 
 
-def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bool:
+def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: Interval) -> bool:
     """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
 
     That is a vehicle on a test stand, or in somebody's hand. If no height shows whether it rose, it counts as free.
@@ -153,16 +155,16 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight: Interval) -> bo
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        flight: start and end of the flight, s since boot.
+        flight_interval: start and end of the flight, s since boot.
 
     Returns:
         Whether it was held: it did not rise, and a large setpoint of roll or pitch was not followed.
     """
-    if has_risen(signals, boot, flight) is not False:
+    if has_risen(signals, boot, flight_interval) is not False:
         return False
     for axis, tilt in zip(TILT_AXES, signals.tilts, strict=False):
         boot_angle = tilt.angle_series.of_boot(boot)
-        angle = boot_angle.select(in_intervals(boot_angle.time, [flight]))
+        angle = boot_angle.select(in_intervals(boot_angle.time, [flight_interval]))
         for setpoint in signals.for_axis(axis).setpoints:
             # Setpoints of body rates, in rad/s, tell nothing about the tilt that was asked for.
             is_of_angle = setpoint.unit == "rad"

@@ -103,20 +103,20 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     return flights
 
 
-def without_transients(flight: Interval, climb_rate: TimeSeries | None) -> Interval | None:
+def without_transients(flight_interval: Interval, climb_rate: TimeSeries | None) -> Interval | None:
     """Returns a flight without its climb-out and its landing.
 
     Both last ``TRANSIENT_SECONDS`` at least, and as long as the vehicle still rises, or already sinks, faster than
     ``MAX_LEVEL_FLIGHT_SPEED``. An infinite end of the flight was not recorded, and nothing is cut there.
 
     Args:
-        flight: Start and end of the flight, s.
+        flight_interval: Start and end of the flight, s.
         climb_rate: Vertical speed, m/s upwards, of the same boot; None if it was not recorded.
 
     Returns:
         Start and end of the level part, s; None if nothing is left.
     """
-    start, end = flight
+    start, end = flight_interval
     level_start = start + TRANSIENT_SECONDS
     level_end = end - TRANSIENT_SECONDS
     if climb_rate is not None:

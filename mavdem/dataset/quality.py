@@ -201,7 +201,17 @@ def segment_quality(
     )
 
 
-def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flags]:
+class LimitFlags(NamedTuple):
+    """Which samples of motor outputs are at a limit; both have the shape of the outputs."""
+
+    at_upper: Flags
+    """At the upper stop."""
+
+    at_lower: Flags
+    """At the lower stop."""
+
+
+def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
     """Returns flags of the samples in which each motor is at a limit.
 
     Args:
@@ -215,7 +225,7 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> tuple[Flags, Flag
     is_range_known = scale.name != UNKNOWN_SCALE
     is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)
     is_at_lower = is_range_known & (fractions <= scale.lower_stop + STOP_MARGIN)
-    return is_at_upper, is_at_lower
+    return LimitFlags(is_at_upper, is_at_lower)
 
 
 def _lowest(figures: list[float | None]) -> float | None:

@@ -1,6 +1,7 @@
 """Resampling of recorded streams to one uniform grid of time, with a low-pass filter where the grid is slower."""
 
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +138,17 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
     return grid[is_valid] if is_valid.any() else grid
 
 
-def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array, Fact]:
+class ResampledStream(NamedTuple):
+    """A stream on a uniform grid."""
+
+    values: Array
+    """Samples on the grid (T, k)."""
+
+    method: Fact
+    """How they were made."""
+
+
+def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStream:
     """Resamples a stream to a uniform grid.
 
     A stream whose rate is ``LOW_PASS_RATIO`` times that of the grid or more is low-passed and interpolated: otherwise a
@@ -156,13 +167,13 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> tuple[Array,
     if needs_low_pass(time, dt):
         cutoff = CUTOFF_RATIO / dt
         even_time, filtered_values = _low_passed(time, values, cutoff)
-        return interpolated(grid, even_time, filtered_values), Fact(
-            Resampling.LOW_PASSED, rate=cutoff
+        return ResampledStream(
+            interpolated(grid, even_time, filtered_values), Fact(Resampling.LOW_PASSED, rate=cutoff)
         )
     rows = nearest_rows(grid, time)
     if rows is not None:
-        return values[rows], Fact(Resampling.SAMPLES_KEPT)
-    return interpolated(grid, time, values), Fact(Resampling.INTERPOLATED)
+        return ResampledStream(values[rows], Fact(Resampling.SAMPLES_KEPT))
+    return ResampledStream(interpolated(grid, time, values), Fact(Resampling.INTERPOLATED))
 
 
 def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:

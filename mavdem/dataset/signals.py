@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -329,6 +329,16 @@ class VehicleSignals:
         return thrust if thrust is not None and len(thrust.time) else None
 
 
+class RateWithSetpoint(NamedTuple):
+    """Body rate of one axis and its setpoint, each at the stamps of its own messages."""
+
+    rate: TimeSeries
+    """Body rate, rad/s."""
+
+    setpoint: TimeSeries
+    """Setpoint of the rate, rad/s."""
+
+
 @dataclass(frozen=True, eq=False)
 class Signals(VehicleSignals):
     """The signals of one vehicle for a model of one axis.
@@ -434,16 +444,16 @@ class Signals(VehicleSignals):
         injected_signals = []
         for point in Injection:
             # The numbers of pitch and yaw follow that of roll.
-            rows = columns["axis"] == point + AXES.index(self.axis)
+            is_selected = columns["axis"] == point + AXES.index(self.axis)
             # Angles and rates are logged in degrees.
             factor = 1.0 if point is Injection.DEMAND else np.radians(1.0)
-            signal = clean_series(columns, factor * float_column(columns, "target"), rows)
+            signal = clean_series(columns, factor * float_column(columns, "target"), is_selected)
             if signal.values.any():
                 injected_signals.append(InjectedSignal(point, signal))
         return tuple(injected_signals)
 
     @cached_property
-    def rate_and_setpoint(self) -> tuple[TimeSeries, TimeSeries] | None:
+    def rate_and_setpoint(self) -> RateWithSetpoint | None:
         """Body rate and its setpoint, rad/s, from the faster of two sources; None if no setpoint was recorded.
 
         One source is PID_TUNING, which has both at the same stamps. The other is the attitude for the rate, and
@@ -456,14 +466,24 @@ class Signals(VehicleSignals):
             attitude_count = len(attitude.time)
         if tuning is not None and len(tuning.time) > attitude_count:
             rate, setpoint = tuning.values.T
-            return replace(tuning, values=rate), replace(tuning, values=setpoint)
+            return RateWithSetpoint(replace(tuning, values=rate), replace(tuning, values=setpoint))
         rate_setpoints = [item.signal for item in self.setpoints if item.unit == "rad/s"]
         if attitude is None or not rate_setpoints:
             return None
-        return attitude.rate_series, rate_setpoints[0]
+        return RateWithSetpoint(attitude.rate_series, rate_setpoints[0])
 
 
-def global_positions(columns: Columns) -> tuple[Array, Flags]:
+class GlobalPositions(NamedTuple):
+    """Geographic positions in N messages."""
+
+    degrees: Array
+    """Latitude and longitude (N, 2), degrees."""
+
+    is_fix: Flags
+    """Whether each is a position fix (N,); before a fix, receivers send zeros."""
+
+
+def global_positions(columns: Columns) -> GlobalPositions:
     """Returns the geographic positions in a message, and which of them are position fixes.
 
     Args:
@@ -475,7 +495,7 @@ def global_positions(columns: Columns) -> tuple[Array, Flags]:
     degrees = DEGREES_PER_UNIT * float_columns(columns, ("lat", "lon"))
     is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)
     is_fix = degrees.any(axis=1) & is_possible
-    return degrees, np.asarray(is_fix)
+    return GlobalPositions(degrees, np.asarray(is_fix))
 
 
 def rate_between_outages(stream: Attitude | MotorOutputs | TimeSeries) -> float:

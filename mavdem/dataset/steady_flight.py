@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.axes import AXES, TILT_AXES, TILT_COLUMNS, YAW
 from mavdem.dataset.intervals import Intervals, intersection, true_intervals
 from mavdem.dataset.phases import settled_intervals
 from mavdem.dataset.setpoints import held_setpoint
@@ -49,12 +49,12 @@ class AttitudeTracking(NamedTuple):
     @property
     def is_straying(self) -> Flags:
         """(N,) whether roll or pitch is known to be far from its setpoint."""
-        return strays_from_setpoint(self.angles[:, :2], self.setpoints)
+        return strays_from_setpoint(self.angles[:, TILT_COLUMNS], self.setpoints)
 
     @property
     def is_steady(self) -> Flags:
         """(N,) whether the vehicle neither strays from its setpoint nor turns."""
-        heading = self.angles[:, 2]
+        heading = self.angles[:, YAW]
         earlier_heading = np.interp(self.time - HEADING_CHANGE_SECONDS, self.time, heading)
         is_turning = abs(heading - earlier_heading) > MAX_HEADING_CHANGE
         return ~self.is_straying & ~is_turning
@@ -142,5 +142,5 @@ def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
     tracking = attitude_tracking(signals, boot)
     if tracking is None:
         return np.zeros(len(time))
-    heading = np.where(tracking.is_straying, nan, tracking.angles[:, 2])
+    heading = np.where(tracking.is_straying, nan, tracking.angles[:, YAW])
     return np.interp(time, tracking.time, heading)

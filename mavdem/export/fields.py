@@ -110,7 +110,7 @@ def samples_of(
     fields = _numeric_fields(columns)
     if field not in fields:
         raise ValueError(f"{message} has no field {field}: it has {', '.join(fields)}")
-    rows = columns["boot"] == boot
+    is_selected = columns["boot"] == boot
     if instance is not None:
         instances = _instances(columns)
         if instance not in instances:
@@ -118,9 +118,9 @@ def samples_of(
             raise ValueError(
                 f"{message} has no instance {instance}: there is {available_instances}"
             )
-        rows &= columns[_instance_column(columns)] == instance
-    time = columns["time"][rows]
-    values = fields[field][rows].astype(float)
+        is_selected &= columns[_instance_column(columns)] == instance
+    time = columns["time"][is_selected]
+    values = fields[field][is_selected].astype(float)
     order = np.argsort(time, kind="stable")
     return FieldSamples(time=time[order], values=values[order])
 

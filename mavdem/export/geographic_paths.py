@@ -63,10 +63,10 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
             positions = np.column_stack([positions, np.round(altitude, SECOND_DECIMALS)])
         paths = []
         for boot in np.unique(columns["boot"]):
-            rows = is_fix & (columns["boot"] == boot) & np.isfinite(positions).all(axis=1)
-            if np.count_nonzero(rows) > 1:
-                time = np.round(columns["time"][rows], SECOND_DECIMALS)
-                paths.append(GeographicPath(int(boot), time, positions[rows]))
+            is_selected = is_fix & (columns["boot"] == boot) & np.isfinite(positions).all(axis=1)
+            if np.count_nonzero(is_selected) > 1:
+                time = np.round(columns["time"][is_selected], SECOND_DECIMALS)
+                paths.append(GeographicPath(int(boot), time, positions[is_selected]))
         if paths:
             return paths
     raise Unreadable(Fact(SourceFact.NO_GEOGRAPHIC_POSITION))

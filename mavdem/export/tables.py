@@ -13,6 +13,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.containers import JsonValues, Names
+from mavdem.dataset.axes import EAST, NORTH
 from mavdem.dataset.signals import Signals
 from mavdem.flight import Flight
 from mavdem.report.numbers import without_remark
@@ -108,10 +109,10 @@ def wind_columns(signals: Signals, boot: int, time: Array) -> dict[str, Array]:
     if wind is None or not wind.speed_identifiable or wind.boot != boot:
         return {}
     series = {
-        "wind north": wind.velocity[:, 0],
-        "wind east": wind.velocity[:, 1],
-        "wind north band": wind.band[:, 0],
-        "wind east band": wind.band[:, 1],
+        "wind north": wind.velocity[:, NORTH],
+        "wind east": wind.velocity[:, EAST],
+        "wind north band": wind.band[:, NORTH],
+        "wind east band": wind.band[:, EAST],
     }
     return {
         column_name(name, "m/s"): np.interp(time, wind.time, values, np.nan, np.nan)

@@ -19,6 +19,7 @@ import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import coverage_factor, half_width
+from mavdem.dataset.axes import HORIZONTAL, YAW
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Facts
@@ -417,8 +418,8 @@ class LiveWind:
         Raises:
             NotLearnable: one of them is constant.
         """
-        yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
-        velocity_is_constant = (np.ptp(motion.velocity[:, :2], axis=0) == 0).any()
+        yaw_is_constant = np.ptp(motion.attitude[:, YAW]) == 0
+        velocity_is_constant = (np.ptp(motion.velocity[:, HORIZONTAL], axis=0) == 0).any()
         if yaw_is_constant:
             raise NotLearnable(NoWind.NOT_MEASURED, name="yaw")
         if velocity_is_constant:

@@ -71,10 +71,14 @@ def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
         intervals = intersection([(segment.start, segment.end)], steady)
         seconds += total_duration(intervals)
         steady_parts = [Segment(segment.boot, start, end) for start, end in intervals]
-        rows = in_segments(motors, *steady_parts)
-        commands = motors.scale.fraction(motors.outputs[rows])
+        is_in_segment = in_segments(motors, *steady_parts)
+        commands = motors.scale.fraction(motors.outputs[is_in_segment])
         runs.append(
-            SteadyRun(motors.time[rows], commands, _lean(signals, segment, motors.time[rows]))
+            SteadyRun(
+                motors.time[is_in_segment],
+                commands,
+                _lean(signals, segment, motors.time[is_in_segment]),
+            )
         )
     return balance_figures(runs, motor_signatures(motors.geometry), seconds)
 
@@ -94,9 +98,9 @@ def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
     if len(signals.tilts) < len(TILT_AXES):
         return lean
     for column, tilt in enumerate(signals.tilts):
-        rows = in_segments(tilt, segment)
-        if rows.any():
-            lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
+        is_in_segment = in_segments(tilt, segment)
+        if is_in_segment.any():
+            lean[:, column] = np.interp(time, tilt.time[is_in_segment], tilt.angle[is_in_segment])
     return lean
 
 

@@ -135,7 +135,17 @@ def gradual_loss(
     )
 
 
-def _block_means(time: Array, commands: Array, block_seconds: float) -> tuple[Array, Array]:
+class _BlockMeans(NamedTuple):
+    """Commands of k motors, averaged over B blocks of equal length."""
+
+    time: Array
+    """Middle of each block (B,), s."""
+
+    commands: Array
+    """Mean command of each motor (B, k)."""
+
+
+def _block_means(time: Array, commands: Array, block_seconds: float) -> _BlockMeans:
     """Averages commands over blocks of equal length.
 
     Args:
@@ -149,7 +159,7 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> tuple[Ar
     numbers = ((time - time[0]) / block_seconds).astype(np.int64)
     present, rows, counts = np.unique(numbers, return_inverse=True, return_counts=True)
     means = [np.bincount(rows, column) / counts for column in commands.T]
-    return time[0] + block_seconds * (present + 0.5), np.column_stack(means)
+    return _BlockMeans(time[0] + block_seconds * (present + 0.5), np.column_stack(means))
 
 
 def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:

@@ -93,7 +93,7 @@ def mean_by_sector(values: Array, headings: Array, selection: Flags) -> dict[int
     sectors = np.round(turns / sector_width) % HEADING_SECTORS
     means = {}
     for sector in range(HEADING_SECTORS):
-        rows = (sectors == sector) & selection
-        if np.count_nonzero(rows) >= MIN_SECTOR_BLOCKS:
-            means[sector] = values[rows].mean()
+        is_selected = (sectors == sector) & selection
+        if np.count_nonzero(is_selected) >= MIN_SECTOR_BLOCKS:
+            means[sector] = values[is_selected].mean()
     return means

@@ -210,9 +210,19 @@ class _Obstacle(NamedTuple):
     """The reason, where the status is not REPORTED."""
 
 
+class Identifiability(NamedTuple):
+    """What a flight identifies of a plant: by the name of the parameter, "effect", "damping" or "lag"."""
+
+    statuses: dict[str, Status]
+    """Status of each parameter."""
+
+    reasons: dict[str, Fact | None]
+    """Reason of each status; None for a parameter that is reported."""
+
+
 def identifiability(
     figures: IdentifiabilityFigures,
-) -> tuple[dict[str, Status], dict[str, Fact | None]]:
+) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
     A parameter may have several obstacles, such as too much wind; the worst of them decides. Damping and lag are
@@ -237,7 +247,7 @@ def identifiability(
             doubt = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
             obstacles.append(_Obstacle(effect_status, doubt))
         statuses[name], reasons[name] = _worst(obstacles)
-    return statuses, reasons
+    return Identifiability(statuses, reasons)
 
 
 def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:

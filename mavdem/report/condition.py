@@ -197,10 +197,12 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     if series is None:
         return None
     start_time, end_time = wind.time[[0, -1]]
-    rows = (series.boot == wind.boot) & (series.time >= start_time) & (series.time <= end_time)
-    if not rows.any():
+    is_selected = (
+        (series.boot == wind.boot) & (series.time >= start_time) & (series.time <= end_time)
+    )
+    if not is_selected.any():
         return None
-    north, east = series.values[rows].mean(axis=0)
+    north, east = series.values[is_selected].mean(axis=0)
     return {"size": np.hypot(north, east), "origin": meteorological_direction(north, east)}
 
 

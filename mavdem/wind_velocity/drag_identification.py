@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from mavdem.arrays import Array, as_real_array
+from mavdem.dataset.axes import HORIZONTAL
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts.online import DragSource
 from mavdem.wind_velocity.airflow_filter import (
@@ -305,7 +306,7 @@ def steered_share(grid: MotionGrid) -> float:
     """
     steps = max(round(STEERED_SECONDS / grid.step), 1)
     force = np.einsum("tij,ti->tj", grid.body_axes, grid.force)[:, :2]
-    velocity = grid.velocity[:, :2]
+    velocity = grid.velocity[:, HORIZONTAL]
     both_complete = grid.complete[steps:] & grid.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()

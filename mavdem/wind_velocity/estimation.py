@@ -10,6 +10,7 @@ from numpy.random import default_rng
 
 from mavdem.arrays import Array
 from mavdem.confidence import INTERVAL_QUANTILES, Interval, coverage_factor, half_width
+from mavdem.dataset.axes import HORIZONTAL
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.facts import Fact, NamedFacts
 from mavdem.facts.identifiability import Status
@@ -269,7 +270,7 @@ def estimate_wind(
     mean_air = air.mean(axis=0)
     step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
 
-    relative_velocity = fine.velocity[:, :2] - air
+    relative_velocity = fine.velocity[:, HORIZONTAL] - air
     air_speed = np.nanmean(np.hypot(*relative_velocity.T))
     flight_drag = Drag(
         posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]

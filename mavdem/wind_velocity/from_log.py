@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import flight_states, intervals, phases
 from mavdem.dataset.attitude import Attitude, attitude_from_messages
-from mavdem.dataset.axes import AXES
+from mavdem.dataset.axes import AXES, HORIZONTAL, NORTH, YAW
 from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.position_fix import (
     RECEIVER_MESSAGES,
@@ -54,6 +54,12 @@ def _velocity_messages() -> dict[str, float]:
 
 VELOCITY_MESSAGES = _velocity_messages()
 """Messages with the velocity over ground, the preferred first, and the factor that converts it to m/s."""
+
+VELOCITY = slice(0, 3)
+"""Columns of the velocity north, east and down in the values of :func:`_ground_motion`."""
+
+HEIGHT = 3
+"""Column of the height in these values; columns after it have the position, if it was recorded."""
 
 ESTIMATOR_FLAG_MESSAGES = ("EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
 """Messages with flags of the autopilot's state estimator."""
@@ -233,7 +239,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         raise NotLearnable(
             NoWind.NO_FLIGHT_WITH_VELOCITY, airborne=_settled_seconds(signals, ground_motion)
         )
-    velocity_is_constant = np.ptp(motion.velocity[:, 0]) == 0
+    velocity_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if velocity_is_constant and _lacks_fix(telemetry):
         # Another sensor of velocity may be set up, but it did not measure either.
         raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
@@ -258,9 +264,9 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
     """
     duration = 0.0
     for boot in np.unique(ground_motion.boot).tolist():
-        rows = ground_motion.boot == boot
-        time = ground_motion.time[rows]
-        flights = _flights(signals, boot, time, ground_motion.values[rows, 3])
+        is_of_boot = ground_motion.boot == boot
+        time = ground_motion.time[is_of_boot]
+        flights = _flights(signals, boot, time, ground_motion.values[is_of_boot, HEIGHT])
         recorded_intervals = intervals.intersection(flights, [(time[0], time[-1])])
         duration += sum(end - start for start, end in recorded_intervals)
     return float(duration)
@@ -312,8 +318,8 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
     if np.ptp(motion.time) > MAX_FLIGHT_SECONDS:
         raise NotLearnable(NoWind.CLOCK_JUMPS)
     # A figure that never changes is not measured.
-    yaw_is_constant = np.ptp(motion.attitude[:, 2]) == 0
-    north_is_constant = np.ptp(motion.velocity[:, 0]) == 0
+    yaw_is_constant = np.ptp(motion.attitude[:, YAW]) == 0
+    north_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if yaw_is_constant:
         raise NotLearnable(NoWind.NOT_MEASURED, name="yaw")
     if north_is_constant:
@@ -369,20 +375,19 @@ def _free_flight(
     Returns:
         The motion; ``None`` where the boot has no attitude or velocity.
     """
-    rows = ground_motion.boot == boot
-    velocity_time = ground_motion.time[rows]
-    ground_values = ground_motion.values[rows]
-    rows_of_angles = [angle.boot == boot for angle in angles]
-    if len(velocity_time) < 2 or not all(np.any(rows) for rows in rows_of_angles):
+    is_of_boot = ground_motion.boot == boot
+    velocity_time = ground_motion.time[is_of_boot]
+    ground_values = ground_motion.values[is_of_boot]
+    angles_of_boot = [angle.angle_series.of_boot(boot) for angle in angles]
+    if len(velocity_time) < 2 or not all(len(angle.time) for angle in angles_of_boot):
         return None
-    time = angles[-1].time[rows_of_angles[-1]]
-    attitude = []
-    for angle, angle_rows in zip(angles, rows_of_angles, strict=True):
-        attitude.append(np.interp(time, angle.time[angle_rows], angle.angle[angle_rows]))
-    yaw = attitude[2]
+    # The times are those of the heading; roll and pitch are interpolated.
+    time = angles_of_boot[YAW].time
+    attitude = [np.interp(time, angle.time, angle.values) for angle in angles_of_boot]
+    yaw = attitude[YAW]
 
     # Times in free flight, between two velocities that are not too far apart.
-    flights = _flights(signals, boot, velocity_time, ground_values[:, 3])
+    flights = _flights(signals, boot, velocity_time, ground_values[:, HEIGHT])
     is_usable = intervals.in_intervals(time, flights)
     is_usable &= (time >= velocity_time[0]) & (time <= velocity_time[-1])
     # The time between the two velocities around each stamp of the attitude.
@@ -402,13 +407,13 @@ def _free_flight(
 
     is_usable &= _estimator_knows_velocity(signals.telemetry, boot, time)
     is_usable &= measures_velocity(signals.telemetry, boot, time)
-    motion = interpolated(time, velocity_time, ground_values[:, :4])
-    is_usable &= np.linalg.norm(motion[:, :2], axis=1) <= MAX_GROUND_SPEED
+    motion = interpolated(time, velocity_time, ground_values[:, : HEIGHT + 1])
+    is_usable &= np.linalg.norm(motion[:, HORIZONTAL], axis=1) <= MAX_GROUND_SPEED
     return _FlightMotion(
         time[is_usable],
         np.column_stack(attitude)[is_usable],
-        motion[is_usable, :3],
-        motion[is_usable, 3],
+        motion[is_usable, VELOCITY],
+        motion[is_usable, HEIGHT],
     )
 
 
@@ -419,11 +424,11 @@ def _motion_resets(time: Array, values: Array) -> Flags:
         time: stamps (N,), s.
         values: velocity, height and perhaps position (N, 4 or 6), as :func:`_ground_motion` returns them.
     """
-    north_and_east = values[:, :2].T
+    north_and_east = values[:, HORIZONTAL].T
     resets = _resets(time, north_and_east[0], VELOCITY_RESET)
     resets |= _resets(time, north_and_east[1], VELOCITY_RESET)
     # The position may be missing.
-    for position, speed in zip(values[:, 4:].T, north_and_east, strict=False):
+    for position, speed in zip(values[:, HEIGHT + 1 :].T, north_and_east, strict=False):
         resets |= is_position_reset(np.diff(position), speed[:-1], speed[1:], np.diff(time))
     return resets
 
@@ -447,12 +452,12 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
         flags = recorded_series(telemetry, name, "flags")
         if flags is None:
             continue
-        rows = flags.boot == boot
-        if not np.any(rows):
+        is_of_boot = flags.boot == boot
+        if not np.any(is_of_boot):
             continue
-        valid = horizontal_velocity_valid(flags.values[rows].astype(np.int64))
+        valid = horizontal_velocity_valid(flags.values[is_of_boot].astype(np.int64))
         # Between two messages that differ, the interpolated value is neither 0 nor 1.
-        unknown = np.interp(time, flags.time[rows], ~valid)
+        unknown = np.interp(time, flags.time[is_of_boot], ~valid)
         is_known &= unknown == 0
     return is_known
 
@@ -482,13 +487,13 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
     """
     if position is None:
         return 0.0
-    rows = position.boot == boot
-    if not np.any(rows):
+    is_of_boot = position.boot == boot
+    if not np.any(is_of_boot):
         return 0.0
     times = [motion.time - 1.0, motion.time]
     distances = []
-    for component in position.values[rows].T:
-        a_second_ago, now = np.interp(times, position.time[rows], component)
+    for component in position.values[is_of_boot].T:
+        a_second_ago, now = np.interp(times, position.time[is_of_boot], component)
         distances.append(now - a_second_ago)
     distance = np.linalg.norm(distances, axis=0)
     roll, pitch, _ = motion.attitude.T

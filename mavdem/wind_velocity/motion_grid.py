@@ -9,6 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags, Indices, as_real_array
 from mavdem.confidence import SIGNIFICANT_SIGMAS
+from mavdem.dataset.axes import DOWN, HORIZONTAL, ROLL, TILT_COLUMNS, YAW
 from mavdem.errors import NotLearnable
 from mavdem.facts.online import AirflowFact
 from mavdem.physical_constants import GRAVITY
@@ -230,17 +231,17 @@ def motion_grid(
         tilt_rate = bins.mean_differences(tilt).T / step
         acceleration = bins.mean_differences(velocity.T).T / step
         if wind is not None:
-            mean_velocity[:, :2] -= bins.triangular_means(wind.T).T
+            mean_velocity[:, HORIZONTAL] -= bins.triangular_means(wind.T).T
 
     # The down component of the thrust per mass is the downward acceleration less gravity; times the tilt, it gives the
     # north and east components. What accelerates the vehicle beyond these, (T, 2), is projected on body x and y.
-    level_force = acceleration[:, :2] + (GRAVITY - acceleration[:, 2:]) * mean_tilt
+    level_force = acceleration[:, HORIZONTAL] + (GRAVITY - acceleration[:, [DOWN]]) * mean_tilt
     force = np.einsum("tij,tj->ti", body_axes[:, :, :2], level_force)
     # A force beyond the limit comes from wrong data, such as a jump of the velocity, and is left out.
     force[~(abs(force) < MAX_SPECIFIC_FORCE).all(axis=1)] = np.nan
     # Attitude that lags behind the velocity while the tilt changes looks like a force, and so does a wrong scale.
     timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
-    scale_error = SCALE_ERROR * acceleration[:, :2]
+    scale_error = SCALE_ERROR * acceleration[:, HORIZONTAL]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
     middle = bins.start + step * np.arange(1, bins.count, dtype=np.float64)
     grid = MotionGrid(middle, body_axes, mean_velocity, force, force_error, step)
@@ -348,14 +349,14 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
         raise ValueError("time must be in s, of one flight")
     usable = np.asarray(np.isfinite(np.hstack([angles, speeds])).all(axis=1))
     if usable.sum() < MIN_SAMPLES:
-        finite_rolls = np.isfinite(angles[:, 0]).sum()
-        finite_yaws = np.isfinite(angles[:, 2]).sum()
+        finite_rolls = np.isfinite(angles[:, ROLL]).sum()
+        finite_yaws = np.isfinite(angles[:, YAW]).sum()
         only_yaw_missing = finite_yaws < MIN_SAMPLES <= finite_rolls
         raise NotLearnable(
             AirflowFact.MOTION_UNKNOWN, missing="yaw" if only_yaw_missing else "velocity"
         )
     samples = MotionSamples(stamps[usable], angles[usable], speeds[usable], usable)
-    if abs(samples.attitude[:, :2]).max() > np.pi:
+    if abs(samples.attitude[:, TILT_COLUMNS]).max() > np.pi:
         raise ValueError("attitude seems to be in degrees: give rad")
     _require_velocity_follows_tilt(samples)
     return samples
@@ -389,7 +390,7 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     is_even = np.arange(len(samples.time)) % 2 == 0
     # A step without samples divides by 0, and becomes NaN.
     with np.errstate(divide="ignore", invalid="ignore"):
-        acceleration = bins.mean_differences(samples.velocity[:, :2].T) / step
+        acceleration = bins.mean_differences(samples.velocity[:, HORIZONTAL].T) / step
         even, odd = (
             np.diff(bins.select(rows).triangular_means(expected_acceleration[:, rows]), axis=1)
             for rows in (is_even, ~is_even)

@@ -8,6 +8,7 @@ up to 9 m within 20 s, while their barometers agree within 1.3 m before and afte
 
 from dataclasses import dataclass
 from math import inf, isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -54,13 +55,14 @@ class GroundHeights:
     """Horizontal distance, m, of landing and take-off by satellites."""
 
 
-def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeights | None:
+def ground_heights(signals: Signals, boot: int, flight_interval: Interval) -> GroundHeights | None:
     """Compares the heights at rest before a flight and after it.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        flight: start and end of the flight, s since boot; infinite where the record has no take-off or landing.
+        flight_interval: start and end of the flight, s since boot; infinite where the record has no take-off or
+            landing.
 
     Returns:
         The heights before and after; None if the vehicle did not rest both times, the barometer is missing or not
@@ -70,7 +72,7 @@ def ground_heights(signals: Signals, boot: int, flight: Interval) -> GroundHeigh
     position = series_of_boot(satellite_position(signals), boot)
     if barometer is None or position is None or not is_usable_barometer(barometer_noise(barometer)):
         return None
-    before, after = _rests_around(rest_intervals(signals, boot), flight)
+    before, after = _rests_around(rest_intervals(signals, boot), flight_interval)
     if before is None or after is None:
         return None
     heights_before = _values_in(barometer, before)
@@ -131,7 +133,17 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
     return None
 
 
-def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, Interval | None]:
+class _RestsAroundFlight(NamedTuple):
+    """Times at rest on the ground next to a flight, s since boot; None for one that is missing."""
+
+    before: Interval | None
+    """The last rest before the take-off."""
+
+    after: Interval | None
+    """The first rest after the landing."""
+
+
+def _rests_around(rests: Intervals, flight_interval: Interval) -> _RestsAroundFlight:
     """Returns the last rest before a flight and the first one after it.
 
     Both must be near the flight (``MAX_WAIT_SECONDS``), and only the ``MAX_REST_SECONDS`` next to it are returned. If
@@ -140,12 +152,12 @@ def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, 
 
     Args:
         rests: intervals in which the vehicle lay still without power, ascending, s since boot.
-        flight: start and end, s since boot.
+        flight_interval: start and end, s since boot.
 
     Returns:
         Start and end of both rests, s since boot; None for one that is missing.
     """
-    take_off, landing = flight
+    take_off, landing = flight_interval
     search = (take_off + LANDING_SECONDS, inf)
     if isfinite(landing):
         search = (max(landing - LANDING_SECONDS, take_off), landing + MAX_WAIT_SECONDS)
@@ -159,7 +171,7 @@ def _rests_around(rests: Intervals, flight: Interval) -> tuple[Interval | None, 
     if rests_after:
         start, end = rests_after[0]
         rest_after = start, min(end, start + MAX_REST_SECONDS)
-    return rest_before, rest_after
+    return _RestsAroundFlight(rest_before, rest_after)
 
 
 def _long_enough(rests: Intervals) -> Intervals:

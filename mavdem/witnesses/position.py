@@ -84,8 +84,8 @@ def position_fix(signals: Signals) -> TimeSeries | None:
     assert fix_types is not None
     has_fix = np.zeros(len(fix_types.time))
     for boot in np.unique(fix_types.boot).tolist():
-        rows = fix_types.boot == boot
-        has_fix[rows] = has_position_fix(signals.telemetry, boot, fix_types.time[rows])
+        is_of_boot = fix_types.boot == boot
+        has_fix[is_of_boot] = has_position_fix(signals.telemetry, boot, fix_types.time[is_of_boot])
     return TimeSeries(fix_types.time, fix_types.boot, has_fix)
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
+from mavdem.dataset.axes import TILT_COLUMNS
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
@@ -121,7 +122,7 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
     # A median over three samples removes single damaged ones, and keeps the moment in which a vehicle tips over.
     largest_rate = float(running_median(np.max(rates, axis=0), 3, "reflect")[is_powered].max())
-    answer = _answer(time, tracking.angles[:, :2], tracking.setpoints, is_powered)
+    answer = _answer(time, tracking.angles[:, TILT_COLUMNS], tracking.setpoints, is_powered)
     return RotationWitness(
         powered_seconds=powered_seconds,
         answers=answer.is_given,
@@ -264,8 +265,12 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
     changes = []
     differences = []
     for tilt in signals.tilts:
-        rows = tilt.boot == boot
-        time, angle, euler_rate = tilt.time[rows], tilt.angle[rows], tilt.euler_rate[rows]
+        is_of_boot = tilt.boot == boot
+        time, angle, euler_rate = (
+            tilt.time[is_of_boot],
+            tilt.angle[is_of_boot],
+            tilt.euler_rate[is_of_boot],
+        )
         if len(time) < 2 or not _is_resolved(euler_rate):
             return None
         # Trapezoidal integral of the rate of the Euler angle, which is computed from the gyro.

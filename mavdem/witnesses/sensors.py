@@ -214,8 +214,8 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
         for instance in instances:
             if message == "HIGHRES_IMU" and instance == 0:
                 continue
-            rows = columns[field] == instance
-            force = _force(columns, ACCELERATION_FIELDS, 1.0, rows)
+            is_selected = columns[field] == instance
+            force = _force(columns, ACCELERATION_FIELDS, 1.0, is_selected)
             if force is not None:
                 forces[1 + int(instance)] = force
     return forces

@@ -412,8 +412,10 @@ def _gradual_losses(
     for start, end in settled:
         if any(start <= change.time <= end and change.motor is not None for change in changes):
             continue
-        rows = in_intervals(commands.time, [(start, end)])
-        loss = gradual_loss(commands.time[rows], commands.values[rows], motors.geometry, boot)
+        is_in_interval = in_intervals(commands.time, [(start, end)])
+        loss = gradual_loss(
+            commands.time[is_in_interval], commands.values[is_in_interval], motors.geometry, boot
+        )
         if loss is not None:
             losses.append(loss)
     return losses

@@ -308,11 +308,11 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
     # The one zero keeps the mean finite where no segment has a setpoint.
     changes = [np.zeros(1)]
     for segment in segments:
-        rows = in_segments(setpoint, segment, slack=0)
-        if not rows.any():
+        is_in_segment = in_segments(setpoint, segment, slack=0)
+        if not is_in_segment.any():
             continue
-        time = setpoint.time[rows]
-        yaw = setpoint.values[rows]
+        time = setpoint.time[is_in_segment]
+        yaw = setpoint.values[is_in_segment]
         changes.append(np.interp(time + YAW_MOVEMENT_SECONDS, time, yaw) - yaw)
     return float(np.sqrt(np.mean(np.square(np.concatenate(changes)))))
 

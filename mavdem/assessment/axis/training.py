@@ -170,9 +170,19 @@ def flights_after_start(segments: Flights, start: float) -> Flights:
     return tuple(remaining_flights)
 
 
+class TrainingAndTest(NamedTuple):
+    """A flight, split in two."""
+
+    training: Flight
+    """Data to learn from."""
+
+    test: Flight
+    """Data after these, which nothing was learned from."""
+
+
 def training_and_test(
     flight: Flight, start: float, train: Length, test: Length | None
-) -> tuple[Flight, Flight]:
+) -> TrainingAndTest:
     """Splits a flight into training data from ``start`` s on and the test data after it.
 
     Args:
@@ -193,4 +203,4 @@ def training_and_test(
     test_end = test_start + test_samples
     if len(flight) < test_end:
         raise too_short(flight, start, training_samples, test_samples, MIN_SAMPLES)
-    return flight[training_start:test_start], flight[test_start:test_end]
+    return TrainingAndTest(flight[training_start:test_start], flight[test_start:test_end])

@@ -313,9 +313,9 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
     is_source = instances["is_primary"] > 0
     if not is_source.any():
         is_source = ~is_source
-    rows = is_source & (instances["boot"] == flight.boot[0])
-    rows &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
-    numbers, counts = np.unique(instances["instance"][rows], return_counts=True)
+    is_selected = is_source & (instances["boot"] == flight.boot[0])
+    is_selected &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
+    numbers, counts = np.unique(instances["instance"][is_selected], return_counts=True)
     return instance_name(telemetry, int(numbers[counts.argmax()])) if len(numbers) else ""
 
 

@@ -105,8 +105,8 @@ def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
     motors = evidence.signals.motors
     if motors is None or np.mean(hover.trim_of_range) > MAX_HOVER_COMMAND:
         return False
-    rows = in_segments(motors, *settled_segments(evidence.signals))
-    commands = motors.scale.fraction(motors.outputs[rows])
+    is_in_segment = in_segments(motors, *settled_segments(evidence.signals))
+    commands = motors.scale.fraction(motors.outputs[is_in_segment])
     is_at_limit, _ = samples_at_limits(commands, motors.scale)
     limited_rows = is_at_limit.any(axis=1)
     if not limited_rows.any():

@@ -361,10 +361,12 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
     max_voltage = 0.0
     for flight in flights:
         # A current of 0 or less was not measured.
-        rows = flight.values[:, 1] > 0
-        volts_and_amperes = flight.values[rows]
+        is_selected = flight.values[:, 1] > 0
+        volts_and_amperes = flight.values[is_selected]
         mean_volts, mean_amperes = (
-            time_series.moving_average(TimeSeries(flight.time[rows], flight.boot[rows], column))
+            time_series.moving_average(
+                TimeSeries(flight.time[is_selected], flight.boot[is_selected], column)
+            )
             for column in volts_and_amperes.T
         )
         deviations.append(volts_and_amperes.T - [mean_volts, mean_amperes])

@@ -60,15 +60,15 @@ def vibration_light(evidence: Evidence) -> Fact:
             for boot in np.unique(levels.boot).tolist()
             for start, end in evidence.flights(boot)
         ]
-    rows = in_segments(levels, *segments)
-    if not rows.any():
+    is_in_segment = in_segments(levels, *segments)
+    if not is_in_segment.any():
         return unknown_vibration
     limits = vibration_limits(telemetry)
     # The columns are the axes of the first IMU, then those of the second.
-    mean_levels = levels.values[rows].mean(axis=0)
+    mean_levels = levels.values[is_in_segment].mean(axis=0)
     largest_level = mean_levels.max()
     imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
-    clips = int(vibration.clips[rows].sum(axis=0).max())
+    clips = int(vibration.clips[is_in_segment].sum(axis=0).max())
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),

@@ -204,9 +204,19 @@ def _recording(path: PathName) -> _Content:
     return _Content(content, read_binary(content))
 
 
+class _ParameterValues(NamedTuple):
+    """Values of parameters in a log, by name."""
+
+    last: dict[str, float]
+    """Last value of each parameter."""
+
+    changed_first: dict[str, float]
+    """First value of each parameter that changed in the log."""
+
+
 def _last_and_changed_first_values(
     settings: list[tuple[str, float]],
-) -> tuple[dict[str, float], dict[str, float]]:
+) -> _ParameterValues:
     """Returns the last values of all parameters, and the first values of those that changed in the log.
 
     Args:
@@ -221,7 +231,7 @@ def _last_and_changed_first_values(
     changed_first_values = {
         name: value for name, value in first_values.items() if value != last_values[name]
     }
-    return last_values, changed_first_values
+    return _ParameterValues(last_values, changed_first_values)
 
 
 def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -> Telemetry:

@@ -89,7 +89,17 @@ class _StateChanges:
         return len(self.boot)
 
 
-def states_of(tables: Tables, vehicle_type: int) -> tuple[Columns, Columns]:
+class StateMessages(NamedTuple):
+    """Messages of MAVLink with the states of the vehicle, made of the events of a log."""
+
+    heartbeat: Columns
+    """HEARTBEAT, with the armed state."""
+
+    extended_sys_state: Columns
+    """EXTENDED_SYS_STATE, with the landed state."""
+
+
+def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     """Makes HEARTBEAT and EXTENDED_SYS_STATE from the events of a log.
 
     The armed state is that of EV or of ARM, whichever has more changes.
@@ -111,8 +121,9 @@ def states_of(tables: Tables, vehicle_type: int) -> tuple[Columns, Columns]:
         else changes_by_events
     )
     landed_changes = _changes(tables, "EV", "Id", LANDED_EVENTS, boot_stamps)
-    return _heartbeats(armed_changes, vehicle_type, boot_stamps), _landed_states(
-        landed_changes, boot_stamps
+    return StateMessages(
+        _heartbeats(armed_changes, vehicle_type, boot_stamps),
+        _landed_states(landed_changes, boot_stamps),
     )
 
 
@@ -187,10 +198,10 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     change_missing = previous_state != changes.before
     for boot in np.unique(changes.boot[change_missing]):
         stamps = boot_stamps(boot)
-        rows = change_missing & (changes.boot == boot)
+        is_selected = change_missing & (changes.boot == boot)
         # The last message before each of these changes; the first of the boot where there is none before.
-        last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[rows]) - 1, 0)
-        time_before[rows] = stamps[last_stamp_rows]
+        last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
+        time_before[is_selected] = stamps[last_stamp_rows]
     states = np.column_stack(
         [previous_state, changes.before, changes.before, changes.after, changes.after]
     )

@@ -7,7 +7,7 @@ docs/formats.md#dataflash has the table of both vocabularies. Messages of which 
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,9 +184,22 @@ def with_new_names(message: str, logged_columns: MessageTable) -> MessageTable:
     return logged_columns._replace(columns=columns)
 
 
+class TranslatedMessages(NamedTuple):
+    """Messages of a DataFlash log in the vocabulary of MAVLink."""
+
+    messages: dict[str, Columns]
+    """Columns of each message, by the name that MAVLink gives it."""
+
+    source_names: dict[str, str]
+    """What the log calls each message, also those that it could have."""
+
+    repairs: Facts
+    """Units that were converted, and another core of the estimator that was read."""
+
+
 def mavlink_messages(
     tables: Tables, vehicle_type: int, parameters: Parameters
-) -> tuple[dict[str, Columns], dict[str, str], Facts]:
+) -> TranslatedMessages:
     """Translates a log's messages into MAVLink's.
 
     Each MAVLink message is made by a function of its own, or, where only names and units differ, by its rule in
@@ -252,7 +265,9 @@ def mavlink_messages(
     core_repairs = repair_facts(
         Repair.OTHER_CORE_READ, count=len(other_cores), names=sorted(other_cores)
     )
-    return columns_of_messages, source_names, (*unit_repairs, *demand_repairs, *core_repairs)
+    return TranslatedMessages(
+        columns_of_messages, source_names, (*unit_repairs, *demand_repairs, *core_repairs)
+    )
 
 
 def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:

@@ -183,8 +183,8 @@ def decoded_parameters(parameter_values: Columns, autopilot: str) -> list[tuple[
         bits = np.ascontiguousarray(parameter_values["param_value"], dtype="<f4").view("<u4")
         for integer_type in INTEGER_TYPES:
             type_number = mavlink_constant(f"MAV_PARAM_TYPE_{integer_type.upper()}")
-            rows = parameter_values["param_type"] == type_number
-            values[rows] = bits[rows].astype(integer_type)
+            is_selected = parameter_values["param_type"] == type_number
+            values[is_selected] = bits[is_selected].astype(integer_type)
     names = []
     for name in parameter_values["param_id"].tolist():
         text, _, _ = name.partition(b"\0")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -368,7 +369,17 @@ GENERIC_WEIGHT = 0.1
 """Weight of a HEARTBEAT of type GENERIC among all of a component: scripts send such under any id."""
 
 
-def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
+class VehicleIdentity(NamedTuple):
+    """What a component says that it is."""
+
+    vehicle_type: str
+    """MAV_TYPE without its prefix."""
+
+    autopilot: str
+    """MAV_AUTOPILOT without its prefix."""
+
+
+def vehicle_identity(heartbeats: Columns) -> VehicleIdentity:
     """Finds out what a component is, by the majority of its HEARTBEATs.
 
     They may disagree: frames are damaged, and scripts send HEARTBEATs under the ids of a vehicle. Those are mostly of
@@ -385,7 +396,7 @@ def vehicle_identity(heartbeats: Columns) -> tuple[str, str]:
     kind = int(votes.argmax())
     autopilots = heartbeats["autopilot"][heartbeats["type"] == kind]
     autopilot = int(np.bincount(autopilots).argmax())
-    return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
+    return VehicleIdentity(enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot))
 
 
 def _messages(

@@ -258,7 +258,20 @@ def _json_topics(recording: McapRecording) -> dict[int, JsonTopic]:
     return topics
 
 
-def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[RecordingPart, int, Facts]:
+class _JsonMessages(NamedTuple):
+    """Messages of a recording that came as JSON."""
+
+    part: RecordingPart
+    """The messages, encoded as frames."""
+
+    unreadable_count: int
+    """Number of messages that cannot be read."""
+
+    repairs: Facts
+    """Why they cannot."""
+
+
+def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages:
     """Reads the JSON messages of a recording, and encodes them as frames, so that one path decodes all messages.
 
     Args:
@@ -308,7 +321,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> tuple[Recordi
         ),
     )
     unread_messages = unknown_messages.total() + undecodable_topics.total()
-    return _recording_part(pieces), unread_messages, repairs
+    return _JsonMessages(_recording_part(pieces), unread_messages, repairs)
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
