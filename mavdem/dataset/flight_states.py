@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, distinct_values
 from mavdem.dataset.intervals import (
     Intervals,
     complement,
@@ -213,6 +213,6 @@ def max_collective(signals: Signals) -> float:
     if collective is None:
         return 0.0
     highest_of_boots = []
-    for boot in np.unique(collective.boot):
+    for boot in distinct_values(collective.boot):
         highest_of_boots.append(moving_average(collective.of_boot(boot)).max())
     return max(highest_of_boots)

@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 from mavdem.ingest.byte_rows import Bytes, mapping_of
 from mavdem.ingest.mavlink.clocks import BootTimes
 from mavdem.ingest.mavlink.dialect import MessageDefinition
-from mavdem.ingest.mavlink.payloads import SentPayloads, decoded_field, sent_payloads
+from mavdem.ingest.mavlink.payloads import (
+    SentPayloads,
+    decoded_field,
+    decoded_payloads,
+    sent_payloads,
+)
 from mavdem.ingest.telemetry import Fields
 
 MAX_BYTES_OF_MAPPED_COLUMNS = 1 << 25
@@ -84,6 +89,9 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         self._names = tuple(dict.fromkeys((*definition.fields, "time", "boot")))
         self._decoded = decoded or DecodedColumns(data)
         self._payloads: SentPayloads | None = None
+        # All fields of the messages (n,): of a recording in memory, where another copy is of no concern.
+        self._is_mapped = mapping_of(data) is not None
+        self._table: NDArray[np.void] | None = None
         # ``time`` and ``boot`` are no fields of the message.
         self._clock_columns: Fields = {"time": boot_times.time, "boot": boot_times.boot}
         for column in self._clock_columns.values():
@@ -100,10 +108,18 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
                 raise KeyError(name)
             if self._payloads is None:
                 self._payloads = sent_payloads(self._data, self._starts)
-            column = decoded_field(self._data, self._starts, self._definition, name, self._payloads)
+            column = self._decoded_column(name, self._payloads)
             column.setflags(write=False)
             self._decoded.keep(message, name, column)
         return column
+
+    def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:
+        """Decodes a column; of a mapped recording that alone, else all fields when the first one is asked for."""
+        if self._is_mapped:
+            return decoded_field(self._data, self._starts, self._definition, name, payloads)
+        if self._table is None:
+            self._table = decoded_payloads(self._data, self._starts, self._definition, payloads)
+        return np.ascontiguousarray(self._table[name])
 
     def __contains__(self, name: object) -> bool:
         """Returns whether there is such a column, without decoding it."""

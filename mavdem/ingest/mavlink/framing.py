@@ -303,17 +303,20 @@ class _FrameBlock:
         frames = _frames_of_headers(self.start[rows], self._headers[rows])
         crc_extras = self._crc_extras.take(frames.message_id, mode="clip")
         is_known = crc_extras >= 0
-        frames = frames[is_known]
-        crc_extras = crc_extras[is_known]
+        if not is_known.all():
+            frames = frames[is_known]
+            crc_extras = crc_extras[is_known]
+            rows = rows[is_known]
         # From here on offsets count from the start of the block.
         start = frames.start - self._block_start
-        checksum_start = start + _bytes_before_checksum(self._headers[rows[is_known]])
+        checksum_start = start + _bytes_before_checksum(self._headers[rows])
         low_byte = self._bytes[checksum_start]
         high_byte = self._bytes[checksum_start + 1].astype(np.uint16)
         sent_checksum = low_byte | high_byte << 8
         # The checksum covers header and payload, but not the marker, which is one byte.
         checksum_without_extra = self._checksums.checksums(start + 1, checksum_start)
-        return frames[sent_checksum == registers_after(checksum_without_extra, crc_extras)]
+        is_matching = sent_checksum == registers_after(checksum_without_extra, crc_extras)
+        return frames if is_matching.all() else frames[is_matching]
 
 
 def _bytes_before_checksum(headers: Bytes) -> Offsets:
@@ -389,7 +392,8 @@ def _without_overlaps(frames: Frames, free_start: int) -> Frames:
     Returns:
         The kept frames, in stream order.
     """
-    frames = frames[frames.start >= free_start]
+    if len(frames) and frames.start[0] < free_start:
+        frames = frames[frames.start >= free_start]
     if (frames.start[1:] >= frames.end[:-1]).all():
         return frames
     is_accepted = np.zeros(len(frames), dtype=np.bool_)

@@ -381,22 +381,30 @@ class _RunTaker:
         # The first frame's number may follow that of a copy, which does not count.
         breaks = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
         run_ends = np.append(breaks[1:], len(sequence))
-        for break_row, run_end in zip(breaks.tolist(), run_ends.tolist(), strict=True):
+        # Number of attitudes before each run, and before its end.
+        attitudes_before = np.searchsorted(self._attitude_rows, first + breaks)
+        attitudes_at_end = np.searchsorted(self._attitude_rows, first + run_ends)
+        for break_row, run_end, first_attitude, end_attitude in zip(
+            breaks.tolist(),
+            run_ends.tolist(),
+            attitudes_before.tolist(),
+            attitudes_at_end.tolist(),
+            strict=True,
+        ):
             self._links.take_number(int(sequence[break_row]))
             if run_end > break_row + 1:
                 count = run_end - break_row - 1
                 self._links.take_numbers_in_order(count, int(sequence[run_end - 1]))
             if self._links.has_two_counters:
-                self._take_attitudes(first + break_row, first + run_end)
+                self._take_attitudes(first_attitude, end_attitude)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
         self._links.take_readings(self._readings.part(first_reading, end_reading))
         if end < len(self._frames):
             self._links.remember(self._contents(first, end))
 
     def _take_attitudes(self, first: int, end: int) -> None:
-        """Takes the attitudes of the frames from one row to before another."""
-        first_attitude, end_attitude = np.searchsorted(self._attitude_rows, [first, end]).tolist()
-        for row in self._attitude_rows[first_attitude:end_attitude].tolist():
+        """Takes the attitudes from one number to before another, of those in all frames."""
+        for row in self._attitude_rows[first:end].tolist():
             self._links.take_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
