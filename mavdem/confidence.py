@@ -1,9 +1,6 @@
 """Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
-from functools import cache
-from math import atan, cos, exp, lgamma, pi, sqrt, tan
 from numbers import Real
-from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -27,21 +24,6 @@ SIGNIFICANT_SIGMAS = 3.0
 
 STRONG_EVIDENCE_NATS = 3.0
 """Difference of log evidence, in nats, that is strong evidence by Kass and Raftery (1995): odds of 20 to 1."""
-
-MIN_QUADRATURE_FREEDOM = 2.0
-"""Fewest degrees of freedom for which quadrature gives the quantiles of Student's t distribution.
-
-With fewer, the integrand is not smooth at a right angle, where the quantiles of rare values are.
-"""
-
-QUADRATURE_NODES = 32
-"""Nodes of that quadrature: with them quantiles of up to 99.999 % have six correct digits."""
-
-MAX_QUANTILE_STEPS = 50
-"""Largest number of Newton steps to a quantile of Student's t distribution; ten are rarely needed."""
-
-CONVERGED_ANGLE_STEP = 1e-14
-"""Relative change of the angle in a Newton step, below which it has converged: rounding hides smaller ones."""
 
 
 def require_probability(level: float) -> None:
@@ -70,51 +52,12 @@ def coverage_factor(level: float = CONFIDENCE_LEVEL, freedom: ArrayLike = np.inf
     require_probability(level)
     freedoms = np.asarray(freedom, np.float64)
     upper_quantile = 0.5 + level / 2
-    factors = np.full(freedoms.shape, NormalDist().inv_cdf(upper_quantile))
-    is_estimated = ~np.isinf(freedoms)
-    # Many estimates share few numbers of degrees of freedom.
-    distinct_freedoms, indices = np.unique(freedoms[is_estimated], return_inverse=True)
-    quantiles = [
-        student_t_quantile(upper_quantile, freedom) for freedom in distinct_freedoms.tolist()
-    ]
-    factors[is_estimated] = np.array(quantiles)[indices]
+    factors = np.where(
+        np.isinf(freedoms),
+        scipy.special.ndtri(upper_quantile),
+        scipy.special.stdtrit(freedoms, upper_quantile),
+    )
     return factors if freedoms.ndim else float(factors)
-
-
-def student_t_quantile(probability: float, freedom: float) -> float:
-    """Returns the value that is exceeded with a probability of 1 − ``probability`` under Student's t distribution.
-
-    ``scipy.special.stdtrit`` does the same, but takes a fifth of a second to import, as long as a log at the rates of
-    telemetry takes to be judged. With t = √ν tan φ for ν degrees of freedom, the distribution function is
-    ½ + Γ((ν + 1) / 2) / (√π Γ(ν / 2)) ∫₀^φ cos^(ν − 1)(x) dx. Gauss-Legendre quadrature gives the integral, and
-    Newton's method the angle φ.
-
-    Args:
-        probability: probability of a smaller value, at least 0.5 and below 1.
-        freedom: ν, degrees of freedom, finite.
-    """
-    if freedom < MIN_QUADRATURE_FREEDOM:
-        return float(scipy.special.stdtrit(freedom, probability))
-    normalization = exp(lgamma((freedom + 1) / 2) - lgamma(freedom / 2)) / sqrt(pi)
-    nodes, weights = _unit_quadrature()
-    # The distribution function is concave in the angle, so that from below the angles rise to the one of the quantile.
-    # The quantile of the normal distribution is smaller, as its tails are lighter.
-    angle = atan(NormalDist().inv_cdf(probability) / sqrt(freedom))
-    for _ in range(MAX_QUANTILE_STEPS):
-        integral = angle * float(weights @ np.cos(angle * nodes) ** (freedom - 1))
-        missing_integral = (probability - 0.5) / normalization - integral
-        step = missing_integral / cos(angle) ** (freedom - 1)
-        angle += step
-        if step <= CONVERGED_ANGLE_STEP * angle:
-            break
-    return sqrt(freedom) * tan(angle)
-
-
-@cache
-def _unit_quadrature() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Returns nodes and weights of Gauss-Legendre quadrature over the interval from 0 to 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(QUADRATURE_NODES)
-    return (nodes + 1) / 2, weights / 2
 
 
 def half_width(

@@ -27,7 +27,6 @@ FLOORS = (
         "machine",
         "physical_constants",
         "processes",
-        "running_filters",
         "unit_errors",
         "units",
     },

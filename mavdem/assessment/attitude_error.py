@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
@@ -16,7 +17,6 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.ingest.telemetry import rate_without_gaps
 from mavdem.ingest.vocabulary import wrapped_angle
 from mavdem.loops.margins import Complex
-from mavdem.running_filters import running_maximum, running_minimum
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +89,13 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
         return None
     # Number of samples in the time that the vehicle has to follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
+    # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
+    # with their sample.
+    shift = (window - 1) // 2
     is_unknown = np.isnan(tracking.setpoints)
     setpoints = np.where(is_unknown, 0.0, tracking.setpoints)
-    # Lowest and highest setpoint over the samples up to each one.
-    lowest = running_minimum(setpoints, before=window - 1, after=0)
-    highest = running_maximum(setpoints, before=window - 1, after=0)
+    lowest = scipy.ndimage.minimum_filter1d(setpoints, window, axis=0, origin=shift)
+    highest = scipy.ndimage.maximum_filter1d(setpoints, window, axis=0, origin=shift)
     tilts = tracking.angles[:, TILT_COLUMNS]
     error_without_setpoint = np.where(tracking.is_rate_controlled, 0.0, tilts / 2)
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)

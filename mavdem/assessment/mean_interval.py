@@ -13,6 +13,7 @@ References:
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.confidence import half_width
@@ -61,13 +62,10 @@ def mean_interval(values: Array, duration: float) -> Array:
     )
     if sample_count <= 2 * cosine_count:
         return np.full(values.shape[1], np.inf)
-    deviations = values - values.mean(axis=0)
-    # The discrete cosine transform of type II, 2 Σ x cos, is the Fourier transform of the series and its mirror image,
-    # turned back by half a sample. Its first row belongs to the mean.
-    transform = np.fft.rfft(np.concatenate([deviations, deviations[::-1]]), axis=0)
-    orders = np.arange(1, cosine_count + 1)
-    half_sample = np.exp(-0.5j * np.pi * orders / sample_count)
-    cosine_sums = (transform[orders] * half_sample[:, None]).real
+    # The type-II transform of SciPy is 2 Σ x cos; its first row belongs to the mean.
+    cosine_sums = scipy.fft.dct(values - values.mean(axis=0), axis=0, overwrite_x=True)[
+        1 : cosine_count + 1
+    ]
     projections = cosine_sums / (np.sqrt(2.0) * sample_count)
     return half_width(np.square(projections).mean(axis=0), freedom=cosine_count)
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset import phases
@@ -16,7 +17,6 @@ from mavdem.dataset.signals import MIN_STREAM_RATE, Signals
 from mavdem.dataset.time_series import TimeSeries, rows_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
-from mavdem.running_filters import running_median
 
 MEDIAN_STEPS = 41
 """Number of steps between stamps whose running median is the usual step, about 1 s at ``MIN_STREAM_RATE``.
@@ -248,7 +248,7 @@ def slow_steps(steps: Array) -> Flags:
     Returns:
         Flags (N,): whether the median of ``MEDIAN_STEPS`` steps around each one is too long.
     """
-    usual_steps = running_median(steps, MEDIAN_STEPS, "mirror")
+    usual_steps = scipy.ndimage.median_filter(steps, size=MEDIAN_STEPS, mode="mirror")
     return usual_steps > STEP_TOLERANCE / MIN_STREAM_RATE
 
 

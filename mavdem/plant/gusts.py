@@ -7,12 +7,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.confidence import coverage_factor
 from mavdem.dem.record import Record
 from mavdem.plant.parameters import Physical
-from mavdem.running_filters import running_median
 
 MAX_ERROR_SHARE = 0.75
 """Largest variance of the wind torque's errors, relative to the variance of its estimate, with which it is resolved."""
@@ -142,7 +142,7 @@ def _running_level(torque: Array, record: Record, width: int) -> Array:
     for segment in np.split(torque, record.segment_starts[1:]):
         # A median filter about each sample needs an odd width; setting the last bit rounds an even one up.
         odd_width = min(len(segment), width) | 1
-        levels.append(running_median(segment, odd_width, "reflect"))
+        levels.append(scipy.ndimage.median_filter(segment, odd_width))
     return np.concatenate(levels)
 
 

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array
 from mavdem.containers import Names
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
-from mavdem.running_filters import running_median
 
 LEVEL_FIELDS = ("vibration_x", "vibration_y", "vibration_z")
 """Fields with the vibration of the first IMU along each body axis, m/s²."""
@@ -56,7 +56,7 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     if not levels.any():
         return None
     # A single count that differs from both its neighbours was damaged on its way.
-    undamaged_counts = running_median(counts, 3, "mirror")
+    undamaged_counts = scipy.ndimage.median_filter(counts, size=(3, 1), mode="mirror")
     # The counts begin again at 0 with each boot.
     clips = np.clip(np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1]), 0, None)
     axes = ("",) if is_px4 else tuple("xyz")

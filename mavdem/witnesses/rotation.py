@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from mavdem.arrays import Array, Flags
 from mavdem.dataset.axes import TILT_COLUMNS
@@ -12,7 +13,6 @@ from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
-from mavdem.running_filters import running_median
 
 ANSWER_RATE = 10.0
 """Rate, Hz, at which setpoint and angle are compared; all loops of attitude are slower."""
@@ -121,7 +121,7 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
         if rate is not None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
     # A median over three samples removes single damaged ones, and keeps the moment in which a vehicle tips over.
-    largest_rate = float(running_median(np.max(rates, axis=0), 3, "reflect")[is_powered].max())
+    largest_rate = float(scipy.ndimage.median_filter(np.max(rates, axis=0), 3)[is_powered].max())
     answer = _answer(time, tracking.angles[:, TILT_COLUMNS], tracking.setpoints, is_powered)
     return RotationWitness(
         powered_seconds=powered_seconds,

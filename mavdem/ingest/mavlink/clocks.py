@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from mavdem.arrays import Flags, distinct_values
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import repair_facts
-from mavdem.running_filters import running_maximum, running_median
 
 Times = NDArray[np.float64]
 """Times or differences of times, s."""
@@ -126,7 +126,7 @@ def deviates_from_median(values: Times, window: int, limit: float | Times) -> Fl
     """
     if not len(values):
         return np.zeros(0, dtype=np.bool_)
-    return abs(values - running_median(values, window, "mirror")) > limit
+    return abs(values - scipy.ndimage.median_filter(values, window, mode="mirror")) > limit
 
 
 def outlier_stamps(stamps: Times) -> Flags:
@@ -472,7 +472,8 @@ def _highest_ahead(values: Times, count: int) -> Times:
     Returns:
         Highest values (n,).
     """
-    return running_maximum(values, before=0, after=count - 1)
+    # SciPy's window lies around each row. A negative origin moves it towards later rows, so that it begins there.
+    return scipy.ndimage.maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")
 
 
 def _readings_by_reference(
