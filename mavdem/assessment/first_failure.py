@@ -39,8 +39,21 @@ CAUSES_OF_ALL_MOTORS = (
 )
 """Causes that concern all motors alike, whatever the autopilot reports of one of them."""
 
-LANDING_PARAMETERS = ("MPC_THR_HOVER", "MPC_THR_MIN", "MOT_THST_HOVER", "MOT_SPIN_MIN")
-"""Parameters with levels of thrust, by which PX4 and ArduPilot distinguish a landed vehicle from one that descends."""
+LANDING_PARAMETERS = ("MPC_THR_MIN", "MPC_THR_HOVER", "MOT_SPIN_MIN", "MOT_THST_HOVER")
+"""Parameters with levels of thrust, by which PX4 and ArduPilot distinguish a landed vehicle from one that descends.
+
+A vehicle seems to have landed whose thrust is near the minimum, so that this comes first.
+"""
+
+HOVER_ESTIMATE_PARAMETER = "MPC_USE_HTE"
+"""If it is 1, PX4's land detector takes its estimate of the hover thrust as soon as there is one, and MPC_THR_HOVER
+until then (``MulticopterLandDetector.cpp``)."""
+
+DEFAULT_MINIMUM_SHARE = 0.12 / 0.5
+"""Minimum thrust over that of the hover: the defaults of MPC_THR_MIN and MPC_THR_HOVER."""
+
+LEAST_MINIMUM_THRUST = 0.05
+"""Smallest value that PX4 allows for MPC_THR_MIN."""
 
 DIVERGENCE_SECONDS = 10.0
 """Seconds after a height estimate diverged within which a loss follows from it: a fall from 100 m takes as long."""
@@ -251,7 +264,7 @@ def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) ->
     """Returns the fact that the autopilot switched all motors off in the air because it took the vehicle for landed.
 
     The autopilot decides that by comparing the thrust with some parameters, whose values are in the fact, so that they
-    can be compared with the thrust in the hover and mended.
+    can be compared with the thrust in the hover and mended: the fact has the ``least_collective`` that suits it.
 
     Args:
         signals: signals of the vehicle.
@@ -262,9 +275,15 @@ def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) ->
     """
     parameters = signals.telemetry.parameters
     settings = [(name, parameters[name]) for name in LANDING_PARAMETERS if name in parameters]
+    hover_thrust = None if parameters.get("THR_MDL_FAC") else collective
+    minimum_thrust = None
+    if hover_thrust is not None:
+        minimum_thrust = max(LEAST_MINIMUM_THRUST, DEFAULT_MINIMUM_SHARE * hover_thrust)
     return Fact(
         FailedFirst.LANDING_ASSUMED_FIRST,
         time=cause.time,
         settings=settings,
-        collective=None if parameters.get("THR_MDL_FAC") else collective,
+        collective=hover_thrust,
+        least_collective=minimum_thrust,
+        is_estimated=parameters.get(HOVER_ESTIMATE_PARAMETER) == 1,
     )

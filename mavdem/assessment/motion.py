@@ -78,7 +78,8 @@ def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
     """Yields the events; swings of the attitude say whether it followed its setpoint, and which motors had no reserve.
 
     Where the attitude was far from its setpoint, the position controller did not get what it asked for, so that its
-    gains are not the first to look at.
+    gains are not the first to look at. An autopilot that flies alone and neither reaches its setpoint within a second
+    nor stops the swing does not control the vehicle, which is bad even where it came back.
 
     Args:
         events: events of all boots.
@@ -103,7 +104,7 @@ def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
                 if not is_explained and other.subject not in limited_motors:
                     limited_motors.append(other.subject)
         if errors:
-            event = event.replace(angle_error=max(errors))
+            event = event.replace(Level.BAD, angle_error=max(errors))
         if limited_motors:
             event = event.replace(names=tuple(limited_motors))
         yield event

@@ -8,6 +8,7 @@ from textwrap import wrap
 from mavdem.assessment import Assessment
 from mavdem.assessment.assess import FirstFindings
 from mavdem.assessment.axis import LogAnalysis
+from mavdem.assessment.flights import flights_in_boot, segments_of_boots
 from mavdem.assessment.identity import day_in_file_name
 from mavdem.assessment.lights import REGISTRY
 from mavdem.assessment.lights.log import simulation_fact
@@ -158,6 +159,7 @@ def vehicle_title(log: Log, signals: Signals, analysis: LogAnalysis) -> Sentence
         telemetry=signals.telemetry,
         condition=analysis.condition,
         is_simulated=simulation_fact(signals) is not None,
+        flight_count=len(segments_of_boots(signals, flights_in_boot)),
         day_in_name=day_in_file_name(Path(log.source).name),
     )
     return Sentence(" ".join(sentence.text for sentence in sentences), _log_name(log))

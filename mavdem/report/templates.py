@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from importlib.resources import files
-from math import degrees, isfinite, tau
+from math import ceil, degrees, isfinite, tau
 from operator import attrgetter
 from shlex import quote
 from typing import Any, NamedTuple
@@ -314,6 +314,7 @@ def _environment() -> Environment:
         "margins_in_short": margins_in_short,
         "degrees": degrees,
         "fixed": _fixed,
+        "rounded_up": rounded_up,
         "headline": headline,
         "headroom_clause": headroom_clause,
         "listed": listed,
@@ -451,8 +452,17 @@ def as_clause(text: object) -> str:
 
 
 def _further_clauses(facts: Iterable[Fact]) -> str:
-    """Returns facts as clauses that follow another one in its sentence: "; battery 1 at least 15.8 V"."""
+    """Returns facts as clauses that follow another one in its sentence: "; battery 1 down to 15.8 V"."""
     return "".join(f"; {as_clause(fact)}" for fact in facts)
+
+
+def rounded_up(value: float, decimals: int = 0) -> str:
+    """Returns an upper bound with so many ``decimals``, never below its value.
+
+    Errors of rounding of a number that has no more decimals, such as 0.3, do not raise it.
+    """
+    scale = 10**decimals
+    return _fixed(ceil(round(value * scale, 6)) / scale, decimals)
 
 
 def _fixed(value: float, decimals: int = 0) -> str:

@@ -134,6 +134,15 @@ class WindVelocity(ImmutableResult):
         return self.speed_identifiable and not self.speed_interval[0]
 
     @property
+    def may_be_lean(self) -> bool:
+        """Whether the speed is biased because a load or a misaligned autopilot may lean the vehicle as wind does.
+
+        A speed that is wide because of the drag alone is no such doubt: whatever the drag, the wind takes this lean.
+        """
+        reason = self.reasons.get("speed")
+        return reason is not None and not reason.figures["by_drag"] and not self.calm
+
+    @property
     def polar(self) -> PolarWind:
         """The course of the wind as speed and direction, each (T,), with half widths of their bands."""
         return self.as_polar(self.velocity, self.band)
@@ -492,5 +501,8 @@ def _doubts(
             status = Status.BIASED
         interval = np.radians(mean.direction_half_width)
         reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
+        if not lower_speed_bound(mean.low, mean.high):
+            # Still air has no direction, however the autopilot is mounted.
+            reason = reason.replace(calm=True)
         doubts.append(_Doubt("direction", status, reason))
     return doubts

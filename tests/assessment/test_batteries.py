@@ -66,7 +66,7 @@ def test_the_emptiest_of_several_batteries_is_judged_and_named_first():
     assert other.figures["voltage"] == approx(16.39)
     assert fact.time == approx(20.0, abs=2.0)
     assert "first at 2" in fact.sentence and "battery 2" in fact.remedy
-    assert "Battery 2 down to 10.5 V" in str(fact) and "; battery 1 at least 16.4 V" in str(fact)
+    assert "Battery 2 down to 10.5 V" in str(fact) and "; battery 1 down to 16.4 V" in str(fact)
     figures = condition_of(Signals(telemetry))
     assert [battery.number for battery in figures.batteries] == [2, 1]
     assert figures.battery.voltage_min == approx(10.5)

@@ -348,9 +348,11 @@ def test_a_landing_that_was_only_assumed_is_what_came_first():
     time = np.arange(0.0, 40.0, 0.2)
     state = np.where((time < 6.0) | (abs(time - FAILS + 0.3) < 0.15), ON_GROUND, IN_AIR)
     made = changed(made, "EXTENDED_SYS_STATE", **columns(time, landed_state=state))
-    _, ending = judged(replace(made, parameters={"MPC_THR_HOVER": 0.35}))
+    parameters = {"MPC_THR_HOVER": 0.35, "MPC_THR_MIN": 0.12, "MPC_USE_HTE": 1.0}
+    _, ending = judged(replace(made, parameters=parameters))
     assert ending.figures["cause"].code is FailedFirst.LANDING_ASSUMED_FIRST
-    assert "now MPC_THR_HOVER 0.35. Set MPC_THR_HOVER to 0.14" in ending.remedy
+    assert "now MPC_THR_MIN 0.12 and MPC_THR_HOVER 0.35. Set MPC_THR_MIN to 0.05" in ending.remedy
+    assert "MPC_THR_HOVER to 0.14, at which it hovers (that counts only until" in ending.remedy
 
 
 def felt(made, time, most=100.0):

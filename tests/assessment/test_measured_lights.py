@@ -8,6 +8,7 @@ from partial_records import partial_record
 from pytest import approx, mark
 from recorded_flights import recorded
 
+from mavdem.assessment import Assessment
 from mavdem.assessment.battery_levels import CELL_VOLTAGE_LIMITS, FULL_CELL_VOLTAGES
 from mavdem.assessment.lights.estimator import (
     ARDUPILOT_FAILSAFE_LIMIT,
@@ -260,6 +261,34 @@ def test_the_largest_innovation_of_all_flights_is_named(monkeypatch):
     assert fact.is_good and fact.figures["ratio"] == approx(0.5)
 
 
+def test_a_rejection_with_single_accepted_samples_has_its_total_too():
+    """One sample in the middle of 12 s is accepted; ArduPilot's failsafe does not check the height."""
+    height = np.where((TIME > 30.0) & (TIME < 42.0) & (abs(TIME - 35.0) > 0.15), 3.0, 0.1)
+    fact = estimator_light(
+        evidence(changed(filtered(), "EKF_STATUS_REPORT", pos_vert_variance=height))
+    )
+    assert fact.level is Level.WATCH
+    assert fact.figures["duration"] < 7.0 and fact.figures["total_duration"] > 10.0
+    assert "without a break, 11 s in all" in fact.sentence
+    assert fact.sentence.endswith("the autopilot's failsafe does not check the height.")
+
+
+def test_where_the_failsafe_acts_an_innovation_that_it_checks_is_named():
+    fact = estimator_light(evidence(filtered(pos_vert=(9.0, 5.0), velocity=(2 * BEYOND, 3.0))))
+    assert (fact.level, fact.figures["name"]) == (Level.BAD, "velocity")
+    assert "is_unchecked" not in fact.figures
+
+
+def test_poor_fixes_of_one_flight_of_several_have_its_time(monkeypatch):
+    dilution = np.where(TIME < 40.0, 200, 260)
+    report = columns(TIME, fix_type=3, satellites_visible=7, eph=dilution)
+    known = evidence(changed(filtered(), "GPS_RAW_INT", **report))
+    monkeypatch.setattr(type(known), "flights", lambda self, boot: [(10.0, 39.0), (41.0, 55.0)])
+    fact = estimator_light(known)
+    assert fact.code is EstimatorLight.FIX_POOR
+    assert fact.sentence.startswith("GPS was poor in flight from 41.")
+
+
 def test_a_lost_position_is_the_light_of_the_estimator():
     lost = Fact(MotionEvent.POSITION_LOST, Level.BAD, time=30.0, until=48.0, duration=18.0, boot=0)
     fact = estimator_light(replace(evidence(filtered()), events=(lost,)))
@@ -388,6 +417,9 @@ def test_a_wind_that_may_be_a_load_is_not_good(by_drag, level):
     )
     known = evidence(HOVER.telemetry())
     known = replace(known, wind=WindEvidence(wind, None, None))
+    # What the light calls unknown is not drawn on the page of the flight.
+    is_drawn = partial_record(Assessment, evidence=known).drawn_wind is not None
+    assert is_drawn is by_drag
     assert wind_light(known, Fact(EstimatorLight.FILTER_AGREED, Level.GOOD)).level == level
 
 

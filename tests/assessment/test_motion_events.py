@@ -466,13 +466,14 @@ def test_a_vehicle_that_an_automatic_mode_leans_to_and_fro_swings(mode, angle, p
     if swings:
         swung = events[MotionEvent.ATTITUDE_SWUNG]
         assert (swung.subject, swung.figures["count"]) == ("pitch", 8)
+        assert swung.level is Level.WATCH
         assert swung.figures["period"] == approx(period, abs=0.1)
         assert swung.sentence.startswith("Pitch swung by up to 40°")
         assert "position controller" in swung.remedy
 
 
 def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller():
-    """The setpoint stays level, while the vehicle leans by 50° to both sides."""
+    """The setpoint stays level, while the vehicle leans by 50° to both sides: that is bad, though it came back."""
     made = instrumented("Auto")
     since = stamps(made, "ATTITUDE") - EVENT
     is_swinging = (since > 0) & (since < 9.6)
@@ -480,7 +481,8 @@ def test_a_swing_far_from_the_setpoint_is_no_matter_of_the_position_controller()
     made = changed(made, "ATTITUDE", pitch=lean, pitchspeed=np.gradient(lean, since))
     swung = judged(made)[0][MotionEvent.ATTITUDE_SWUNG]
     assert np.degrees(swung.figures["angle_error"]) == approx(50.0, abs=1.0)
-    assert "attitude was up to 50° from its setpoint" in swung.sentence
+    assert swung.is_bad
+    assert "up to 50° beyond its setpoints of the second before" in swung.sentence
     assert "gains of the attitude controller" in swung.remedy
     assert "position controller" not in swung.remedy
 

@@ -31,6 +31,7 @@ from mavdem.report.templates import (
     as_clause,
     capitalize_first,
     rounded_below,
+    rounded_up,
     sentences_by_axes,
 )
 from mavdem.report.truth import truth_blocks
@@ -157,6 +158,10 @@ def test_an_estimate_has_the_digits_of_its_interval(value, half, shown):
 def test_numbers_without_an_interval_have_two_digits(value, shown):
     assert rounded(value) == shown
     assert rounded_below(3.4, 5.0) == "3.4"
+
+
+def test_an_upper_bound_is_rounded_up():
+    assert [rounded_up(value, 1) for value in (0.146, 0.3, 1.0)] == ["0.2", "0.3", "1.0"]
 
 
 def test_of_many_names_the_first_are_said():

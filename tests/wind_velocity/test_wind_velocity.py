@@ -214,7 +214,8 @@ def test_calm_air_is_below_a_speed():
     assert not any("own estimate" in block.text for block in shown)
     course = tuple({"start": 60.0 * i, "speed": i, "direction": 90.0} for i in range(10))
     (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
-    # The direction of a wind that may be still air is not shown.
+    # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
+    assert "Still air" in wind.reasons["direction"].sentence
     assert table.header == ["Minute from (s)", "Wind (m/s)"]
     assert [row[0] for row in table.rows] == ["0", "180", "360", "540"]
 

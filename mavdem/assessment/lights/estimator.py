@@ -12,7 +12,12 @@ from mavdem.assessment.gps_jumps import position_jumps
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
 from mavdem.dataset.flight_states import SURFACE_VEHICLES
-from mavdem.dataset.intervals import intersection, longest_true_duration, true_intervals
+from mavdem.dataset.intervals import (
+    intersection,
+    longest_true_duration,
+    total_duration,
+    true_intervals,
+)
 from mavdem.dataset.position_fix import (
     FIX_3D,
     RECEIVER_MESSAGES,
@@ -149,7 +154,10 @@ def estimator_light(evidence: Evidence) -> Fact:
 
 @dataclass(frozen=True)
 class Rejection:
-    """Which innovation of a filter exceeded its limit longest in one flight, or was the largest."""
+    """Which innovation of a filter exceeded its limit longest in one flight, or was the largest.
+
+    It is one that ArduCopter's failsafe checks where that would have acted.
+    """
 
     name: EstimatorRatio
     """The innovation."""
@@ -159,6 +167,8 @@ class Rejection:
     """When it was that large, s."""
     duration: float
     """For how long, s, it exceeded the limit without a break."""
+    total_duration: float
+    """For how long, s, it exceeded the limit in all; single accepted samples, as after a reset, part the times."""
     failsafe_duration: float
     """For how long, s, ArduCopter's failsafe would have counted without a break."""
 
@@ -186,8 +196,8 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
         failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation (:func:`failsafe_limit_of`).
 
     Returns:
-        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit, s;
-        and how long the failsafe's condition held, s.
+        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit
+        without a break and in all, s; and how long the failsafe's condition held, s.
     """
     velocity_ratio, position_ratio, _, compass_ratio = ratios.T
     # How many of the three exceed the failsafe's limit, at each sample; a very large velocity innovation counts twice.
@@ -199,16 +209,23 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     # For how long each of the four innovations exceeded the filter's own limit without a break, s.
     durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
     largest_ratios = ratios.max(axis=0)
+    failsafe_duration = longest_true_duration(time, exceeding_count >= 2)
+    # Where the failsafe would have acted, one of those that it checks is named.
+    named = [
+        column
+        for column, name in enumerate(INNOVATIONS)
+        if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
+    ]
     # Of innovations that exceeded it equally long, or not at all, the largest is named.
-    worst = max(
-        range(len(INNOVATIONS)), key=lambda column: (durations[column], largest_ratios[column])
-    )
+    worst = max(named, key=lambda column: (durations[column], largest_ratios[column]))
+    rejected_intervals = true_intervals(time, ratios[:, worst] >= INNOVATION_LIMIT)
     return Rejection(
         INNOVATIONS[worst],
         float(largest_ratios[worst] / INNOVATION_LIMIT),
         float(time[ratios[:, worst].argmax()]),
         durations[worst],
-        longest_true_duration(time, exceeding_count >= 2),
+        total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
+        failsafe_duration,
     )
 
 
@@ -236,10 +253,12 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     ArduCopter's failsafe would have acted. Its limit may be lower, so that it acts before the filter rejects anything.
 
     Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
-    exceeded the limit without a break. Of a filter that only the failsafe doubts, the duration is the failsafe's, and
-    the fact has its ``failsafe_limit``. If the log has several instances, the subject is the one that flew. Where only
-    others were logged, one of them stands in for it: the fact then has ``is_spare``, and is never bad. Low-passed
-    ratios, which single samples may have exceeded, have ``is_filtered``.
+    exceeded the limit without a break; the ``total_duration`` too where that is more. Of a filter that only the
+    failsafe doubts, the duration is the failsafe's, and the fact has its ``failsafe_limit``. A height that
+    ArduPilot's filter rejected has ``is_unchecked``, since its failsafe does not check the height. If the log has
+    several instances, the subject is the one that flew. Where only others were logged, one of them stands in for
+    it: the fact then has ``is_spare``, and is never bad. Low-passed ratios, which single samples may have exceeded,
+    have ``is_filtered``.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -262,6 +281,10 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
         if rejection.is_bad and not rejection.is_doubted:
             duration = rejection.failsafe_duration
             remarks["failsafe_limit"] = failsafe_limit
+        elif round(rejection.total_duration) > round(rejection.duration):
+            remarks["total_duration"] = rejection.total_duration
+        if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
+            remarks["is_unchecked"] = True
         if is_spare:
             remarks["is_spare"] = True
         if _is_filtered(telemetry, rejection.name):
@@ -428,14 +451,16 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution (HDOP).
 
-    Medians over the flight count, so that a short loss is not reported here. GPS_RAW_INT has the dilution as ``eph``,
-    in hundredths. Samples without a fix in three dimensions are left out. Of several receivers the one with most
-    satellites is judged: autopilots switch to it, or weigh it most.
+    Where the log has several flights, the fact has the start and end of its own. Medians over the flight count, so that
+    a short loss is not reported here. GPS_RAW_INT has the dilution as ``eph``, in hundredths. Samples without a fix
+    in three dimensions are left out. Of several receivers the one with most satellites is judged: autopilots switch
+    to it, or weigh it most.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
     """
-    for flight in evidence.in_flight(_best_receiver(evidence)):
+    flights = [*evidence.in_flight(_best_receiver(evidence))]
+    for flight in flights:
         has_fix = flight.values[:, 0] >= FIX_3D
         if not has_fix.any():
             continue
@@ -448,6 +473,8 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
         if has_few_satellites or is_diluted:
             yield Fact(
                 EstimatorLight.FIX_POOR,
+                time=float(flight.time[0]) if len(flights) > 1 else None,
+                until=float(flight.time[-1]) if len(flights) > 1 else None,
                 satellites=None if satellites == UNKNOWN_SATELLITES else int(satellites),
                 dilution=dilution,
             )

@@ -9,7 +9,6 @@ from mavdem.facts import Fact, Level
 from mavdem.facts.sources import Repair
 from mavdem.facts.wind import WindLight
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.wind_velocity.estimation import WindVelocity
 
 LEAN_LIMIT_PARAMETERS = {"ANGLE_MAX": 0.01, "ATC_ANGLE_MAX": 1.0, "MPC_TILTMAX_AIR": 1.0}
 """Parameters with the largest lean, and the factor that converts them to degrees."""
@@ -48,7 +47,7 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     takes_much_lean = lean_share > MAX_LEAN_SHARE and not wind.calm
     if estimator.is_bad or takes_much_lean:
         level: Level | None = Level.WATCH
-    elif _may_be_lean(wind):
+    elif wind.may_be_lean:
         level = Level.UNKNOWN
     else:
         level = None
@@ -64,15 +63,6 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
         because=estimator if estimator.is_bad else None,
         **_other_core(evidence.signals.telemetry),
     )
-
-
-def _may_be_lean(wind: WindVelocity) -> bool:
-    """Returns whether the speed is biased because a load or a misaligned autopilot may lean the vehicle as wind does.
-
-    A speed that is wide because of the drag alone is no reason for doubt: whatever the drag, the wind takes this lean.
-    """
-    reason = wind.reasons.get("speed")
-    return reason is not None and not reason.figures["by_drag"] and not wind.calm
 
 
 def _other_core(telemetry: Telemetry) -> dict[str, Any]:

@@ -144,6 +144,8 @@ def timeline_of(assessment: Assessment) -> Timeline | None:
     if analysis is None or evidence is None or evidence.time_history is None:
         return None
     timeline = timeline_of_history(evidence.time_history)
+    if assessment.drawn_wind is None:
+        timeline = timeline._replace(wind_charts=())
     torque_chart = _wind_torque_chart(assessment.analyses)
     torque_charts = (torque_chart,) if torque_chart.lines else ()
     return timeline._replace(

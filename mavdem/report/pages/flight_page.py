@@ -177,7 +177,7 @@ def log_page(
             timeline,
             assessment.analysis,
             light_anchors=_anchors_of_lights(chapters),
-            path=flown_path(timeline, assessment.wind),
+            path=flown_path(timeline, assessment.drawn_wind),
             changes=changes,
             day_in_name=day_in_file_name(Path(assessment.log.source).name),
         )
@@ -508,7 +508,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
-    wind = assessment.wind
+    wind = assessment.drawn_wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:
         rose = rose_of_wind(wind)
