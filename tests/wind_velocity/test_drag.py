@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 import mavdem
+from mavdem.wind_velocity import drag_identification
 from mavdem.wind_velocity.drag_identification import independent_share
 from mavdem.wind_velocity.motion_grid import motion_grid
 from mavdem.wind_velocity.vehicle_drag import Drag
@@ -73,3 +74,23 @@ def test_errors_that_are_alike_count_for_fewer_independent_ones():
     white = default_rng(0).standard_normal((20_000, 1))
     assert independent_share(white) == approx(1.0, abs=0.03)
     assert independent_share(lfilter([1], [1, -0.8], white, axis=0)) == approx(0.2 / 1.8, rel=0.1)
+
+
+@mark.parametrize(
+    ("values", "has_settled"),
+    [
+        ([1.0, 5.0, 4.9], False),
+        # It alternates between the two sides of a maximum.
+        ([700.0, 754.7, 746.2, 754.8, 746.1], True),
+        ([700.0, 754.7, 746.2, 754.8, 742.0], False),
+        # It climbs, or is led astray, and may turn.
+        ([700.0, 720.0, 740.0, 745.0, 746.0, 746.4], False),
+        ([-381.5, -389.6, -375.3, -381.4], False),
+        # After the usual number of iterations a small change suffices.
+        ([*range(100, 220, 10), 213.0], True),
+        ([*range(100, 220, 10), 220.0], False),
+        ([float("nan")] * 20, False),
+    ],
+)
+def test_a_search_ends_where_it_repeats_itself_or_hardly_changes(values, has_settled):
+    assert drag_identification._has_settled(values) == has_settled
