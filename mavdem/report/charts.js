@@ -165,9 +165,12 @@
       // At the right edge, a number stands left of its line.
       const left = isEvent && start + width > bbox.left + bbox.width ? start - width - 2 * right * ratio : start;
       const end = left + width + 2 * ratio;
-      if (isEvent && taken.some(other => left < other.end && end > other.left)) continue;
-      taken.push({ left, end });
-      const textAndPosition = [name, left, bbox.top + (3 + down) * ratio];
+      // Those of the first one's colour, alarms if there are any, have a second line.
+      const isFree = row => !taken.some(other => row === other.row && left < other.end && end > other.left);
+      const row = (fill === data.marks[0][2] ? [0, 1] : [0]).find(isFree);
+      if (isEvent && row == null) continue;
+      taken.push({ left, end, row });
+      const textAndPosition = [name, left, bbox.top + (3 + down + (isEvent ? 11 * row : 0)) * ratio];
       ctx.strokeText(...textAndPosition); ctx.fillStyle = fill; ctx.fillText(...textAndPosition);
     }
     ctx.restore();
@@ -257,7 +260,8 @@
     if (group) {
       if (strip) group.modes = data.spans;
       group.charts.push(chart);
-      group.whole ??= data.x.ends || [chart.scales.x.min, chart.scales.x.max];
+      // The chart's own scale is set later.
+      group.whole ??= data.x.ends || [data.columns[0], data.columns.at(-1)];
       const [min, max] = group.span ?? group.whole;
       chart.setScale("x", { min, max });
       figure.addEventListener("keydown", event => {

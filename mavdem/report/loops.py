@@ -16,7 +16,7 @@ from mavdem.containers import group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact, LoopFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.loops.advice import Advice, AdviceByAxis
 from mavdem.loops.axis_loops import Loop, LoopsByAxis
@@ -46,7 +46,7 @@ LOOP_FIGURES = {
     "delay_margin": LoopFigure("delay margin (ms)", 1e3),
     "ms": LoopFigure("maximum sensitivity Ms", 1.0),
     "bandwidth": LoopFigure("bandwidth, -3 dB (Hz)", 1.0),
-    "rejection": LoopFigure("motion per 100 °/s² torque (°/s, °)", 100.0),
+    "rejection": LoopFigure("peak response to a disturbance of 100 °/s² (°/s, °)", 100.0),
 }
 """Figures in the table of a loop, by the attribute of ``OpenLoop``."""
 
@@ -91,6 +91,12 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_tables_elsewhere: bool
                 blocks.append(limit.sentence)
         if is_full:
             blocks += _axis_details(advice, is_doubtful)
+    next_step = tuning.judgement.next_step
+    if next_step.code is NextStep.LOAD_GAINS and next_step.figures["others"]:
+        # The next step is one order, and this another one.
+        figures = next_step.figures
+        others, arguments = figures["others"], figures["arguments"]
+        blocks += render_section("tune_others", others=others, arguments=arguments)
     return [*blocks, *_unchecked(tuning)] if is_full else blocks
 
 
@@ -176,10 +182,18 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     advice = tuning.axes[axis]
     if isinstance(advice, Fact):
         return [advice]
-    if axis in tuning.doubtful_axes:
-        return [advice.sentence]
     decision = tuning.judgement.loop_decisions.get(axis)
-    return [*_rating_as_decided(advice, decision), advice.sentence]
+    conclusion = advice.sentence
+    if (
+        decision is not None
+        and decision.action
+        and decision.action.code is LoopAction.LOWER_BY_A_THIRD
+    ):
+        # Gains that are not computed from the loop are to be lowered all the same, which is advice too.
+        conclusion = conclusion.replace(action=decision.action)
+    if axis in tuning.doubtful_axes:
+        return [conclusion]
+    return [*_rating_as_decided(advice, decision), conclusion]
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
@@ -509,8 +523,8 @@ def gain_blocks(advice: Advice) -> Blocks:
     """Returns a table of the controller gains to change, if there are any, and sentences on their expected effects.
 
     The table has a row for each changed gain: its value now, the value to set, and the factor between them. The
-    sentences give the expected lean in wind, the gains at the end of the stage if that takes several flights, unusual
-    ratios of the gains, and the noise.
+    sentences give the expected lean in wind, what follows on a step that does not reach the margins, unusual ratios of
+    the gains, and the noise.
 
     Args:
         advice: gains ``now`` and to ``set`` by name of the parameter, and the control loop before and after.

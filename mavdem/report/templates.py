@@ -4,7 +4,8 @@ No other module has prose about a flight. Two folders beside this module hold th
 
 - ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
   its ``remedy``. A ``headline`` is a shorter sentence. A table with ``advises_flight`` advises to fly: that part is
-  left out for a fact with the figure ``is_grounded``, whose vehicle must not fly.
+  left out for a fact with the figure ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight``
+  (:func:`forbids_flight`) and ``names_margins`` (:func:`_reason_for_no_margins`).
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
 A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
@@ -211,6 +212,9 @@ def _render(fact: Fact, part: str) -> str:
         "remedy": "",
         "action": None,
         "is_grounded": False,
+        "is_added": False,
+        # After another fact that forbids to fly, that is said in short.
+        "ban": "Nor fly" if fact.figures.get("is_added") else "Do not fly",
         "has_terminal": MEDIUM.get().has_terminal,
         "has_gain_table": MEDIUM.get().has_gain_table,
         "level": fact.level,
@@ -315,6 +319,7 @@ def _environment() -> Environment:
         "degrees": degrees,
         "fixed": _fixed,
         "rounded_up": rounded_up,
+        "forbids_flight": forbids_flight,
         "headline": headline,
         "headroom_clause": headroom_clause,
         "listed": listed,
@@ -324,6 +329,7 @@ def _environment() -> Environment:
         "plus_minus": plus_minus,
         "probability": _probability,
         "quoted": quote,
+        "reason_for_no_margins": _reason_for_no_margins,
         "rounded": rounded,
         "rounded_below": rounded_below,
         "sentence": sentence,
@@ -449,6 +455,38 @@ def as_clause(text: object) -> str:
     if _IDENTIFIER.match(clause):
         return clause
     return clause[:1].lower() + clause[1:]
+
+
+def forbids_flight(fact: Fact) -> bool:
+    """Returns whether the remedy of a fact begins with not to fly, so that a further one need not repeat it.
+
+    The table of such a fact has the key ``forbids_flight``: "always", or "bad" where only its bad level does; "cause"
+    or "because" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
+
+    Args:
+        fact: the fact.
+    """
+    rule = sentence_templates()[fact.code].get("forbids_flight", "never")
+    if rule in ("cause", "because"):
+        reason = fact.figures.get(rule)
+        if isinstance(reason, Fact) and reason.remedy:
+            return forbids_flight(reason)
+        return rule == "cause"
+    return rule == "always" or (rule == "bad" and fact.is_bad)
+
+
+def _reason_for_no_margins(reason: Fact, lead: str) -> str:
+    """Returns a reason why there are no margins, after a lead that says so unless the reason's own sentence does.
+
+    The table of a fact whose sentence names the margins has the key ``names_margins``.
+
+    Args:
+        reason: the reason.
+        lead: such as "No margins:".
+    """
+    if "names_margins" in sentence_templates()[reason.code]:
+        return reason.sentence
+    return f"{lead} {as_clause(reason)}."
 
 
 def _further_clauses(facts: Iterable[Fact]) -> str:

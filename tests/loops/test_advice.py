@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 from pytest import approx, mark
 
 from mavdem.assessment.axis.margins import AxisMargins
+from mavdem.assessment.axis.tuning import _advice_to_load
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.loops import GainFact, LoopFact
@@ -250,3 +251,12 @@ def test_the_next_step_is_as_careful_as_the_advice_is_sure():
     doubtful = Fact(NextStep.LOAD_GAINS, Level.WATCH, share=0.58, is_biased=True, **known).sentence
     for words in ("on trial", "only 58 % of the vehicle models", "biased", "Hover low"):
         assert words in doubtful
+
+
+def test_a_loop_that_keeps_its_gains_does_not_make_those_of_another_less_sure():
+    changes = advise(made_up(4.5))
+    assert changes.parameters
+    kept = {name: gain._replace(set=gain.now) for name, gain in changes.gains.items()}
+    keeps = replace(changes, gains=kept, sure=0.1)
+    assert _advice_to_load([changes, keeps]) == [changes]
+    assert _advice_to_load([keeps]) == [keeps]

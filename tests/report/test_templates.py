@@ -183,9 +183,11 @@ def test_colours_are_read_on_light_and_on_dark():
     light = luminance(palette.PAPER_LIGHT)
     dark = luminance(palette.PAPER_DARK)
     named = (palette.DISTURBANCE, palette.LIMITED, palette.BAD, palette.TRUTH)
-    for colour in (*named, *palette.DISTINCT):
+    for colour in (*named, *palette.DISTINCT, *palette.ASCENDING):
         seen = luminance(colour)
         assert min(light / seen, seen / dark) >= 3
+    lightness = [luminance(colour) for colour in palette.ASCENDING]
+    assert lightness == sorted(lightness)
     assert light / luminance(palette.INK_ON_LIGHT) >= 7
 
 

@@ -174,7 +174,7 @@ def tuned(
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
     if parameters and _gains_come_next(headline):
-        new_gains = [advice for advice in advice_on_loops if advice.gains]
+        new_gains = _advice_to_load(advice_on_loops)
         next_step = Fact(
             NextStep.LOAD_GAINS,
             headline.level,
@@ -205,6 +205,17 @@ def tuned(
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
     )
     return freeze(tuning)
+
+
+def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:
+    """Returns the advice on the loops that new parameters change: how sure it is decides if they are loaded on trial.
+
+    Args:
+        advice_on_loops: advice on all loops. Those that keep their gains count only where no gain changes at all, but a
+            notch filter is set.
+    """
+    changed_loops = [advice for advice in advice_on_loops if advice.parameters]
+    return changed_loops or [advice for advice in advice_on_loops if advice.gains]
 
 
 def _unknown_of_motors(judgement: Judgement, new_gains: Sequence[Advice]) -> tuple[str, ...]:

@@ -12,11 +12,18 @@ from mavdem.report.charts.chart import Plan, Span, packed
 from mavdem.report.charts.plans import MAX_PATH_POINTS, MIN_PATH_SIZE, RADIUS, svg_of
 from mavdem.report.charts.timeline import Timeline
 from mavdem.report.numbers import rounded
-from mavdem.report.palette import BAD, BASELINE, COMMAND, DISTURBANCE, MEASURED, PREDICTED
+from mavdem.report.palette import (
+    ASCENDING,
+    BASELINE,
+    COMMAND,
+    DISTURBANCE,
+    MEASURED,
+    PREDICTED,
+)
 from mavdem.wind_velocity.compass import compass_text
 from mavdem.wind_velocity.estimation import WindVelocity
 
-HEIGHT_COLOURS = (DISTURBANCE, PREDICTED, COMMAND, BASELINE, BAD)
+HEIGHT_COLOURS = ASCENDING
 """Colours of the path by height, from the lowest fifth of the range to the highest."""
 
 MODE_COLOURS = (PREDICTED, COMMAND, BASELINE, DISTURBANCE)

@@ -22,6 +22,7 @@ from mavdem.confidence import Interval
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.time_series import TimeSeries
+from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
 from mavdem.report.charts.chart import TIME, Axis, Chart, Charts, Line, Mark, Span, over_time
 from mavdem.report.charts.model_charts import torque_line
@@ -115,17 +116,26 @@ class Timeline(NamedTuple):
         Args:
             chart: a chart over time. Marks and spans that it has already are replaced.
         """
-        event_marks = []
         labels = self.event_labels or ("",) * len(self.events)
-        for event, label in zip(self.events, labels, strict=True):
-            # The time of an event may be unknown.
-            if np.isfinite(event.seconds):
-                colour = BAD if event.is_alarm else MEASURED
-                event_marks.append(Mark(event.seconds, label, colour))
-        # Where numbers have no room beside each other, the first ones are drawn: alarms, and of those the latest, since
-        # what a flight ended with comes after what led to it.
-        event_marks.reverse()
-        event_marks.sort(key=lambda mark: mark.colour != BAD)
+        # The time of an event may be unknown.
+        labelled_events = [
+            (event, label)
+            for event, label in zip(self.events, labels, strict=True)
+            if np.isfinite(event.seconds)
+        ]
+        # Where numbers have no room beside each other, the first ones are drawn: how the flight was lost, then alarms,
+        # and of those the latest, since what a flight ended with comes after what led to it.
+        labelled_events.reverse()
+        labelled_events.sort(
+            key=lambda labelled: (
+                not isinstance(labelled[0].fact.code, Ending),
+                not labelled[0].is_alarm,
+            )
+        )
+        event_marks = []
+        for event, label in labelled_events:
+            colour = BAD if event.is_alarm else MEASURED
+            event_marks.append(Mark(event.seconds, label, colour))
         training_spans = tuple(Span(start, end) for start, end in self.training_intervals)
         return chart._replace(x=self._time_axis, marks=tuple(event_marks), spans=training_spans)
 

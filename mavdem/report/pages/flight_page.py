@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -508,6 +509,8 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
+    if assessment.wind is not None:
+        blocks += render_section("wind_more", log=quote(Path(assessment.log.source).name))
     wind = assessment.drawn_wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:

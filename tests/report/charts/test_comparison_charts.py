@@ -3,16 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
+from browsing import shown
 from hover import Hover, only
 from numpy.testing import assert_allclose
+from pytest import mark
 
 from mavdem.dataset.signals import Signals
+from mavdem.report.charts.chart import Group, Line, over_time
 from mavdem.report.charts.comparison_charts import (
     FLIGHT_SERIES_TITLES,
     VIBRATION,
     flight_series,
     flight_series_charts,
 )
+from mavdem.report.pages.page import Chapter, render_document
 from mavdem.serve.stored_series import read_series, write_series
 
 FLOWN = Hover(sway=0.2).telemetry(20.0, 20.0)
@@ -51,3 +55,21 @@ def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
 
 def test_a_flight_without_stored_series_has_none(tmp_path):
     assert read_series(tmp_path) is None
+
+
+SPAN = """new Promise(done => {
+  const ready = () => {
+    const flight = document.documentElement.charts?.groups.flight;
+    flight?.span ? done(flight.span) : setTimeout(ready, 20);
+  };
+  ready();
+})"""
+
+
+@mark.slow
+def test_charts_of_a_group_without_limits_show_all_of_their_lines(tmp_path):
+    time = np.linspace(20.0, 80.0, 7)
+    chart = over_time("Height", "m", [Line("height", "#1f7ad6", time, time)])
+    page = render_document("a", "b", [], [Chapter("c", (), [Group.side_by_side([chart])])])
+    _, span = shown(page, SPAN, tmp_path)
+    assert span == [20.0, 80.0]

@@ -1,0 +1,43 @@
+"""Remedies that forbid to fly are known by their facts, not by their words."""
+
+from pytest import mark
+
+from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending, FailedFirst
+from mavdem.facts.motors import MotorsLight
+from mavdem.facts.vibration import VibrationLight
+from mavdem.report.templates import forbids_flight
+
+
+def lost(cause):
+    return Fact(Ending.CONTROL_LOST, time=9.0, height=2.0, cause=cause, word=None)
+
+
+def vibration(level):
+    return Fact(
+        VibrationLight.VIBRATION_MEASURED,
+        level,
+        subject="IMU 1",
+        vibration=40.0,
+        acceptable_vibration=30.0,
+        axis="",
+        clips=0,
+        is_settled=True,
+    )
+
+
+@mark.parametrize(
+    "fact",
+    [
+        lost(None),
+        lost(Fact(FailedFirst.ALL_OFF_FIRST)),
+        lost(Fact(FailedFirst.THROTTLE_CLOSED_FIRST)),
+        lost(Fact(FailedFirst.LIMIT_FIRST, subject="motor 1")),
+        Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1),
+        vibration(Level.BAD),
+        vibration(Level.WATCH),
+        vibration(Level.GOOD),
+    ],
+)
+def test_a_fact_forbids_flight_where_its_remedy_says_so(fact):
+    assert forbids_flight(fact) == fact.remedy.startswith("Do not fly")
