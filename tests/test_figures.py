@@ -19,7 +19,9 @@ from pyarrow.types import is_duration, is_fixed_size_list, is_floating, is_list
 from pytest import approx, mark
 from recorded_flights import LOGS, shared
 from rerun_file import chunks
+from standin_logs import InThisProcess
 
+from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 
@@ -292,6 +294,8 @@ def test_the_figures_of_a_flight_are_those_of_before(
         flights = [shared(name) for name in log.split()]
     if "live" in commands:
         by_the_log(monkeypatch)
+    # Another process would take a second to import what reads logs, and keep nothing for the next command.
+    monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
     in_full = request.config.getoption("--in-full")
     seconds = FULL_FLIGHT_SECONDS if in_full else FLIGHT_SECONDS
     options = OPTIONS | {"fly": [*OPTIONS["fly"], "--duration", seconds]}

@@ -190,8 +190,11 @@ class VehicleReview:
 
         They arrive during the flight: with each review more is known of which channel drives which motor.
         """
-        self._parameters = self._vehicles.followed_parameters
-        self._wind.parameter_drag = Drag.from_parameters(self._vehicle.autopilot, self._parameters)
+        parameters = self._vehicles.followed_parameters
+        if parameters is self._parameters:
+            return
+        self._parameters = parameters
+        self._wind.parameter_drag = Drag.from_parameters(self._vehicle.autopilot, parameters)
 
     def _choose_inputs(self, rows: RowBuilder) -> None:
         """Does the part of a review that chooses the motors' outputs among the candidate messages.

@@ -58,6 +58,7 @@ class Component:
         frame_count: number of its frames, undecoded ones and copies included.
         message_counts: number of its messages by id, without damaged and unknown ones.
         parameters: the latest PARAM_VALUE of each parameter, by name.
+        parameter_count: number of PARAM_VALUEs that were taken, repeated ones included.
         uncounted_gap_seconds: duration of the gaps in which its sequence numbers may have wrapped, s.
     """
 
@@ -72,6 +73,7 @@ class Component:
         self.frame_count = 0
         self.message_counts = Counter[int]()
         self.parameters: dict[bytes, Message] = {}
+        self.parameter_count = 0
         self.uncounted_gap_seconds = 0.0
         self._heartbeat_count = 0
         self._links = SenderLinks()
@@ -182,6 +184,7 @@ class Component:
             parameter = message.values[0]
             if parameter in self.parameters or len(self.parameters) < MAX_ROWS:
                 self.parameters[parameter] = message
+                self.parameter_count += 1
         elif message.name == "HEARTBEAT":
             self._heartbeat_count += 1
             self.vehicle_type = enum_name("MAV_TYPE", message.values[0])
@@ -213,25 +216,33 @@ class VehicleSelector:
         self._report = report
         # Names of the components under whose ids two vehicles were found to send.
         self._refused = set[str]()
+        # What the decoded parameters were decoded from, and their values by name.
+        self._decoded_from: tuple[object, ...] = ()
+        self._decoded_parameters: Parameters = {}
 
     @property
     def followed_parameters(self) -> Parameters:
         """The followed vehicle's parameters received so far, by name; also those that MAVProxy stores for it.
 
         MAVProxy answers requests itself, as another component of the same system, with what it has read before. What
-        the vehicle has sent itself comes first.
+        the vehicle has sent itself comes first. The mapping stays the same object until another parameter comes.
         """
         vehicle = self.followed
         if vehicle is None:
             return {}
-        messages: dict[bytes, Message] = {}
         store = self.components.get((vehicle.system, PARAMETER_STORE_COMPONENT))
-        if store is not None:
-            messages.update(store.parameters)
-        messages.update(vehicle.parameters)
-        if not messages:
-            return {}
-        return parameters_by_name(messages.values(), vehicle.autopilot)
+        store_count = 0 if store is None else store.parameter_count
+        source = (vehicle.name, vehicle.autopilot, vehicle.parameter_count, store_count)
+        if source != self._decoded_from:
+            messages: dict[bytes, Message] = {}
+            if store is not None:
+                messages.update(store.parameters)
+            messages.update(vehicle.parameters)
+            self._decoded_from = source
+            self._decoded_parameters = (
+                parameters_by_name(messages.values(), vehicle.autopilot) if messages else {}
+            )
+        return self._decoded_parameters
 
     def __iter__(self) -> Iterator[Component]:
         """Iterates over the components by system and component id."""

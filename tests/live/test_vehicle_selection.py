@@ -7,6 +7,7 @@ from pytest import mark
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RowsFact, VehicleFact
+from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE_COMPONENT
 from mavdem.ingest.motors import PositionSource
 
 TWO = by_time(*(Flight(system=system).frames(end=14.0) for system in (1, 4)))
@@ -24,6 +25,18 @@ def with_parameters(frames, values):
         for name, at in values.items()
     ]
     return by_time(frames, sent)
+
+
+def test_parameters_are_decoded_again_only_when_another_comes():
+    stream = replay(with_parameters(only_heartbeats(), {b"A": 1.0})).stream
+    before = stream.parameters
+    replay([(13.0, heartbeat())], stream)
+    assert stream.parameters is before and before == {"A": 1.0}
+    # A value may change in flight, and MAVProxy may answer for the vehicle.
+    values = {"param_id": b"B", "param_value": 3.0, "param_type": 9}
+    of_store = message("PARAM_VALUE", 1, PARAMETER_STORE_COMPONENT, **values)
+    replay([*with_parameters([], {b"A": 2.0}), (13.0, of_store)], stream)
+    assert stream.parameters == {"A": 2.0, "B": 3.0}
 
 
 @mark.slow
