@@ -9,6 +9,7 @@ from pytest import approx, mark, raises
 from mavdem.errors import Unreadable
 from mavdem.facts.sources import SourceFact
 from mavdem.ingest.mavlink.frame_reader import FrameReader
+from mavdem.ingest.mavlink.sequence_counters import AttitudeComparison, AttitudeReading
 from mavdem.live.vehicle_selection import Component
 
 SWAY = radians(1.5)
@@ -114,3 +115,12 @@ def test_a_second_vehicle_that_is_silent_again_is_forgotten_live():
     second = [entry for entry in swaying(phase=3.0, first_sequence=77) if entry[0] < 6.0]
     component = live_component(merged(swaying(), second))
     assert not component.has_two_senders
+
+
+@mark.parametrize("seconds, are_two", [(0.5, False), (3.0, True)])
+def test_attitudes_must_contradict_each_other_for_a_second_at_400_hz_too(seconds, are_two):
+    comparison = AttitudeComparison()
+    for clock in np.arange(100.0, 100.0 + seconds, 0.0025):
+        comparison.add(0, AttitudeReading(clock, angles=[0.0, 0.0, 0.0], rates=[0.0, 0.0, 0.0]))
+        comparison.add(1, AttitudeReading(clock, angles=[0.3, 0.0, 0.0], rates=[0.0, 0.0, 0.0]))
+    assert comparison.has_found_two == are_two

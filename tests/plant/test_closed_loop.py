@@ -210,6 +210,56 @@ def test_maxima_at_several_times_of_steps_count_as_their_evidence_and_each_once(
         _mixture_of_modes(axis, [QuadraticExpansion(PRIOR_MEAN, -np.inf, PRIOR_MEAN, np.eye(size))])
 
 
+@dataclass(frozen=True)
+class DensitiesStandIn:
+    """Stands for a ``DensityModel`` of messages that come less often than the controller runs."""
+
+    surplus_interval: float = 0.01
+
+
+@dataclass(frozen=True)
+class ControllerStandIn:
+    """Stands for a ``KnownController`` of gain 1."""
+
+    def transfer(self, frequency):
+        return np.ones(1), np.ones(1)
+
+
+@dataclass(frozen=True)
+class PosteriorOfTwoStepTimes:
+    """Stands for an ``AxisPosterior`` with two narrow modes in the time of steps: near 0, and a higher one near 1.6.
+
+    An ascent that begins elsewhere ends on a plain far below both.
+    """
+
+    prior_sd: np.ndarray
+    densities: DensitiesStandIn = DensitiesStandIn()
+    controller: ControllerStandIn = ControllerStandIn()
+
+    @property
+    def prior_mean(self):
+        return PRIOR_MEAN
+
+    def value(self, at):
+        return self.expand(at).value
+
+    def expand(self, at):
+        precision = PRIOR_SD**-2.0
+        precision[STEP_TIME] = 400.0
+        mode = PRIOR_MEAN.copy()
+        mode[STEP_TIME], height = at[STEP_TIME], -100.0
+        for step_time, peak in ((0.0, 0.0), (1.6, 8.0)):
+            if abs(at[STEP_TIME] - step_time) < 0.5:
+                mode[STEP_TIME], height = step_time, peak
+        slope = precision * (mode - at)
+        return QuadraticExpansion(at, height + slope @ (at - mode) / 2, slope, np.diag(precision))
+
+
+def test_a_higher_mode_between_the_first_step_times_is_found():
+    found = identify_axis(PosteriorOfTwoStepTimes(PRIOR_SD))
+    assert found.main_mode[STEP_TIME] == approx(1.6, abs=0.01)
+
+
 def test_the_quicker_pole_is_the_lags():
     def response(theta):
         effect, damping, lag, _ = np.exp(theta[list(PLANT)])

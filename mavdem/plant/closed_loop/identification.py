@@ -64,6 +64,13 @@ The posterior may have a mode with another plant near each of them. With one asc
 50 Hz in half of ``tools/validation/loops.py`` ended 3 nats below the highest mode.
 """
 
+BETWEEN_LOG_STEP_TIME_ODDS = (-1.5, 1.5)
+"""Further values of that logarithm, between the others, from which the best of all these plants is tried again.
+
+A small vehicle at 50 Hz, steered by doublets, has modes at odds of 1.3, 2.3 and 5.0. The ascent from 4 ended far away,
+so that the effect of the mode at 1.3 was reported: too large by 59 %.
+"""
+
 LIKELIHOOD_VARIANCE_FACTOR = 0.6
 """Factor on the variance that the likelihood's information contributes.
 
@@ -146,8 +153,8 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
 
     The posterior may have several modes, so it is maximised from several starts. First, short ascents begin from
     typical plants. The best of them go on to convergence, each from several values of ``step_time_odds``, the time of
-    reference steps between two messages, since there may be a mode near each. An ascent ends early where it comes close
-    to a known mode.
+    reference steps between two messages, since there may be a mode near each. The best plant of these is tried with
+    values between. An ascent ends early where it comes close to a known mode.
 
     Args:
         posterior: the log posterior of the axis.
@@ -174,6 +181,13 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
         for step_time in log_odds:
             # The plant may have ended with motor lag and damping exchanged, which has the same response.
             start = with_quicker_pole_as_lag(ascent.point)
+            start[STEP_TIME] = step_time
+            ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
+    if posterior.densities.surplus_interval:
+        # The best plant is nearer to that of another mode than the plants which the ascents began with.
+        best = max(ascents, key=lambda ascent: ascent.value)
+        for step_time in BETWEEN_LOG_STEP_TIME_ODDS:
+            start = with_quicker_pole_as_lag(best.point)
             start[STEP_TIME] = step_time
             ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
     return _mixture_of_modes(posterior, ascents)
