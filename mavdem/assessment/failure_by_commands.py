@@ -111,8 +111,9 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
     2. The mean command of all motors was near the highest: all thrust was in use.
     3. Before an impact without a loss of attitude, the vehicle sank at full throttle with a motor at its limit: all
        thrust was in use then too.
-    4. One motor was too weak (:func:`weak_motor`).
-    5. The commands point to no weak motor, and the output of one was frozen.
+    4. The output of one motor was frozen. It does not follow the controller: the vehicle falls to its side, as by a
+       weak motor, or away from it, as if the opposite one were weak.
+    5. One motor was too weak (:func:`weak_motor`).
 
     Args:
         signals: signals of the vehicle.
@@ -133,6 +134,9 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
         sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
         if sinking is not None:
             return sinking
+    frozen = _frozen_output(signals, commands)
+    if frozen is not None:
+        return frozen
     weak = weak_motor(commands.motors, commands.change, trouble.fall_direction)
     if weak is None:
         # A controller that fights for long drives all motors to and fro, so that their mean over the time of trouble
@@ -141,7 +145,7 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
         first_change = commands.now[is_first].mean(axis=0) - commands.usual
         weak = weak_motor(commands.motors, first_change, trouble.fall_direction)
     if weak is None:
-        return _frozen_output(signals, commands)
+        return None
     return _failure_of_motor(commands, trouble, weak)
 
 

@@ -94,6 +94,9 @@ MODEL_ERROR = np.vstack(
 DIFFERENCE_STEP = 0.05
 """Step of central differences by each scaled parameter: a choice."""
 
+SPEED_SCALE = 2**0.5 * WIND_SD
+"""Root mean square of the wind's speed by its prior, m/s: that of a vector with ``WIND_SD`` along north and east."""
+
 MAX_STEP = 0.5
 """Largest change of any scaled parameter in one iteration: a choice."""
 
@@ -166,11 +169,11 @@ class _Expansion(NamedTuple):
     information: Array
     """Fisher information (10, 10)."""
 
-    speed: float
-    """Mean air speed, in prior standard deviations of the wind."""
+    speed_slope: Array
+    """Derivatives of the mean air speed, relative to ``SPEED_SCALE``, by the scaled parameters (10,)."""
 
-    speed_gradient: Array
-    """Derivatives of the mean air speed by the scaled parameters (10,)."""
+    prior_gradient: Array
+    """Gradient (10,) of the log prior density of the mean force, by that of the wind's speed."""
 
 
 def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
@@ -213,9 +216,9 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
             model_precision, MODEL_ERROR.T
         )
-        # A drag that makes a strong wind of the mean force is less probable, however little is steered.
-        speed_slope = expansion.speed_gradient * (1 - steered_fraction)
-        speed_pull = -expansion.speed * speed_slope
+        # A drag that makes an improbable wind of the mean force is less probable, however little is steered.
+        speed_slope = expansion.speed_slope * (1 - steered_fraction)
+        speed_pull = expansion.prior_gradient * (1 - steered_fraction)
         covariance = np.linalg.inv(
             precision + discount @ information + np.outer(speed_slope, speed_slope)
         )
@@ -272,8 +275,8 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
         grid: motion of the flight.
 
     Returns:
-        Value, gradient (10,) and information (10, 10) of the log likelihood, and the mean air speed by the population's
-        wind with its gradient.
+        Value, gradient (10,) and information (10, 10) of the log likelihood, the derivatives of the mean air speed, and
+        those of the log prior density of the mean force.
     """
     steps = DIFFERENCE_STEP * np.vstack(
         [np.zeros(PARAMETER_COUNT), np.eye(PARAMETER_COUNT), -np.eye(PARAMETER_COUNT)]
@@ -309,13 +312,13 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     information[DRAG_PARAMETERS:, DRAG_PARAMETERS:] += (
         np.einsum("ktij,ltji->kl", relative_slopes, relative_slopes) / 2
     )
-    speeds = mean_air_speed(points, grid) / WIND_SD
+    speeds = mean_air_speed(points, grid) / SPEED_SCALE
     return _Expansion(
         filtered_motion.log_likelihoods[0],
         gradient,
         information,
-        speeds[0],
         central_differences(speeds),
+        central_differences(log_prior_of_force(points, grid)),
     )
 
 
@@ -382,6 +385,24 @@ def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
     force = level_forces[grid.complete, :2].mean(axis=0)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     return air_speed(linear, quadratic, np.hypot(*force))
+
+
+def log_prior_of_force(scaled_parameters: Array, grid: MotionGrid) -> Array:
+    """Returns the log prior density (N,) of the mean force by N sets of scaled parameters, up to a constant.
+
+    Any speed u of the wind up to about ``SPEED_SCALE`` is as probable as another: its density is half-normal. The force
+    f = c u + q u² is what a flight shows, so its density counts: that of the speed times the derivative of the speed by
+    the force, 1 / (c + 2 q u). Without that factor a strong drag in a weak wind seems more probable than it is.
+
+    Args:
+        scaled_parameters: (N, 10) N sets of scaled parameters.
+        grid: motion of the flight, from which the mean force follows.
+    """
+    speed = mean_air_speed(scaled_parameters, grid)
+    linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
+    force_slope = linear + 2 * quadratic * speed
+    log_density: Array = -((speed / SPEED_SCALE) ** 2) / 2 - np.log(force_slope)
+    return log_density
 
 
 def sampled_winds(grid: MotionGrid, posterior: DragPosterior) -> SmoothedStates:

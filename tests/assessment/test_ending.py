@@ -168,6 +168,16 @@ def test_a_motor_is_off_where_the_others_carry_the_vehicle_on_little_of_their_ra
     assert events[MotionEvent.MOTOR_OFF].subject.startswith("motor 3")
 
 
+def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
+    """The output of motor 1 freezes a little below its mean in hover: too high, once the vehicle leans away from it."""
+    made = falling(leaning(flight(50.0), QUAD[1], 120.0, 100.0))
+    swings = 200.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))
+    made = with_pulses(made, pulses(made) + swings)
+    _, ending = judged(driven(driven(made, 1, 2000.0), 0, 1590.0))
+    assert ending.figures["cause"].code is FailedFirst.OUTPUT_FROZE_FIRST
+    assert ending.subject == NAMES[0]
+
+
 def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))

@@ -58,6 +58,22 @@ def test_clips_are_counted():
     assert many.level == "bad" and f" {CLIP_LIMITS.bad + 1} clips " in many.sentence
 
 
+@mark.parametrize("clips, level", [(CLIP_LIMITS.bad, "good"), (CLIP_LIMITS.bad + 1, "bad")])
+def test_many_clips_besides_settled_flight_count(clips, level):
+    """From 30 s on the vehicle rolls to and fro by more than in settled flight, as with a propeller that came loose."""
+    telemetry = HOVER.telemetry(10.0, 10.0)
+    time = HOVER.stamps(5.0)
+    fields = dict.fromkeys(LEVEL_FIELDS, 0.5) | dict.fromkeys(CLIPPING_FIELDS, 0)
+    made = changed(
+        telemetry, "VIBRATION", **columns(time, **fields | {"clipping_0": clips * (time > 33.0)})
+    )
+    attitude_time = made.messages["ATTITUDE"]["time"]
+    roll = np.radians(70.0) * np.sin(6.0 * attitude_time) * (attitude_time > 30.0)
+    flight = evidence_of(Signals(changed(made, "ATTITUDE", roll=roll), inputs="motors"), events=())
+    found = vibration_light(flight)
+    assert (found.level, found.figures["is_settled"]) == (level, level == "good")
+
+
 def test_clips_of_an_impact_do_not_count():
     """Of a flight without settled parts, whose accelerometer clips once it is lost, at 38 s."""
     telemetry = HOVER.telemetry(10.0, 10.0)

@@ -113,7 +113,7 @@ def evaluate_scenario(
     )
     row: Values = {
         "flights": label,
-        "speed inside": low <= true_speed <= high or estimate.calm,
+        "speed inside": low <= true_speed <= high,
         "direction inside": (
             direction_error <= estimate.direction_interval or true_speed < MIN_DIRECTION_SPEED
         ),

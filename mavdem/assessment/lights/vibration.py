@@ -38,7 +38,8 @@ def vibration_light(evidence: Evidence) -> Fact:
     Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
     autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU, which are samples outside its
     range. They are of settled flight or, without any, of all free flight. A flight ends when the vehicle was lost,
-    since an impact clips every accelerometer.
+    since an impact clips every accelerometer. Clips besides settled flight, as of a propeller that comes loose, count
+    if they are more than acceptable: a few are of landings and quick manoeuvres.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -53,14 +54,13 @@ def vibration_light(evidence: Evidence) -> Fact:
     if vibration is None:
         return unknown_vibration
     levels = vibration.levels
-    segments = settled = settled_flight(signals)
-    if not settled:
-        segments = [
-            Segment(boot, start, end)
-            for boot in np.unique(levels.boot).tolist()
-            for start, end in evidence.flights(boot)
-        ]
-    is_in_segment = in_segments(levels, *segments)
+    settled = settled_flight(signals)
+    free_flight = [
+        Segment(boot, start, end)
+        for boot in np.unique(levels.boot).tolist()
+        for start, end in evidence.flights(boot)
+    ]
+    is_in_segment = in_segments(levels, *(settled or free_flight))
     if not is_in_segment.any():
         return unknown_vibration
     limits = vibration_limits(telemetry)
@@ -69,6 +69,11 @@ def vibration_light(evidence: Evidence) -> Fact:
     largest_level = mean_levels.max()
     imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
     clips = int(vibration.clips[is_in_segment].sum(axis=0).max())
+    is_in_flight = in_segments(levels, *free_flight)
+    all_clips = int(vibration.clips[is_in_flight].sum(axis=0).max())
+    has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
+    if has_clipped_unsettled:
+        clips = all_clips
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
@@ -77,5 +82,5 @@ def vibration_light(evidence: Evidence) -> Fact:
         vibration=largest_level,
         acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
-        is_settled=bool(settled),
+        is_settled=bool(settled) and not has_clipped_unsettled,
     )
