@@ -244,7 +244,7 @@ def test_quick_tilts_between_slow_samples_do_not_make_a_flight_a_held_vehicle():
     attitude, velocity = (np.zeros((len(time), 3)) for _ in range(2))
     attitude[:, 0], velocity[:, 1] = roll, east
     slow = slice(None, None, 23)
-    assert mavdem.estimate_wind(time[slow], attitude[slow], velocity[slow]).calm
+    assert mavdem.estimate_wind(time[slow], attitude[slow], velocity[slow]).speed_interval[0] == 0.0
     assert refused(mavdem.estimate_wind, time, attitude, 0.01 * velocity).code is (
         AirflowFact.VELOCITY_INCONSISTENT
     )
