@@ -1,9 +1,10 @@
 """A restart of the autopilot in flight is told from one on the ground."""
 
 import numpy as np
-from hover import Hover, changed, columns, with_texts
+from hover import Hover, changed, columns, evidence_of, with_texts
 from pytest import mark
 
+from mavdem.assessment.lights.motors import motors_light
 from mavdem.assessment.reported import reported_events
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Level
@@ -46,6 +47,13 @@ def test_a_watchdog_reset_and_a_fall_are_a_restart_in_flight(text):
     assert 15.0 < event.figures["descent"] <= 20.5
     # The last metre of the fall counts as rest.
     assert 3.6 < event.figures["impact"] < 4.1
+
+
+def test_motors_that_stood_still_in_a_fall_after_a_restart_are_bad():
+    telemetry = with_texts(falling(20.0, tumbling=False), b"WDG: T-3 SL0 FL123 FT3")
+    events = tuple(restart_events(telemetry))
+    fallen = evidence_of(Signals(telemetry), events=events)
+    assert motors_light(fallen) == events[0]
 
 
 def test_the_watchdog_is_stated_once():

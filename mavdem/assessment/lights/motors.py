@@ -14,6 +14,7 @@ from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
+from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -53,6 +54,9 @@ def motors_light(evidence: Evidence) -> Fact:
     if oscillation is not None and oscillation.at_limit > MIN_AT_LIMIT_SHARE:
         facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
     if hover is None:
+        # After a restart in flight the motors stand still, and the vehicle falls.
+        restarted = ReportedEvent.RESTARTED_IN_FLIGHT
+        facts += [event for event in evidence.events if event.code is restarted]
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
