@@ -68,7 +68,7 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, here, mon
         and capsys.readouterr().err == f"The dashboard needs rerun: {INSTALL}\n"
     )
     # One that nobody asked for is left out.
-    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, False, None)
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, serve=False, connect=None)
     assert dashboard.advice.endswith(INSTALL)
     assert dashboard.open(None) is None and dashboard.view is None
     dashboard.close()

@@ -223,7 +223,7 @@ def _samples(
 
 
 def _command_document(
-    command: str, logs: Sequence[str], options: Sequence[str] = (), has_folder: bool = True
+    command: str, logs: Sequence[str], options: Sequence[str] = (), *, has_folder: bool = True
 ) -> JsonValues:
     """Runs a command of mavdem in a process of its own, and parses the JSON document that it prints.
 

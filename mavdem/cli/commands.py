@@ -261,7 +261,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _exit_code(args: list[str], as_json: bool) -> int:
+def _exit_code(args: list[str], *, as_json: bool) -> int:
     """Runs one command, reports its error if there is one, and returns the exit code.
 
     No error reaches the user as a traceback: each becomes a fact with a sentence and a remedy. An error of mavdem
@@ -289,25 +289,27 @@ def _exit_code(args: list[str], as_json: bool) -> int:
         if isinstance(error, click.UsageError) and error.ctx:
             command_path = error.ctx.command_path
         report_error(
-            Fact(RunEnd.BAD_USAGE, text=error.format_message(), name=command_path), as_json
+            Fact(RunEnd.BAD_USAGE, text=error.format_message(), name=command_path), as_json=as_json
         )
     except NotLearnable as error:
-        report_error(error.fact, as_json)
+        report_error(error.fact, as_json=as_json)
         return EXIT_UNSUPPORTED
     except (Unreadable, MissingExtra) as error:
-        report_error(error.fact, as_json)
+        report_error(error.fact, as_json=as_json)
     except KeyboardInterrupt:
-        report_error(Fact(RunEnd.INTERRUPTED), as_json)
+        report_error(Fact(RunEnd.INTERRUPTED), as_json=as_json)
         return EXIT_INTERRUPTED
     except MemoryError:
-        report_error(Fact(RunEnd.OUT_OF_MEMORY), as_json)
+        report_error(Fact(RunEnd.OUT_OF_MEMORY), as_json=as_json)
     except Exception as error:
         # Commands report failures of files by name, so an error without one is that of standard output.
         if isinstance(error, OSError) and error.filename is None:
             raise
         if os.environ.get(TRACEBACK_VARIABLE):
             traceback.print_exc()
-        report_error(Fact(RunEnd.DEFECT, because=f"{type(error).__name__}: {error}"), as_json)
+        report_error(
+            Fact(RunEnd.DEFECT, because=f"{type(error).__name__}: {error}"), as_json=as_json
+        )
     else:
         return EXIT_DONE
     return EXIT_ERROR

@@ -78,5 +78,5 @@ def compare_command(
         "sources": compared_sources,
         "seconds": seconds,
     }
-    print_result(document, comparison_report(comparison), as_json)
+    print_result(document, comparison_report(comparison), as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")

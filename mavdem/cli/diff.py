@@ -156,7 +156,7 @@ def diff_command(
         *next_blocks(difference, parameters),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]
-    print_result(document, blocks, as_json)
+    print_result(document, blocks, as_json=as_json)
     if not difference.changes:
         context.exit(EXIT_UNSUPPORTED)
 

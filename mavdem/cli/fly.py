@@ -126,7 +126,7 @@ def fly_command(
     Without --streamrate=-1 MAVProxy requests 4 Hz from ArduPilot, which is too slow to learn from.
     """
     if as_list:
-        _list_scenarios(as_json)
+        _list_scenarios(as_json=as_json)
         return
     if scenario is None:
         raise click.UsageError(
@@ -139,7 +139,7 @@ def fly_command(
     assignments += changed
     chosen = _chosen_scenario(scenario, seed, duration, vehicle, assignments)
     if describe:
-        _describe_scenario(scenario, chosen, as_json)
+        _describe_scenario(scenario, chosen, as_json=as_json)
         return
     writes_files = out is not None or rrd is not None
     flies_live = udp is not None
@@ -158,7 +158,7 @@ def fly_command(
         )
 
 
-def _list_scenarios(as_json: bool) -> None:
+def _list_scenarios(*, as_json: bool) -> None:
     """Prints name and description of each scenario that mavdem brings, one a line or as a JSON document.
 
     Args:
@@ -176,7 +176,7 @@ def _list_scenarios(as_json: bool) -> None:
         print_to_stdout(f"{name:{width}}  {description}")
 
 
-def _describe_scenario(name: str, scenario: Scenario, as_json: bool) -> None:
+def _describe_scenario(name: str, scenario: Scenario, *, as_json: bool) -> None:
     """Prints all values of a scenario, as a .toml file with comments or as a JSON document.
 
     Args:

@@ -110,7 +110,7 @@ def learn_command(
       mavdem learn flight.tlog --train 7s --preset paper --order 2
       mavdem learn simulated.tlog --truth simulated.truth.npz
     """
-    recordings = chosen_recordings(rrd, mcap)
+    recordings = chosen_recordings(rrd=rrd, mcap=mcap)
     folder = out or default_result_folder(source)
     if not no_files:
         check_output_folder(folder, RESULT_FILES, source)
@@ -130,7 +130,7 @@ def learn_command(
     seconds = perf_counter() - start_time
     # The screen comes first: drawing the page takes time.
     if not as_json:
-        _print_assessment(assessment, verbose)
+        _print_assessment(assessment, verbose=verbose)
     document = report_document(assessment) | {"source": source, "seconds": round(seconds, 3)}
     if not has_model:
         refusal = assessment.refusal
@@ -147,7 +147,7 @@ def learn_command(
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
 
-def _print_assessment(assessment: Assessment, verbose: bool) -> None:
+def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
     """Prints the screen of a flight: with a model its grades, otherwise why there is none.
 
     Args:
@@ -164,4 +164,4 @@ def _print_assessment(assessment: Assessment, verbose: bool) -> None:
         details = detail_blocks(analysis.learned)
     parts = report_parts(analysis_blocks(assessment))
     conclusion = [parts.headline, parts.next_step]
-    print_screen(title, parts.body, details, conclusion, verbose, reserved_lines=PAGE_LINES)
+    print_screen(title, parts.body, details, conclusion, verbose=verbose, reserved_lines=PAGE_LINES)

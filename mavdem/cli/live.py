@@ -160,7 +160,9 @@ def live_command(
         resources.callback(opened_link.close)
         if request_rate is None:
             _refuse_silent_link(opened_link, link)
-        dashboard = resources.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
+        dashboard = resources.enter_context(
+            closing(Dashboard(link, axis, rrd, serve=serve, connect=connect))
+        )
         recording = None if record is None else RawRecording(record)
         session = LiveSession(
             link=opened_link,
@@ -193,7 +195,7 @@ def live_command(
         is_end_requested = signal_handlers.enter_context(termination_requests())
         # From here on Ctrl-C ends the session in order.
         print_to_stderr(f"Listening on {link}; Ctrl-C ends it.")
-        _run_and_show_status(session, is_end_requested, duration, plain)
+        _run_and_show_status(session, is_end_requested, duration, plain=plain)
         session.intake.record_rest()
         account = session.time_account()
         status = session.status
@@ -251,7 +253,7 @@ def live_command(
 
 
 def _stream_with_prior(
-    axis: str, vehicle: str | None, prior: Path | None, rates_requested: bool
+    axis: str, vehicle: str | None, prior: Path | None, *, rates_requested: bool
 ) -> LiveStream:
     """Returns the stream of a vehicle's messages, with the drag of an earlier flight if that is known.
 
@@ -323,6 +325,7 @@ def _run_and_show_status(
     session: LiveSession,
     is_end_requested: Callable[[], bool],
     duration: float | None,
+    *,
     plain: bool,
 ) -> None:
     """Runs a session until its end, and shows its status on standard error.

@@ -39,7 +39,7 @@ class Dashboard:
     """
 
     def __init__(
-        self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None
+        self, link: str, axis: str, rrd: Path | None, *, serve: bool, connect: str | None
     ) -> None:
         """Opens the dashboard.
 

@@ -86,7 +86,7 @@ def order_command(
         width=[flight.kernel_width for flight in choice.flights],
         samples=[flight.effective_samples for flight in choice.flights],
     )
-    print_result(document, order_report(choice, names, known_inputs), as_json)
+    print_result(document, order_report(choice, names, known_inputs), as_json=as_json)
     print_to_stderr(f"Took {seconds:.1f} s.")
 
 

@@ -49,7 +49,7 @@ def print_json(document: Any, name: str | None = None) -> None:
     print_to_stdout(json_text(document, name))
 
 
-def print_result(document: Any, blocks: Iterable[Block], as_json: bool) -> None:
+def print_result(document: Any, blocks: Iterable[Block], *, as_json: bool) -> None:
     """Prints the result of a command: its JSON document with ``--json``, otherwise sentences and tables."""
     if as_json:
         print_json(document)
@@ -86,6 +86,7 @@ def print_screen(
     summary: Iterable[Block],
     details: Iterable[Block],
     conclusion: Iterable[Block],
+    *,
     verbose: bool,
     reserved_lines: int = 0,
 ) -> None:
@@ -156,7 +157,7 @@ def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
     return [line.rstrip() for line in captured.get().splitlines()]
 
 
-def report_error(fact: Fact, as_json: bool) -> None:
+def report_error(fact: Fact, *, as_json: bool) -> None:
     """Reports on standard error what went wrong and what to do about it; with ``--json`` also as a document."""
     print_to_stderr(f"mavdem: {fact.advised}")
     if as_json:
@@ -164,7 +165,7 @@ def report_error(fact: Fact, as_json: bool) -> None:
 
 
 @contextmanager
-def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+def progress(title: str, *, measured: bool = True) -> Iterator[Callable[[float], None]]:
     """Shows a progress bar on standard error while the block runs; nothing if that is no terminal.
 
     Args:
@@ -174,12 +175,12 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
     Yields:
         A function to call with the fraction that is done, from 0 to 1.
     """
-    with progress_bar(title, measured) as show:
+    with progress_bar(title, measured=measured) as show:
         yield lambda fraction: show(fraction, title)
 
 
 @contextmanager
-def progress_bar(title: str, measured: bool = True) -> Iterator[Callable[[float, str], None]]:
+def progress_bar(title: str, *, measured: bool = True) -> Iterator[Callable[[float, str], None]]:
     """Shows a progress bar whose title changes.
 
     Args:

@@ -66,7 +66,7 @@ def reproduce_command(
       mavdem reproduce states --markdown > states.md
     """
     if as_list:
-        _list_claims(as_json)
+        _list_claims(as_json=as_json)
         return
     require_extra("plot", "`mavdem reproduce`")
     # The experiments take a second to import, and need not be imported for the list.
@@ -99,12 +99,12 @@ def reproduce_command(
         return
     rows = [[report.claim.name, report.status.value, report.sentence] for report in reports]
     table = Table(["item", "status", "findings"], rows, words=True)
-    print_result(document(reports, seconds), [table], as_json)
+    print_result(document(reports, seconds), [table], as_json=as_json)
     if not as_json:
         print_to_stdout(f"Took {seconds:.0f} s. Written: {out / PAGE}")
 
 
-def _list_claims(as_json: bool) -> None:
+def _list_claims(*, as_json: bool) -> None:
     """Prints the claims of the paper that can be checked, one a line with its name first, or as a JSON document."""
     if as_json:
         print_json({"claims": CLAIMS})

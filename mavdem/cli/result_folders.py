@@ -78,7 +78,7 @@ def _is_available(document_path: Path, sources: Mapping[str, str]) -> bool:
     return True
 
 
-def chosen_recordings(rrd: bool, mcap: bool) -> Names:
+def chosen_recordings(*, rrd: bool, mcap: bool) -> Names:
     """Returns the names of the recordings that --rrd and --mcap ask for.
 
     Args:

@@ -40,7 +40,7 @@ from mavdem.results import PAGE_FILE, RESULT_FILES
 class ReviewScreen:
     """The screen of a review, on a terminal in two parts where the control loops take long: what needs none first."""
 
-    def __init__(self, is_in_parts: bool) -> None:
+    def __init__(self, *, is_in_parts: bool) -> None:
         """Takes whether the screen may be printed in two parts; for a program that reads it, it is printed at once."""
         self._is_in_parts = is_in_parts
         self._first_findings: FirstFindings | None = None
@@ -104,7 +104,7 @@ def review_command(
       mavdem flight.ulg --rrd --mcap
       mavdem 00000042.BIN 00000043.BIN
     """
-    recordings = chosen_recordings(rrd, mcap)
+    recordings = chosen_recordings(rrd=rrd, mcap=mcap)
     folder = out or default_result_folder(sources[0])
     check_output_folder(folder, RESULT_FILES, *sources, params)
     start_time = perf_counter()

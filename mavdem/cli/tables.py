@@ -109,7 +109,7 @@ def _fitting_columns(row_names: Column, columns: list[Column], width: int) -> in
     return max(count, 1)
 
 
-def _grid(columns: list[Column], is_text: bool, widths: list[int] | None = None) -> Grid:
+def _grid(columns: list[Column], *, is_text: bool, widths: list[int] | None = None) -> Grid:
     """Returns a table that Rich can print, without borders.
 
     Args:

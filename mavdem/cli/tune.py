@@ -115,7 +115,7 @@ def tune_command(
     if as_json:
         print_json(tune_document(source, margins, tuning))
     else:
-        _print_tuning(tuning, out, verbose)
+        _print_tuning(tuning, out, verbose=verbose)
     if tuning.refusal:
         raise click.exceptions.Exit(EXIT_UNSUPPORTED)
 
@@ -142,7 +142,7 @@ def _write_tuning(
     print_to_stderr(f"Written: {', '.join(texts)}. Nothing was sent to the vehicle.")
 
 
-def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
+def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:
     """Prints margins and gains, and of the judgement of the flight what bears on them.
 
     Args:
@@ -152,7 +152,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, verbose: bool) -> None:
     """
     judgement = tuning.judgement
     lights = conclusion(judgement)[1:-1] if verbose else []
-    blocks = tune_blocks(tuning, verbose)
+    blocks = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
     is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)

@@ -72,7 +72,7 @@ def twin_command(
         "missing": [sentence.text for sentence in missing_blocks],
         "alike": comparison,
     }
-    print_result(document, [*missing_blocks, *twin_blocks(twin, comparison)], as_json)
+    print_result(document, [*missing_blocks, *twin_blocks(twin, comparison)], as_json=as_json)
     if out:
         names = ", ".join(str(path) for path in out)
         print_to_stderr(f"Written: {names}. Nothing was sent to a vehicle.")

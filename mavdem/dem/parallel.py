@@ -291,7 +291,7 @@ class LearningProcess(Executor):
             process.kill()
         self._exits.close()
 
-    def _start(self, may_fork: bool) -> None:
+    def _start(self, *, may_fork: bool) -> None:
         """Ends the process, if there is one, and starts a new one.
 
         Args:

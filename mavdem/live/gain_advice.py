@@ -70,7 +70,7 @@ class GainAdviser:
         """Whether advice is due or being computed."""
         return self.is_due or self._pending is not None
 
-    def update(self, vehicle: str, is_busy: bool, is_at_end: bool) -> Facts:
+    def update(self, vehicle: str, *, is_busy: bool, is_at_end: bool) -> Facts:
         """Begins to compute advice that is due, and returns advice that is ready; it is called once a second.
 
         It waits for advice only at the end of the session, for ``MAX_WAIT_SECONDS`` at most.

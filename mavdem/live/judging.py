@@ -48,6 +48,7 @@ class ModelJudging:
         now: float,
         learning: FlightLearning,
         stream: LiveStream,
+        *,
         is_busy: bool,
     ) -> None:
         """Stores a judgement that is done, or starts to judge the newest model if that is due.

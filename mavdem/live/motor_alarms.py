@@ -41,7 +41,7 @@ class MotorAlarms:
         self.active = ()
         self.change_time = nan
 
-    def obstacle(self, now: float, is_flying: bool) -> Fact | None:
+    def obstacle(self, now: float, *, is_flying: bool) -> Fact | None:
         """Returns the reason why a motor that weakens would not be detected now.
 
         The test needs settled flight without a long gap, motor outputs that are fast enough, and a reference of

@@ -14,7 +14,7 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 class RateCheck:
     """Reports when messages are missing or too slow for a model of one axis, and when they no longer are."""
 
-    def __init__(self, axis: str, can_request: bool, report: Callable[[Fact], None]) -> None:
+    def __init__(self, axis: str, *, can_request: bool, report: Callable[[Fact], None]) -> None:
         """Begins with messages that are not known to be too slow.
 
         Args:

@@ -24,6 +24,7 @@ class RateNegotiation:
     def __init__(
         self,
         requested_rate: float | None,
+        *,
         awaits_greeting: bool,
         intake: LinkIntake,
         stream: LiveStream,
@@ -48,7 +49,7 @@ class RateNegotiation:
         self._greeting_time = -inf
 
     def update(
-        self, now: float, message_time: float, is_busy: bool, clock_speed: float = 1.0
+        self, now: float, message_time: float, *, is_busy: bool, clock_speed: float = 1.0
     ) -> None:
         """Sends what is due: a greeting if the link needs one, then requests to the vehicle once it is known.
 

@@ -95,7 +95,7 @@ class RowGrid:
         # All steps that segments have had, s, of which one is taken again where a measured step is nearly the same.
         self._former_steps: list[float] = []
 
-    def end(self, forget_step: bool = False) -> None:
+    def end(self, *, forget_step: bool = False) -> None:
         """Ends the segment: until the next one begins, no points are completed.
 
         Args:

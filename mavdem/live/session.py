@@ -98,7 +98,11 @@ class LiveSession:
         self.judging = ModelJudging(executor, recording_name)
         self._clock_speed = ClockSpeed(log)
         self._rates = RateNegotiation(
-            requested_rate, link.awaits_greeting, self.intake, stream, log
+            requested_rate,
+            awaits_greeting=link.awaits_greeting,
+            intake=self.intake,
+            stream=stream,
+            log=log,
         )
         self._report = StatusReport(
             stream,
@@ -143,8 +147,8 @@ class LiveSession:
         self._rates.update(
             analysed_time,
             self._silence.message_time,
-            self.backlog.is_late,
-            self._clock_speed.speed,
+            is_busy=self.backlog.is_late,
+            clock_speed=self._clock_speed.speed,
         )
         if now - self._status_time >= STATUS_PERIOD:
             self._status_time = now
@@ -352,7 +356,7 @@ class LiveSession:
             adviser.is_due = True
         if is_at_end and adviser.is_awaited:
             self._presentation.log(Fact(GainFact.ADVICE_AWAITED, duration=MAX_WAIT_SECONDS))
-        advice = adviser.update(vehicle.name, self.backlog.is_late, is_at_end)
+        advice = adviser.update(vehicle.name, is_busy=self.backlog.is_late, is_at_end=is_at_end)
         if advice and adviser.judgement is not None:
             margins = adviser.judgement.lights[Light.MARGINS]
             # Why there are no margins is part of the advice.

@@ -71,6 +71,7 @@ class LiveStream:
         self,
         axis: str = "roll",
         vehicle: str | None = None,
+        *,
         rates_requested: bool = False,
     ) -> None:
         """Begins without a byte.
@@ -100,7 +101,7 @@ class LiveStream:
         self._vehicles = VehicleSelector(vehicle, self._report)
         self._clock = BootClock(self._report)
         self._pose = PoseTracker()
-        self._rate_check = RateCheck(axis, not rates_requested, self._report)
+        self._rate_check = RateCheck(axis, can_request=not rates_requested, report=self._report)
         self._review = VehicleReview(
             self._vehicles, self._rate_check, self.motor_alarms, self.wind, self._report
         )

@@ -289,7 +289,7 @@ class VehicleReview:
         for fact in self.watchdog.finish_review(self._motion):
             self._report(fact)
         now = self._review_time
-        balance_obstacle = self._motor_alarms.obstacle(now, self.phase.is_flying)
+        balance_obstacle = self._motor_alarms.obstacle(now, is_flying=self.phase.is_flying)
         self.watchdog.set_watched(WatchedQuantity.MOTORS, balance_obstacle, now)
         if balance_obstacle is None:
             self.watchdog.note_motors_watched(now)

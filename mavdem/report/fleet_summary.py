@@ -36,7 +36,10 @@ MAX_FILE_LENGTH = 40
 
 
 def fleet_blocks(
-    summaries: Sequence[VehicleSummary], names_vehicles: bool = True, names: GivenNames = NO_NAMES
+    summaries: Sequence[VehicleSummary],
+    *,
+    names_vehicles: bool = True,
+    names: GivenNames = NO_NAMES,
 ) -> Blocks:
     """Returns the summary of a fleet: a headline, the flights, and a table of the reasons why logs were not used.
 

@@ -21,7 +21,7 @@ SHOWN_DIGITS = 3
 """Significant digits of the range: those of a battery's voltage."""
 
 
-def instance_table(instances: Sequence[Instance], has_flown: bool) -> Table:
+def instance_table(instances: Sequence[Instance], *, has_flown: bool) -> Table:
     """Returns a table with a row for each instance: whether it is used, its range in flight, and its state.
 
     Args:

@@ -58,7 +58,9 @@ beside −3 dB: with two thirds of the gains it may fall to a fifth, though the 
 """
 
 
-def tune_blocks(tuning: Tuning, is_full: bool = True, has_tables_elsewhere: bool = False) -> Blocks:
+def tune_blocks(
+    tuning: Tuning, *, is_full: bool = True, has_tables_elsewhere: bool = False
+) -> Blocks:
     """Returns the report of ``mavdem tune``: for each axis its rating and advice, margins, and the gains to set.
 
     Each remedy is stated once, and not at all if the next step, which is shown with the report, contains it.
@@ -82,7 +84,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_tables_elsewhere: bool
             continue
         is_doubtful = axis in tuning.doubtful_axes
         if not advice.refusals and not has_tables_elsewhere:
-            blocks.append(_gain_and_margin_table(advice, is_doubtful))
+            blocks.append(_gain_and_margin_table(advice, is_doubtful=is_doubtful))
         # The limits of gains that change stand beside the page's table of gains.
         gains_stand_elsewhere = has_tables_elsewhere and bool(advice.parameters)
         for limit in [limit for limit in unshown_limits if axis in limit.axes]:
@@ -90,7 +92,7 @@ def tune_blocks(tuning: Tuning, is_full: bool = True, has_tables_elsewhere: bool
             if not (gains_stand_elsewhere and limit.is_about_gains_to_set):
                 blocks.append(limit.sentence)
         if is_full:
-            blocks += _axis_details(advice, is_doubtful)
+            blocks += _axis_details(advice, is_doubtful=is_doubtful)
     next_step = tuning.judgement.next_step
     if next_step.code is NextStep.LOAD_GAINS and next_step.figures["others"]:
         # The next step is one order, and this another one.
@@ -131,7 +133,7 @@ def tune_details(tuning: Tuning) -> Blocks:
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
             blocks.append(Sentence("", axis.capitalize()))
-            blocks += _axis_details(advice, axis in tuning.doubtful_axes)
+            blocks += _axis_details(advice, is_doubtful=axis in tuning.doubtful_axes)
     return [*blocks, *_unchecked(tuning)]
 
 
@@ -375,7 +377,7 @@ def compared_loops(advice: Advice) -> LoopsByAxis:
     return loops
 
 
-def _gain_and_margin_table(advice: Advice, is_doubtful: bool) -> Table:
+def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     """Returns a table of the gains that change, and of the margins of the loop around them, now and with these gains.
 
     The loop is the rate loop in the first stage and where no gains change, and the attitude loop in the second.
@@ -442,7 +444,7 @@ def margin_overview(tuning: Tuning) -> Table | None:
     return Table(["loop (90 % interval)", *margins, *steps], rows)
 
 
-def _axis_details(advice: Advice, is_doubtful: bool) -> Blocks:
+def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
     """Returns sentences on the gains, tables of all margins now and as advised, and on filters and measurements.
 
     Args:

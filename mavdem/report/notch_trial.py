@@ -216,6 +216,7 @@ def notch_trial(
 
 def _remarks(
     filters: Sequence[TriedFilter],
+    *,
     has_loop: bool,
     has_only_filtered_gyro: bool,
     has_dynamic_notch: bool,
@@ -368,6 +369,7 @@ def _charts(
     spectrum: Spectrum,
     peak: float,
     crossover: Mark,
+    *,
     has_spectrum: bool,
 ) -> Group:
     """Returns the charts of the spectrum, and of the filters' gain and phase lag, with the filters as the log has them.

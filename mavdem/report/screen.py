@@ -106,7 +106,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
         blocks += render_section("tier", analysis.tier)
         blocks += render_section("condition", analysis.condition)
     is_flight_doubtful = bool(analysis.findings.overrides)
-    blocks += vehicle_blocks(analysis.axes, is_flight_doubtful)
+    blocks += vehicle_blocks(analysis.axes, is_doubtful=is_flight_doubtful)
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
     blocks += air_blocks(assessment)
@@ -126,7 +126,7 @@ def instance_blocks(assessment: Assessment) -> Blocks:
     if evidence.trust:
         blocks.append(trust_table(evidence.trust))
     if assessment.instances:
-        blocks.append(instance_table(assessment.instances, evidence.has_flown))
+        blocks.append(instance_table(assessment.instances, has_flown=evidence.has_flown))
     return blocks
 
 
@@ -410,7 +410,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     return [Table([first_header, *output_headers, "error ratio"], rows), *sentences]
 
 
-def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks:
+def vehicle_blocks(axes: Mapping[str, AxisFigures], *, is_doubtful: bool) -> Blocks:
     """Returns a table with a row for each axis of a vehicle, and the reasons why figures are missing in it.
 
     Args:
@@ -434,10 +434,10 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], is_doubtful: bool) -> Blocks
         if figures.reason:
             refusals.append((axis, figures.reason))
             continue
-        reasons = parameter_reasons(figures.physical, is_doubtful)
+        reasons = parameter_reasons(figures.physical, is_doubtful=is_doubtful)
         if reasons:
             blocks.append(Sentence(" ".join(reasons), f"{axis.capitalize()}:"))
-    return blocks + sentences_by_axes(refusals, _text_of_reason(is_doubtful))
+    return blocks + sentences_by_axes(refusals, _text_of_reason(is_doubtful=is_doubtful))
 
 
 def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
@@ -497,7 +497,7 @@ def _axis_cells(figures: AxisFigures) -> list[str]:
     return cells
 
 
-def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> list[str]:
+def parameter_reasons(physical: Physical | None, *, is_doubtful: bool = False) -> list[str]:
     """Collects the reasons why physical parameters are biased or not identifiable.
 
     Args:
@@ -513,7 +513,7 @@ def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> l
     if len(set(physical.status.values())) == 1:
         # If all have the same status, the reason of the effectiveness explains the others.
         reasons = {"effect": reasons["effect"]}
-    text_of_reason = _text_of_reason(is_doubtful)
+    text_of_reason = _text_of_reason(is_doubtful=is_doubtful)
     parameters_by_reason = dict[str, list[str]]()
     for name, reason in reasons.items():
         if reason is not None:
@@ -525,7 +525,7 @@ def parameter_reasons(physical: Physical | None, is_doubtful: bool = False) -> l
     ]
 
 
-def _text_of_reason(is_doubtful: bool) -> Callable[[Fact], str]:
+def _text_of_reason(*, is_doubtful: bool) -> Callable[[Fact], str]:
     """Returns the function that makes the text of a reason: its sentence, with advice unless the flight is doubtful."""
     return str if is_doubtful else attrgetter("advised")
 

@@ -248,7 +248,9 @@ class Server:
                 complete_document("error", {"error": error_values(fact)}), status, headers
             )
         asks_for_token = fact.code is RefusalReason.NO_RIGHT
-        html = refusal_page(fact, asks_for_token, **self._visible_library.visitor_values(request))
+        html = refusal_page(
+            fact, asks=asks_for_token, **self._visible_library.visitor_values(request)
+        )
         return HTMLResponse(html, status, headers)
 
 

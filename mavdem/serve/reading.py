@@ -87,7 +87,7 @@ class ProgressFile:
         self._write(stage=stage, step="", share=None, **values)
 
     @contextmanager
-    def show_step(self, title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+    def show_step(self, title: str, *, measured: bool = True) -> Iterator[Callable[[float], None]]:
         """Writes into the file which step of the present stage is being done, and how much of it.
 
         The assessment of a flight calls this for each of its steps (``mavdem.assessment.axis.options.ShowStep``).

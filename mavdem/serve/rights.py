@@ -151,7 +151,7 @@ class Rights:
             raise Refusal(RefusalReason.OTHER_SITE, address=origin or fetch_site)
 
 
-def rights_for_host(host: str, token: str, is_behind_proxy: bool) -> Rights:
+def rights_for_host(host: str, token: str, *, is_behind_proxy: bool) -> Rights:
     """Returns the access rights on a server, after checking that they suffice for its address.
 
     Args:

@@ -78,6 +78,7 @@ def serve(
     options: ServerOptions,
     report_address: Callable[[str], None],
     warn: Callable[[Fact], None],
+    *,
     opens_browser: bool,
 ) -> None:
     """Runs a server until it is asked to end.
@@ -91,7 +92,7 @@ def serve(
     Raises:
         Unreadable: the server cannot listen, or that would not be safe; or the folder cannot be written to.
     """
-    rights = rights_for_host(options.host, options.token, options.is_behind_proxy)
+    rights = rights_for_host(options.host, options.token, is_behind_proxy=options.is_behind_proxy)
     listener = _listening_socket(options.host, options.port)
     library = Library(options.folder, options.quota)
     library.add_fleet_logs()

@@ -82,22 +82,24 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
 
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):
     adviser = adviser_of(tmp_path)
-    assert adviser.update("1:1", False, True) == (), "nothing has landed"
+    assert adviser.update("1:1", is_busy=False, is_at_end=True) == (), "nothing has landed"
     adviser.is_due = True
-    assert [fact.code for fact in adviser.update("1:1", True, False)] == [GainFact.ADVICE_WAITS]
+    assert [fact.code for fact in adviser.update("1:1", is_busy=True, is_at_end=False)] == [
+        GainFact.ADVICE_WAITS
+    ]
     assert not adviser._start_executor.called
     monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", lambda *_: GainAdvice(("gains",)))
-    assert adviser.update("1:1", False, False) == ("gains",)
-    assert adviser.update("1:1", False, True) == () and not adviser.is_awaited
+    assert adviser.update("1:1", is_busy=False, is_at_end=False) == ("gains",)
+    assert adviser.update("1:1", is_busy=False, is_at_end=True) == () and not adviser.is_awaited
 
 
 def test_the_judgement_of_an_earlier_flight_ends_with_the_next_one(tmp_path):
     adviser = adviser_of(tmp_path)
     adviser.judgement = unjudged(TOO_FEW_SAMPLES)
-    adviser.update("1:1", False, False)
+    adviser.update("1:1", is_busy=False, is_at_end=False)
     assert adviser.judgement is not None
     adviser.is_due = True
-    adviser.update("1:1", True, False)
+    adviser.update("1:1", is_busy=True, is_at_end=False)
     assert adviser.judgement is None
 
 
@@ -105,7 +107,7 @@ def test_only_at_the_end_advice_has_the_priority_of_other_programs(tmp_path):
     adviser = adviser_of(tmp_path)
     for is_at_end in (False, True):
         adviser.is_due = True
-        adviser.update("1:1", False, is_at_end)
+        adviser.update("1:1", is_busy=False, is_at_end=is_at_end)
     assert [call.args for call in adviser._start_executor.mock_calls] == [(LOW_PRIORITY,), (0,)]
 
 
@@ -114,7 +116,7 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     monkeypatch.setattr("mavdem.live.gain_advice.advise_gains", Mock(side_effect=error))
     adviser = adviser_of(tmp_path)
     adviser.is_due = True
-    (failed,) = adviser.update("1:1", True, True)
+    (failed,) = adviser.update("1:1", is_busy=True, is_at_end=True)
     reason = str(error) or "within 60 s"
     assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."

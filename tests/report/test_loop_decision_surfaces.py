@@ -409,7 +409,7 @@ def test_the_screen_of_tune_has_the_cautions_of_its_page(tunings):
     roll = replace(roll, before=replace(roll.before, cautions=(fast,)))
     tuning = tuning._replace(axes={"roll": roll})
     for is_full in (False, True):
-        report = " ".join(texts(tune_blocks(tuning, is_full)))
+        report = " ".join(texts(tune_blocks(tuning, is_full=is_full)))
         assert report.count(fast.advised) == 1, is_full
     (_, table, caution) = tune_blocks(tuning, is_full=False)
     assert table.header[1:] == ["now", "with these gains"] and caution.text == fast.advised

@@ -85,7 +85,7 @@ def test_an_uploaded_log_is_listed_with_its_review(served):
 
 def test_the_same_log_again_has_the_same_link_which_only_who_may_write_opens(guarded):
     id = guarded.add("a.ulg", "Same.", token=TOKEN)
-    key = rights_for_host("", TOKEN, False).derived_key("upload")
+    key = rights_for_host("", TOKEN, is_behind_proxy=False).derived_key("upload")
     for path, token, known in (
         (f"/{key}/upload", "", ("private", "")),
         ("/upload", TOKEN, ("link", "A walk")),
@@ -516,8 +516,8 @@ def test_a_full_disk_and_a_full_quota_are_507_and_break_nothing(tmp_path, monkey
 
 
 def test_only_loopback_needs_no_token():
-    assert rights_for_host("127.0.0.1", "", False).is_local
-    assert not rights_for_host("0.0.0.0", "", True).is_local
+    assert rights_for_host("127.0.0.1", "", is_behind_proxy=False).is_local
+    assert not rights_for_host("0.0.0.0", "", is_behind_proxy=True).is_local
     for host, token, code in (
         ("0.0.0.0", "", StartFailure.TOKEN_NEEDED),
         ("127.0.0.1", "short", StartFailure.TOKEN_TOO_SHORT),

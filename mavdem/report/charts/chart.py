@@ -349,7 +349,7 @@ class Chart(NamedTuple):
             for line in self.thinned(max_points).lines:
                 # Only the left vertical axis may be logarithmic. Lines of the right one are packed as they are.
                 is_logarithmic = self.y.is_logarithmic and not line.is_on_right_axis
-                packed_lines.append(_line_as_json(line, is_logarithmic))
+                packed_lines.append(_line_as_json(line, is_logarithmic=is_logarithmic))
                 grid = line.x
         is_grid_logarithmic = self.x.is_logarithmic
         return {
@@ -357,7 +357,9 @@ class Chart(NamedTuple):
             "x": self.x.as_json(),
             "y": self.y.as_json(),
             "beside": None if self.right_axis is None else self.right_axis.as_json(),
-            "at": packed(grid, is_grid_logarithmic, may_be_even=not is_grid_logarithmic),
+            "at": packed(
+                grid, is_logarithmic=is_grid_logarithmic, may_be_even=not is_grid_logarithmic
+            ),
             "lines": packed_lines,
             "levels": self.levels,
             "marks": self.marks,
@@ -459,7 +461,7 @@ def _range_text(line: Line) -> str:
     return f"{line.name or 'values'} from {rounded(finite.min(), 3)} to {rounded(finite.max(), 3)}"
 
 
-def _line_as_json(line: Line, is_logarithmic: bool) -> JsonValues:
+def _line_as_json(line: Line, *, is_logarithmic: bool) -> JsonValues:
     """Returns a line as a JSON object for ``charts.js``, with its values and the edges of its band packed.
 
     Args:
@@ -470,9 +472,9 @@ def _line_as_json(line: Line, is_logarithmic: bool) -> JsonValues:
         "name": line.name,
         "colour": line.colour,
         "x": None,
-        "y": packed(line.y, is_logarithmic),
-        "low": packed(line.lower_edge, is_logarithmic),
-        "high": packed(line.upper_edge, is_logarithmic),
+        "y": packed(line.y, is_logarithmic=is_logarithmic),
+        "low": packed(line.lower_edge, is_logarithmic=is_logarithmic),
+        "high": packed(line.upper_edge, is_logarithmic=is_logarithmic),
         "kind": line.style,
         "right": line.is_on_right_axis,
     }
@@ -500,7 +502,7 @@ def _spectrogram_as_json(spectrogram: Spectrogram) -> JsonValues:
 
 
 def packed(
-    values: Array | None, is_logarithmic: bool, may_be_even: bool = False
+    values: Array | None, *, is_logarithmic: bool, may_be_even: bool = False
 ) -> JsonValues | None:
     """Packs an array into 16-bit integers: value = low + step · (integer + 32767), and −32768 is NaN.
 

@@ -117,7 +117,9 @@ def flown_path(timeline: Timeline | None, wind: WindVelocity | None = None) -> P
         f"Path over ground, {np.ptp(east):.0f} m wide and {np.ptp(north):.0f} m high; north is up."
     )
     track = {"time": time, "x": x, "y": y, "height": height} | _wind_at(time, wind)
-    packed_track: JsonValues = {name: packed(values, False) for name, values in track.items()}
+    packed_track: JsonValues = {
+        name: packed(values, is_logarithmic=False) for name, values in track.items()
+    }
     return Plan("Flown path", description, svg, packed_track)
 
 

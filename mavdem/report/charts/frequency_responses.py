@@ -33,7 +33,9 @@ def model_response(learned: Learned, motors: Array, frequency: Array, output: in
     return (C[output] @ state_responses).T
 
 
-def plant_response(physical: Physical, motors: Array, frequency: Array, is_angle: bool) -> Complex:
+def plant_response(
+    physical: Physical, motors: Array, frequency: Array, *, is_angle: bool
+) -> Complex:
     """Returns the frequency response of the physical plant, for its parameters and for draws from their posterior.
 
     The rate per command is e^(−τs) b·m / ((s + d)(Ts + 1)) at s = 2πjf, with the effectiveness b of the motors, the

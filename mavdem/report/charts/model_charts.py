@@ -92,7 +92,7 @@ def bode_charts(learned: Learned, output: int = -1) -> Charts:
         source, colour = "DEM's model", PREDICTED
     else:
         is_angle = output_index + 1 < output_count
-        response = plant_response(physical, command.motors, frequency, is_angle)
+        response = plant_response(physical, command.motors, frequency, is_angle=is_angle)
         source, colour = "physical parameters", PHYSICAL
     estimate = response[ESTIMATE]
     # The phases of draws are counted from that of the estimate, so that none is a whole turn away from it.

@@ -166,7 +166,7 @@ def log_page(
         events = _numbered_events(assessment.events, timeline, *texts_above)
         if timeline is not None:
             timeline = timeline._replace(event_labels=_labels_in_charts(events, timeline))
-        chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full)]
+        chapters = [*_flight_chapters(name, assessment, timeline, advice, is_full=is_full)]
         chapters += _model_chapters(assessment)
         if contents is not None:
             chapters.append(Chapter(LOG_TITLE, log_blocks(contents), folded=True))
@@ -334,6 +334,7 @@ def _flight_chapters(
     assessment: Assessment,
     timeline: Timeline | None,
     advice: AdviceByAxis,
+    *,
     is_full: bool,
 ) -> Iterator[Chapter]:
     """Yields the chapters of a flight that need no model; none if the log has no flight.
@@ -354,22 +355,24 @@ def _flight_chapters(
     steps = advised_steps(assessment.responses, advice)
     yield responses_chapter(assessment.responses, steps, assessment.lights[Light.MARGINS])
     yield from loops_chapters(assessment, evidence, advice)
-    gyro = gyro_chapter(assessment, timeline, is_full)
+    gyro = gyro_chapter(assessment, timeline, is_full=is_full)
     if is_full:
         trial = _notch_trial(name, assessment, evidence)
         gyro = gyro._replace(notch_trial=trial)
     yield gyro
-    yield other_sensors_chapter(assessment.noise, timeline, is_full)
+    yield other_sensors_chapter(assessment.noise, timeline, is_full=is_full)
     yield _motors_chapter(analysis, evidence, assessment.lights["motors"])
     yield _condition_chapter(analysis)
     yield _wind_chapter(assessment, analysis)
     if evidence.trust:
         yield _trust_chapter(evidence.trust)
     if assessment.instances:
-        yield Chapter(INSTANCES_TITLE, [instance_table(assessment.instances, evidence.has_flown)])
+        yield Chapter(
+            INSTANCES_TITLE, [instance_table(assessment.instances, has_flown=evidence.has_flown)]
+        )
     if is_full:
         yield from hardware_chapters(evidence, assessment.lights, timeline)
-    yield parameters_chapter(evidence.signals.telemetry, is_full)
+    yield parameters_chapter(evidence.signals.telemetry, is_full=is_full)
 
 
 def _trust_chapter(trust_of_boots: Sequence[SensorTrust]) -> Chapter:
@@ -546,7 +549,7 @@ def _model_chapter(axis: str, analysis: LogAnalysis) -> Chapter:
     blocks += purpose_tables(findings)
     blocks += [warning(fact) for fact in findings.warnings]
     blocks += render_section("tier", analysis.tier)
-    blocks += vehicle_blocks(analysis.axes, bool(findings.overrides))
+    blocks += vehicle_blocks(analysis.axes, is_doubtful=bool(findings.overrides))
     groups = []
     if learned is not None:
         labels = Labels.of(learned)

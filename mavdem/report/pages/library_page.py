@@ -184,7 +184,7 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)
 
 
-def refusal_page(fact: Fact, asks: bool, **values: Any) -> str:
+def refusal_page(fact: Fact, *, asks: bool, **values: Any) -> str:
     """Renders the page that is shown in the place of a refused one, with the reason.
 
     Args:

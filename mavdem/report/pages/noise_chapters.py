@@ -16,7 +16,7 @@ OTHER_SENSORS = "accelerometer", "demand", "d_term"
 """Signals besides the gyro whose spectra are shown, by their names in ``MeasuredNoise``."""
 
 
-def gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: bool) -> Chapter:
+def gyro_chapter(assessment: Assessment, timeline: Timeline | None, *, is_full: bool) -> Chapter:
     """Returns the chapter of the gyro's vibration: its spectrum, the filters of the fastest loop, and spectrograms.
 
     The fastest loop is the one with the highest crossover frequency, which the filters' delay concerns most.
@@ -31,7 +31,7 @@ def gyro_chapter(assessment: Assessment, timeline: Timeline | None, is_full: boo
     fastest = fastest_loop(assessment)
     if fastest is not None:
         blocks += filter_sentences(fastest)
-    groups = [*_spectrum_groups(noise, GYRO, timeline, is_full, fastest)]
+    groups = [*_spectrum_groups(noise, GYRO, timeline, is_full=is_full, loop=fastest)]
     return Chapter("Spectra", blocks, groups)
 
 
@@ -42,7 +42,7 @@ def fastest_loop(assessment: Assessment) -> Loop | None:
 
 
 def other_sensors_chapter(
-    noise: MeasuredNoise, timeline: Timeline | None, is_full: bool
+    noise: MeasuredNoise, timeline: Timeline | None, *, is_full: bool
 ) -> Chapter:
     """Returns the folded chapter of the spectra of accelerometer, motors' demand and D term, as far as logged.
 
@@ -53,7 +53,7 @@ def other_sensors_chapter(
     """
     groups: list[Group] = []
     for sensor in OTHER_SENSORS:
-        groups += _spectrum_groups(noise, sensor, timeline, is_full)
+        groups += _spectrum_groups(noise, sensor, timeline, is_full=is_full)
     title = "Other spectra"
     return Chapter(title, (), groups, folded=True)
 
@@ -62,6 +62,7 @@ def _spectrum_groups(
     noise: MeasuredNoise,
     sensor: str,
     timeline: Timeline | None,
+    *,
     is_full: bool,
     loop: Loop | None = None,
 ) -> Iterator[Group]:

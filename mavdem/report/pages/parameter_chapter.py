@@ -39,7 +39,7 @@ def meaning_of(name: str) -> str:
     return ""
 
 
-def parameters_chapter(telemetry: Telemetry, is_full: bool) -> Chapter:
+def parameters_chapter(telemetry: Telemetry, *, is_full: bool) -> Chapter:
     """Returns the chapter of parameters: changed in the flight, of rate and attitude control, not the default, and all.
 
     Changes that the autopilot makes by itself, such as counters and learned offsets, are only marked in the list of
