@@ -33,7 +33,7 @@ from mavdem.fleet.tracking import TrackedLogs, track
 from mavdem.fleet.workers import FunctionByName, JobLimits, JobOutcome, WorkerPool
 from mavdem.fleet_pages import FleetPages, write_fleet_pages
 from mavdem.ingest.formats import looks_like_log
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks, headline_sentence
 from mavdem.report.fleet_summary import fleet_blocks, fleet_counts
 from mavdem.report.numbers import counted
 
@@ -387,7 +387,7 @@ def _print_fleet(
     )
     print_blocks(fleet_blocks(pages.summaries, names=pages.names))
     for vehicle, blocks in blocks_by_vehicle.items():
-        print_blocks([Sentence("", f"{vehicle}:"), *blocks])
+        print_blocks([headline_sentence(f"{vehicle}:"), *blocks])
 
 
 def _report_index_and_table(folder: Path, index: Path) -> None:

@@ -23,7 +23,7 @@ from mavdem.cli.streams import print_to_stderr
 from mavdem.dataset.axes import AXES
 from mavdem.documents.loops import tune_document
 from mavdem.loops.axis_loops import MARGIN_TARGETS
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.loops import is_of_loops, tune_blocks
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.screen import conclusion
@@ -159,7 +159,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     # A headline that says that the vehicle must not fly comes before its gains. Another one is of the loops, which the
     # report is about, or of something that has no bearing on them.
     if is_grounded:
-        blocks = [Sentence("", headline(judgement.headline)), *blocks]
+        blocks = [headline_sentence(headline(judgement.headline)), *blocks]
     if is_grounded or tuning.refusal or is_of_loops(judgement.next_step, judgement):
         blocks.append(Sentence(str(judgement.next_step), "Next:"))
     if folder:

@@ -4,7 +4,7 @@ The compared quantities and their estimates from a flight are in ``quantities``,
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
 """
 
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from mavdem.confidence import CONFIDENCE_LEVEL
 from mavdem.containers import Names
@@ -23,11 +23,23 @@ from mavdem.fleet.random_effects import (
 )
 from mavdem.fleet.row import SYSTEM_ID_BASIS, UNKNOWN, FlightRow, FlightRows
 
+Value = TypeVar("Value")
+
+
+class BeforeAfter(NamedTuple, Generic[Value]):
+    """The same thing in the two states of a vehicle that are compared."""
+
+    before: Value
+    """In the first state, A."""
+
+    after: Value
+    """In the second state, B."""
+
 
 class VehicleDifference(NamedTuple):
     """What differs between two states of a vehicle."""
 
-    vehicles: tuple[Names, Names]
+    vehicles: BeforeAfter[Names]
     """Names of the vehicles in each state."""
 
     shared: Names
@@ -36,7 +48,7 @@ class VehicleDifference(NamedTuple):
     motors: Names
     """Names of the motors; empty where not known."""
 
-    flights: tuple[int, int]
+    flights: BeforeAfter[int]
     """Number of flights of each state."""
 
     changes: tuple[QuantityChange, ...]
@@ -45,7 +57,7 @@ class VehicleDifference(NamedTuple):
     incomparable: tuple[MissingQuantity, ...]
     """Quantities that cannot be compared, with the reason."""
 
-    conditions: tuple[Conditions, Conditions]
+    conditions: BeforeAfter[Conditions]
     """How each state was flown."""
 
     false_discovery_rate: float = SIGNIFICANCE
@@ -114,13 +126,13 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     missing = missing_quantities(states, [estimates_before, estimates_after], obstacle)
     return VehicleDifference(
-        vehicles=(_vehicle_names(flights_before), _vehicle_names(flights_after)),
+        vehicles=BeforeAfter(_vehicle_names(flights_before), _vehicle_names(flights_after)),
         shared=tuple(sorted(shared_names)),
         motors=motors,
-        flights=(len(flights_before), len(flights_after)),
+        flights=BeforeAfter(len(flights_before), len(flights_after)),
         changes=tuple(with_outcomes(changes)),
         incomparable=tuple(missing),
-        conditions=(conditions_before, conditions_after),
+        conditions=BeforeAfter(conditions_before, conditions_after),
     )
 
 

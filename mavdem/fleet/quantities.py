@@ -74,6 +74,11 @@ class Quantity(NamedTuple):
     axis: str = ""
     """Axis, "roll", "pitch" or "yaw"; empty where the quantity is of no axis."""
 
+    @property
+    def is_of_motor(self) -> bool:
+        """Whether it is a quantity of one motor; otherwise it is one of an axis or of the whole vehicle."""
+        return self.motor != 0
+
 
 class Estimate(NamedTuple):
     """An estimate of a quantity from one flight."""

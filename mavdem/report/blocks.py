@@ -32,6 +32,11 @@ class Sentence(NamedTuple):
     """Level by which a page colours it; None without a colour."""
 
 
+def headline_sentence(text: object) -> Sentence:
+    """Returns a sentence that stands out as a whole, as the headline of a report does."""
+    return Sentence("", str(text))
+
+
 def caution(text: object) -> Sentence:
     """Returns a sentence that limits what is shown; a fact stands with its advice."""
     sentence = text.advised if isinstance(text, Fact) else str(text)

@@ -9,7 +9,7 @@ from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
 from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
 from mavdem.facts.forecasts import TestResult
-from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution
+from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.templates import render_section
 
 QUESTION_LEADS = {
@@ -38,7 +38,7 @@ def comparison_report(comparison: Comparison) -> Iterator[Block]:
     questions = [KNOWN]
     if comparison.methods_of(UNKNOWN):
         questions.append(UNKNOWN)
-    yield Sentence("", lead=_result_text(comparison, KNOWN))
+    yield headline_sentence(_result_text(comparison, KNOWN))
     for question in questions[1:]:
         yield Sentence(_result_text(comparison, question), QUESTION_LEADS[question])
     for question in questions:
@@ -186,7 +186,7 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) 
         header += ["mean", "spread"]
     legend = "F̄ in nats, minus that of the chosen order; spread: standard deviation over flights."
     return [
-        Sentence("", str(choice.reason)),
+        headline_sentence(choice.reason),
         Table(header, rows),
         Sentence(legend),
         *[caution(remark) for remark in choice.remarks],

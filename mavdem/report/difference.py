@@ -193,7 +193,7 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
     if difference is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
     date = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
-    baseline_count = counted(difference.flights[0], "flight")
+    baseline_count = counted(difference.flights.before, "flight")
     file = PurePath(latest.file).name
     text = f"the latest flight, {file}{date}, compared with {baseline_count}."
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
@@ -254,7 +254,7 @@ def _texts_of_equal_changes(
     for change in changes:
         text = change_text(change, difference) + _parameters_beside(change, parameters)
         motors = []
-        if change.quantity.motor:
+        if change.quantity.is_of_motor:
             motors = [_motor_name(change, difference)]
             text = text.removeprefix(f"{motors[0]}'s ")
         motors_by_text.setdefault(text, []).extend(motors)
@@ -326,8 +326,7 @@ def next_blocks(
     weaker_motors = [change for change in changes if _is_weaker(change)]
     candidates = weaker_motors or changes
     surest = min(candidates, key=lambda change: change.p)
-    # A change that is not of a motor, such as one of a margin, has the motor 0.
-    motor = _motor_name(surest, difference) if surest.quantity.motor else ""
+    motor = _motor_name(surest, difference) if surest.quantity.is_of_motor else ""
     return render_section("difference_next", motor=motor, is_weaker=bool(weaker_motors))
 
 
@@ -339,8 +338,7 @@ def _is_weaker(change: QuantityChange) -> bool:
     Args:
         change: change of one quantity, such as a motor's share of the output.
     """
-    # Quantities of the whole vehicle, such as margins, have the motor 0.
-    if change.quantity.motor == 0:
+    if not change.quantity.is_of_motor:
         return False
     increases = change.difference > 0
     works_harder = change.quantity.kind == SHARE and increases
@@ -368,8 +366,7 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
     """
     quantity = change.quantity
     form = SHOWN_QUANTITIES[quantity.kind]
-    # The motors count from 1, and quantities of an axis have the motor 0.
-    if quantity.motor:
+    if quantity.is_of_motor:
         name = f"{_motor_name(change, difference)}'s {form.name}"
     else:
         name = f"{form.name} on {quantity.axis}"
@@ -404,9 +401,8 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
         form = SHOWN_QUANTITIES[kind]
         names = []
         for change in changes_of_kind:
-            # Quantities of an axis have the motor 0.
-            motor = change.quantity.motor
-            names.append(f"motor {motor}" if motor else change.quantity.axis)
+            quantity = change.quantity
+            names.append(f"motor {quantity.motor}" if quantity.is_of_motor else quantity.axis)
         widest_half_width = max(change.half_width for change in changes_of_kind)
         if kind in LOGARITHMIC_KINDS:
             # The half width of a logarithm is that of a ratio.

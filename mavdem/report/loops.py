@@ -24,7 +24,7 @@ from mavdem.loops.filters import gyro_delay, gyro_filters
 from mavdem.loops.gain_design import MAX_GAIN_STEP, Stage
 from mavdem.loops.identified_step import STEP_SECONDS, predicted_step
 from mavdem.loops.margins import OpenLoop
-from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.numbers import listed, rounded
 from mavdem.report.templates import render_section, sentences_by_axes
 
@@ -132,7 +132,7 @@ def tune_details(tuning: Tuning) -> Blocks:
     blocks = Blocks()
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Advice):
-            blocks.append(Sentence("", axis.capitalize()))
+            blocks.append(headline_sentence(axis.capitalize()))
             blocks += _axis_details(advice, is_doubtful=axis in tuning.doubtful_axes)
     return [*blocks, *_unchecked(tuning)]
 

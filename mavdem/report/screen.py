@@ -36,6 +36,7 @@ from mavdem.report.blocks import (
     Sentence,
     Table,
     caution,
+    headline_sentence,
     plain_text,
     warning,
 )
@@ -196,7 +197,7 @@ def conclusion(judgement: Judgement) -> Blocks:
         for name, fact in judgement.lights.items()
         if fact.warns and fact != judgement.headline
     ]
-    heading = Sentence("", headline(judgement.headline))
+    heading = headline_sentence(headline(judgement.headline))
     return [heading, *lights, Sentence(str(judgement.next_step), "Next:")]
 
 

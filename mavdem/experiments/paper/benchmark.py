@@ -23,7 +23,7 @@ from mavdem.experiments.paper.runner import (
     median_outcome,
 )
 from mavdem.experiments.scores import KNOWN
-from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table, headline_sentence
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed, rounded
 
@@ -256,7 +256,7 @@ def _error_tables(
     for start, errors in experiment_errors.items():
         # The table takes (experiments, priors), and here each method has one prior.
         columns = {name: values[:, None] for name, values in errors.items()}
-        blocks.append(Sentence("", f"MSPE of the five experiments, from {start}."))
+        blocks.append(headline_sentence(f"MSPE of the five experiments, from {start}."))
         blocks.append(errors_by_experiment("method", columns, numbers))
     return tuple(blocks)
 

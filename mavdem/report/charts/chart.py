@@ -172,14 +172,13 @@ class Line(NamedTuple):
         def interpolated(values: Array) -> Array:
             return np.where(is_missing, np.nan, np.interp(grid, self.x, values))
 
-        y = interpolated(self.y)
-        self._keep_extremes(grid, y)
+        y = self._with_extremes(grid, interpolated(self.y))
         lower_edge = None if self.lower_edge is None else interpolated(self.lower_edge)
         upper_edge = None if self.upper_edge is None else interpolated(self.upper_edge)
         return self._replace(x=grid, y=y, lower_edge=lower_edge, upper_edge=upper_edge)
 
-    def _keep_extremes(self, grid: Array, y: Array) -> None:
-        """Overwrites interpolated values by the extremes of the samples, where many fall into a pair of grid points.
+    def _with_extremes(self, grid: Array, interpolated_y: Array) -> Array:
+        """Replaces interpolated values by the extremes of the samples, where many fall into a pair of grid points.
 
         A pair of points stands for the interval of two grid steps that begins at its first point. It gets the minimum
         and the maximum of the samples in this interval: the maximum first where the samples fall from their first to
@@ -187,7 +186,10 @@ class Line(NamedTuple):
 
         Args:
             grid: abscissae (M,), evenly spaced.
-            y: values (M,) at these, which are changed in place.
+            interpolated_y: (M,) values interpolated at these.
+
+        Returns:
+            (M,) the values, of which crowded pairs have the extremes.
         """
         # The last interval ends one step after the last point.
         end_of_grid = 2 * grid[-1] - grid[-2]
@@ -197,15 +199,17 @@ class Line(NamedTuple):
         # With as many samples as grid points, three of them may fall into one pair.
         crowded_pairs = np.flatnonzero(sample_counts > MAX_SAMPLES_DRAWN_SINGLY)
         if not len(crowded_pairs):
-            return
+            return interpolated_y
         # reduceat takes the extreme from each first sample up to the next one; fmin and fmax pass over NaN.
         starts = np.minimum(first_samples[:-1], len(self.x) - 1)
         minimum = np.fmin.reduceat(self.y, starts)[crowded_pairs]
         maximum = np.fmax.reduceat(self.y, starts)[crowded_pairs]
         last_samples = first_samples[crowded_pairs + 1] - 1
         is_falling = self.y[starts[crowded_pairs]] > self.y[last_samples]
+        y = interpolated_y.copy()
         y[2 * crowded_pairs] = np.where(is_falling, maximum, minimum)
         y[2 * crowded_pairs + 1] = np.where(is_falling, minimum, maximum)
+        return y
 
 
 class Mark(NamedTuple):

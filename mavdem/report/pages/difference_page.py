@@ -20,7 +20,7 @@ from mavdem.fleet.quantities import (
 from mavdem.fleet.random_effects import QuantityChange
 from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.report.blocks import Blocks, Sentence, Table
+from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
@@ -137,7 +137,7 @@ def comparison_page(
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
     lights = [] if difference.is_of_same_flight else light_blocks(sides)
     result = [
-        *[Sentence("", f"{light.lead} {light.text}") for light in lights],
+        *[headline_sentence(f"{light.lead} {light.text}") for light in lights],
         *_main_difference(names, sides, difference, parameters),
         *headline_blocks(headlines),
         *next_blocks(difference, parameters),
@@ -221,7 +221,8 @@ def _main_difference(
     """
     if difference.is_of_same_flight:
         return [
-            Sentence("", sentence.text) for sentence in render_section("difference_same_flight")
+            headline_sentence(sentence.text)
+            for sentence in render_section("difference_same_flight")
         ]
     vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
     # A gain that was 0 has no relative change.
@@ -243,7 +244,7 @@ def _main_difference(
         margin=None if surest in margin_changes else _largest_margin_change(margin_changes),
         has_margins=bool(margin_changes),
     )
-    return [Sentence("", sentence.text) for sentence in sentences]
+    return [headline_sentence(sentence.text) for sentence in sentences]
 
 
 def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange | None:

@@ -11,7 +11,7 @@ from mavdem.facts.lights import Light
 from mavdem.loops.advice import Advice
 from mavdem.loops.identified_step import STEP_SECONDS
 from mavdem.loops.step_response import StepResponse
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Group, Panel
 from mavdem.report.charts.flight_charts import loop_charts, step_charts
 from mavdem.report.charts.gain_trial import CAPTION, predicted_step_chart, twin_charts
@@ -80,7 +80,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
     heading = tuning_result(tuning)
-    result = [Sentence("", headline(heading)), Sentence(str(judgement.next_step), "Next:")]
+    result = [headline_sentence(headline(heading)), Sentence(str(judgement.next_step), "Next:")]
     # Of the lights, those of the loops are what the page is about, and the others are not.
     head = Head(heading.level, {}, changes=changes)
     return render_document(name, SUBTITLE, result, chapters, head=head)

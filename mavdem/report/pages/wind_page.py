@@ -5,7 +5,7 @@ from dataclasses import replace
 from mavdem.assessment import Assessment
 from mavdem.assessment.time_history import wind_history
 from mavdem.facts.lights import Light
-from mavdem.report.blocks import Blocks, Sentence
+from mavdem.report.blocks import Blocks, Sentence, headline_sentence
 from mavdem.report.charts.chart import Chart, Group, Line, over_time
 from mavdem.report.charts.flown_path import flown_path
 from mavdem.report.charts.plans import rose_of_wind
@@ -46,7 +46,7 @@ def wind_page(
     heading, *limits = sentences
     assert isinstance(heading, Sentence)
     result: Blocks = [
-        Sentence("", f"{heading.lead} {heading.text}"),
+        headline_sentence(f"{heading.lead} {heading.text}"),
         *limits,
         *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
     ]
