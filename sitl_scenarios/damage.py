@@ -29,11 +29,21 @@ class Damage(NamedTuple):
 
 def sound_condition(rotors: int) -> Damage:
     """Returns the condition of a sound vehicle of so many rotors."""
-    whole = (1.0,) * rotors
-    return Damage(whole, whole, whole)
+    undamaged = (1.0,) * rotors
+    return Damage(speed=undamaged, thrust=undamaged, torque=undamaged)
 
 
-def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
+class DamageStep(NamedTuple):
+    """A time from which on a vehicle has a new condition."""
+
+    time: float
+    """Time after the first arming, s."""
+
+    damage: Damage
+    """All damage that acts from then on."""
+
+
+def damage_history(scenario: Scenario) -> list[DamageStep]:
     """Lists the times at which a scenario's vehicle gets damaged, with its condition from then on.
 
     A weak motor, a chipped propeller and a shifted load may begin at different times. Each time is one entry, whose
@@ -43,8 +53,7 @@ def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
         scenario: The scenario.
 
     Returns:
-        Pairs in ascending order of time: seconds after the first arming, and all damage that acts from then on. The
-        list of a sound vehicle is empty.
+        The steps in ascending order of time; none of a sound vehicle.
     """
     start_times = set[float]()
     if scenario.vehicle.weak_motor:
@@ -55,12 +64,12 @@ def damage_history(scenario: Scenario) -> list[tuple[float, Damage]]:
         start_times.add(scenario.load.start)
     if isinstance(scenario.mishap, MotorStop | MotorFade | LoosePropeller):
         return _motor_failure_history(scenario, scenario.mishap)
-    return [(time, _condition(scenario, time)) for time in sorted(start_times)]
+    return [DamageStep(time, _condition(scenario, time)) for time in sorted(start_times)]
 
 
 def _motor_failure_history(
     scenario: Scenario, mishap: MotorStop | MotorFade | LoosePropeller
-) -> list[tuple[float, Damage]]:
+) -> list[DamageStep]:
     """Lists the conditions of a vehicle whose mishap makes a motor or propeller fail, step by step.
 
     A motor that fails turns more slowly; a propeller that slips gives less thrust and torque.
@@ -68,9 +77,6 @@ def _motor_failure_history(
     Args:
         scenario: The scenario, with duration and random numbers.
         mishap: Failure of one motor, or of one propeller.
-
-    Returns:
-        Pairs of seconds after arming and the damage from then on.
     """
     rotors = rotor_count(scenario.vehicle.frame)
     history = []
@@ -84,7 +90,7 @@ def _motor_failure_history(
         else:
             speed = _factors_by_rotor(mishap.motor, remaining_speed(thrust), rotors)
             condition = condition._replace(speed=speed)
-        history.append((time, condition))
+        history.append(DamageStep(time, condition))
     return history
 
 

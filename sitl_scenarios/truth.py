@@ -21,7 +21,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest.vocabulary import IN_AIR
 from mavdem.loops.margins import Complex, OpenLoop
 from sitl_scenarios.controller import FlightController
-from sitl_scenarios.damage import Damage, damage_history, sound_condition
+from sitl_scenarios.damage import Damage, DamageStep, damage_history, sound_condition
 from sitl_scenarios.dynamics import AirState, vehicle_dynamics
 from sitl_scenarios.motion import Array, Arrays, Flags, Motion
 from sitl_scenarios.parameter_controller import controller_for, gyro_for
@@ -205,7 +205,7 @@ def truth(scenario: Scenario, motion: Motion) -> Arrays:
     hover_command = body.command_for(body.hover_speed)
     arrays["trim"] = np.full(body.rotors, 1000 + 1000 * hover_command / body.full_command)
     arrays |= _motor_effects(scenario, motion)
-    damage_times = [time for time, _ in damage_history(scenario)]
+    damage_times = [step.time for step in damage_history(scenario)]
     arrays["weak"] = motion.time >= BOOT_SECONDS + max(damage_times, default=np.inf)
     # The output is held for a cycle: half of it on average.
     delay = scenario.sensors.delay + scenario.cycle / 2
@@ -469,11 +469,14 @@ def _motor_effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """
     is_hover = motion.landed_state == IN_AIR
     sound_motors = sound_condition(airframe(scenario.vehicle).rotors)
-    history = damage_history(scenario) or [(np.inf, sound_motors)]
-    first_time, _ = history[0]
-    last_time, final_condition = history[-1]
-    before = HoverPart(is_hover & (motion.time < BOOT_SECONDS + first_time), sound_motors)
-    after = HoverPart(is_hover & (motion.time >= BOOT_SECONDS + last_time), final_condition)
+    # A vehicle without damage is sound for ever.
+    history = damage_history(scenario) or [DamageStep(np.inf, sound_motors)]
+    first_damage_time = BOOT_SECONDS + history[0].time
+    last_damage = history[-1]
+    is_before = motion.time < first_damage_time
+    is_after = motion.time >= BOOT_SECONDS + last_damage.time
+    before = HoverPart(is_hover & is_before, sound_motors)
+    after = HoverPart(is_hover & is_after, last_damage.damage)
     flown_parts = [part for part in (before, after) if part.rows.any()]
     arrays: dict[str, Array] = {}
     # There are at most as many parts as suffixes.

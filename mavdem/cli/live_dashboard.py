@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from mavdem.cli.streams import print_to_stderr
-from mavdem.dataset.axes import output_names_and_units
+from mavdem.dataset.axes import model_outputs
 from mavdem.errors import Unreadable
 from mavdem.extras import missing_extra_fact, require_extra
 from mavdem.facts.session import SessionFact
@@ -117,15 +117,15 @@ class Dashboard:
             return None
         from mavdem.view.live_content import Channels
 
-        output_names, output_units = zip(*output_names_and_units(self._axis), strict=True)
+        outputs = model_outputs(self._axis)
         channels = Channels(
             title=self._link,
             dt=row_format.dt,
             horizons=horizon_steps(row_format.dt),
             input_names=row_format.geometry.names,
-            output_names=output_names,
+            output_names=tuple(output.name for output in outputs),
             input_units=row_format.input_units,
-            output_units=output_units,
+            output_units=tuple(output.unit for output in outputs),
         )
         self.view.change(channels)
         return self.view

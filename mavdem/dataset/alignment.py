@@ -9,7 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Integers
 from mavdem.containers import JsonValues
-from mavdem.dataset.axes import TILT_AXES, output_names_and_units
+from mavdem.dataset.axes import TILT_AXES, model_outputs
 from mavdem.dataset.resampling import common_grid, common_step, mean_rate, resample
 from mavdem.dataset.segments import Segment, rows_of_segment
 from mavdem.dataset.setpoints import Setpoint, held_setpoint
@@ -58,21 +58,21 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
     if dt is None:
         dt = common_step((attitude_time, motor_time))
     grid = common_grid(attitude_time, motor_time, dt)
-    outputs, attitude_resampling = resample(grid, dt, attitude_time, motion)
-    inputs, motor_resampling = resample(grid, dt, motor_time, motors.outputs[motor_rows])
+    outputs = resample(grid, dt, attitude_time, motion)
+    inputs = resample(grid, dt, motor_time, motors.outputs[motor_rows])
 
-    names_and_units = output_names_and_units(signals.axis)
+    described_outputs = model_outputs(signals.axis)
     geometry = motors.geometry
     setpoints = _setpoints_of_outputs(signals)
     return Flight(
         time=grid,
-        inputs=inputs,
-        outputs=outputs,
+        inputs=inputs.values,
+        outputs=outputs.values,
         dt=dt,
         input_names=geometry.names,
-        output_names=tuple(name for name, _ in names_and_units),
+        output_names=tuple(output.name for output in described_outputs),
         input_units=(motors.scale.unit,) * len(geometry.names),
-        output_units=tuple(unit for _, unit in names_and_units),
+        output_units=tuple(output.unit for output in described_outputs),
         provenance={
             **_source_provenance(signals, segment),
             "rates": {
@@ -80,7 +80,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
                 "motors": round(mean_rate(motor_time), 3),
             },
             "dt": dt,
-            "resampling": {"attitude": str(attitude_resampling), "motors": str(motor_resampling)},
+            "resampling": {"attitude": str(outputs.method), "motors": str(inputs.method)},
             **_vehicle_provenance(signals, segment),
         },
         effect_directions=None if geometry.positions_assumed else geometry.mixer_row(signals.axis),
@@ -92,7 +92,7 @@ def aligned_flight(signals: Signals, segment: Segment, dt: float | None = None) 
 
 def _setpoints_of_outputs(signals: Signals) -> list[Setpoint]:
     """Returns the setpoints of those quantities of the axis that a flight has as outputs: of yaw only the rate."""
-    output_units = [unit for _, unit in output_names_and_units(signals.axis)]
+    output_units = [output.unit for output in model_outputs(signals.axis)]
     return [setpoint for setpoint in signals.setpoints if setpoint.unit in output_units]
 
 

@@ -1,6 +1,7 @@
 """Axes of rotation of a vehicle, the outputs of a model of each, and the range of angles and body rates."""
 
 from math import tau
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,19 +30,26 @@ MAX_BODY_RATE = np.radians(4000.0)
 """Largest absolute body rate, rad/s, that a gyroscope can measure: most reach 2000 deg/s, none over 4000."""
 
 
-def output_names_and_units(axis: str) -> tuple[tuple[str, str], ...]:
-    """Returns the name and the unit of each output of a flight that is aligned for one axis.
+class ModelOutput(NamedTuple):
+    """One output of a model of an axis."""
+
+    name: str
+    """Name, such as "roll" or "roll rate"."""
+
+    unit: str
+    """Unit, such as "rad" or "rad/s"."""
+
+
+def model_outputs(axis: str) -> tuple[ModelOutput, ...]:
+    """Returns the outputs of a flight that is aligned for one axis, in the order of their columns.
 
     Roll and pitch have the Euler angle and the body rate. Yaw has the body rate only: a heading may have any value,
     and the dynamics do not depend on it.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-
-    Returns:
-        One (name, unit) pair per output, such as ("roll", "rad").
     """
-    rate = (f"{axis} rate", "rad/s")
+    rate = ModelOutput(f"{axis} rate", "rad/s")
     if axis in TILT_AXES:
-        return (axis, "rad"), rate
+        return ModelOutput(axis, "rad"), rate
     return (rate,)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from mavdem.dataset.attitude import ATTITUDE_MESSAGES
 from mavdem.dataset.learnability import learnability_of, segment_learnabilities
@@ -51,7 +52,7 @@ def read_flight(
     See Also:
         :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`; :func:`mavdem.learn`.
     """
-    return learnable_flight(read_log(path), axis, vehicle, inputs)[0]
+    return learnable_flight(read_log(path), axis, vehicle, inputs).flight
 
 
 def read_segments(
@@ -90,12 +91,22 @@ def read_segments(
     return flights
 
 
+class LearnableFlight(NamedTuple):
+    """A flight from which a model can be learned."""
+
+    flight: Flight
+    """The longest usable segment of settled flight."""
+
+    learnability: Learnability
+    """The checks of the log, with their figures."""
+
+
 def learnable_flight(
     log: Log,
     axis: str = "roll",
     vehicle: str | None = None,
     inputs: str | None = None,
-) -> tuple[Flight, Learnability]:
+) -> LearnableFlight:
     """Returns the longest usable segment of a log, as :func:`read_flight` does, and its learnability.
 
     Args:
@@ -112,13 +123,23 @@ def learnable_flight(
     """
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     learnability = learnability_of(signals, log.components)
-    return _flight_with_cautions(learnability), learnability
+    return LearnableFlight(_flight_with_cautions(learnability), learnability)
+
+
+class UsableSegments(NamedTuple):
+    """The segments of settled flight from which a model can be learned."""
+
+    flights: Flights
+    """The segments, aligned with one sampling step, in the order of time; none if no segment is learnable."""
+
+    learnability: Learnability
+    """Learnability of the best segment, usable or not."""
 
 
 @cached_per_vehicle("axis", "inputs")
 def usable_segments(
     signals: Signals, components: tuple[Component, ...] = (), min_rate: float = MIN_STREAM_RATE
-) -> tuple[Flights, Learnability]:
+) -> UsableSegments:
     """Returns all usable segments of a vehicle's settled flight, aligned with one sampling step.
 
     Args:
@@ -127,28 +148,29 @@ def usable_segments(
         min_rate: Rate, Hz, that attitude and model inputs need.
 
     Returns:
-        The flights in the order of time, none if no segment is learnable; and the learnability of the best segment.
+        The flights, and the learnability of the best segment.
     """
+    # The best comes first.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
     best = learnabilities[0]
     usable = [learnability for learnability in learnabilities if learnability.learnable]
     cautions = _unused_segments(best.segments, [learnability.segment for learnability in usable])
     flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
-    return tuple(flights), best
+    return UsableSegments(tuple(flights), best)
 
 
-def _unused_segments(segments: Segments, used: Sequence[Segment | None]) -> Facts:
+def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]) -> Facts:
     """Makes a caution on segments of settled flight that are not used.
 
     Args:
         segments: All segments of settled flight.
-        used: Those that are used.
+        used_segments: Those that are used.
 
     Returns:
         One caution; empty if all or none of the segments are used.
     """
-    unused_durations = [segment.duration for segment in segments if segment not in used]
+    unused_durations = [segment.duration for segment in segments if segment not in used_segments]
     if not unused_durations or len(unused_durations) == len(segments):
         return ()
     caution = Fact(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -180,29 +181,37 @@ def control_target(telemetry: Telemetry, column: int) -> TimeSeries | None:
     return clean_series(columns, float_column(columns, DEMAND_FIELD)[:, column], rows)
 
 
-def channel_outputs(message: str, columns: Columns, autopilot: str) -> tuple[Array, int]:
+class ChannelOutputs(NamedTuple):
+    """The outputs in a message that has those of all channels."""
+
+    outputs: Array
+    """(N, k) outputs of k channels, a new array; 0 for unused channels."""
+
+    channels_per_port: int
+    """How many of the channels belong to one port."""
+
+
+def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOutputs:
     """Returns the outputs of all channels in a message, and how many of them belong to one port.
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
         columns: Its fields, N rows each.
         autopilot: MAV_AUTOPILOT without its prefix.
-
-    Returns:
-        Outputs (N, k), a new array with 0 for unused channels, and the number of channels per port.
     """
-    form = MOTOR_MESSAGES[message]
-    if not form.is_ported:
-        outputs = np.atleast_2d(float_column(columns, form.field).copy())
-        return outputs, outputs.shape[1]
-    output_fields = form.fields[1:]
+    layout = MOTOR_MESSAGES[message]
+    if not layout.is_ported:
+        outputs = np.atleast_2d(float_column(columns, layout.field).copy())
+        return ChannelOutputs(outputs, outputs.shape[1])
+    # The first field is the number of the port.
+    output_fields = layout.fields[1:]
     outputs = float_columns(columns, [field for field in output_fields if field in columns])
     outputs[outputs == UINT16_UNKNOWN] = 0.0
     has_all_fields = outputs.shape[1] == len(output_fields)
     fills_all_fields = autopilot == "ARDUPILOTMEGA" or np.any(outputs[:, CHANNELS_PER_PORT:])
     if has_all_fields and fills_all_fields:
-        return outputs, len(output_fields)
-    return outputs, CHANNELS_PER_PORT
+        return ChannelOutputs(outputs, len(output_fields))
+    return ChannelOutputs(outputs, CHANNELS_PER_PORT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,7 +163,8 @@ def segment_quality(
         for values, step in zip(measured_outputs, steps, strict=True)
     ]
 
-    aligned_motion, _ = resample(flight.time, flight.dt, time, np.column_stack([angle, euler_rate]))
+    motion = np.column_stack([angle, euler_rate])
+    aligned_motion = resample(flight.time, flight.dt, time, motion).values
     aligned_angle, aligned_euler_rate = aligned_motion.T
     consistencies = [
         _consistency(time, angle, euler_rate),
@@ -202,13 +203,13 @@ def segment_quality(
 
 
 class LimitFlags(NamedTuple):
-    """Which samples of motor outputs are at a limit; both have the shape of the outputs."""
+    """In which samples each motor is at a limit of its range."""
 
     at_upper: Flags
-    """At the upper stop."""
+    """At the upper stop, where it cannot give more."""
 
     at_lower: Flags
-    """At the lower stop."""
+    """At the lower stop, where it cannot give less."""
 
 
 def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
@@ -219,8 +220,8 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
         scale: Their scale, with both stops.
 
     Returns:
-        Two flags with the shape of ``fractions``: at the upper stop, and at the lower one. No motor is known to reach
-        either where nothing says the range of the outputs.
+        Flags with the shape of ``fractions``. No motor is known to reach either limit where nothing says the range of
+        the outputs.
     """
     is_range_known = scale.name != UNKNOWN_SCALE
     is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)

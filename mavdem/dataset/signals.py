@@ -96,6 +96,26 @@ MAX_LONGITUDE = 180.0
 """Largest longitude, degrees, east or west."""
 
 
+class ModeChange(NamedTuple):
+    """The beginning of a flight mode."""
+
+    time: float
+    """Time since boot, s."""
+
+    mode: str
+    """Name of the new mode."""
+
+
+class ModelSignals(NamedTuple):
+    """The signals from which a model of an axis is learned."""
+
+    attitude: Attitude
+    """Angle and body rate of the axis."""
+
+    inputs: MotorOutputs
+    """Motor outputs, or the controller's demand."""
+
+
 @dataclass(frozen=True, eq=False)
 class VehicleSignals:
     """The signals of one vehicle, each derived from its messages when it is first used, and then cached."""
@@ -203,14 +223,11 @@ class VehicleSignals:
         order = np.lexsort((columns["time"][rows], columns["boot"][rows]))
         return selected_rows(columns, rows[order])
 
-    def mode_changes(self, boot: int) -> list[tuple[float, str]]:
-        """Returns the times and names of flight modes that were entered, from CURRENT_MODE or else HEARTBEAT.
+    def mode_changes(self, boot: int) -> list[ModeChange]:
+        """Returns the flight modes that were entered, from CURRENT_MODE or else HEARTBEAT, the first mode included.
 
         Args:
             boot: Number of the boot.
-
-        Returns:
-            A pair of time, s, and name of the new mode for each change, the first mode included.
         """
         columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
@@ -224,14 +241,14 @@ class VehicleSignals:
             mode_name(self.telemetry.autopilot, self.telemetry.vehicle, int(number), names_by_mode)
             for number in numbers[changes]
         ]
-        return list(zip(times, names, strict=True))
+        return [ModeChange(time, name) for time, name in zip(times, names, strict=True)]
 
     def mode_at(self, boot: int, time: float) -> str:
         """Returns the name of the flight mode at a time of a boot, s; empty if it is not known."""
         mode = ""
-        for start, name in self.mode_changes(boot):
-            if start <= time:
-                mode = name
+        for change in self.mode_changes(boot):
+            if change.time <= time:
+                mode = change.mode
         return mode
 
     @property
@@ -261,17 +278,17 @@ class VehicleSignals:
         columns = self.telemetry.messages.get("GLOBAL_POSITION_INT", {})
         if not columns:
             return None
-        degrees, is_fix = global_positions(columns)
-        if not is_fix.any():
+        places = global_positions(columns)
+        if not places.is_fix.any():
             return None
-        radians = np.radians(degrees)
+        radians = np.radians(places.degrees)
         # The first fix is the first true flag.
-        origin = radians[np.argmax(is_fix)]
+        origin = radians[np.argmax(places.is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
         horizontal = EARTH_RADIUS * angles * [1.0, np.cos(origin[0])]
         down = -float_column(columns, "relative_alt") / MILLIMETRES_PER_METRE
-        return clean_series(columns, np.column_stack([horizontal, down]), is_fix)
+        return clean_series(columns, np.column_stack([horizontal, down]), places.is_fix)
 
     @property
     @cached_per_vehicle()
@@ -394,10 +411,10 @@ class Signals(VehicleSignals):
         return self.motors
 
     @property
-    def attitude_and_inputs(self) -> tuple[Attitude, MotorOutputs]:
-        """Attitude and inputs of the model, for logs that are known to have both."""
+    def attitude_and_inputs(self) -> ModelSignals:
+        """Attitude and inputs of the model, for logs that are known to have both: those with a learnable segment."""
         assert self.attitude is not None and self.model_inputs is not None
-        return self.attitude, self.model_inputs
+        return ModelSignals(self.attitude, self.model_inputs)
 
     @property
     @cached_per_vehicle("axis")
@@ -490,9 +507,6 @@ def global_positions(columns: Columns) -> GlobalPositions:
 
     Args:
         columns: Fields of N messages, of which ``lat`` and ``lon``, in units of 1e-7 degrees, are used.
-
-    Returns:
-        Latitude and longitude (N, 2), degrees, and flags (N,). Before a fix, receivers send zeros.
     """
     degrees = DEGREES_PER_UNIT * float_columns(columns, ("lat", "lon"))
     is_possible = (abs(degrees) <= [MAX_LATITUDE, MAX_LONGITUDE]).all(axis=1)

@@ -7,7 +7,7 @@ ground stations do.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,24 +190,35 @@ def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController
             if "current" in status_of_group:
                 currents = _values_by_controller(status_of_group, "current")
                 current = _measured_series(status_of_group, currents[index_in_group])
-            errors, temperature = _errors_and_temperature(information_of_group, index_in_group)
-            yield SpeedController(number, speed, errors, current=current, temperature=temperature)
+            health = _reported_health(information_of_group, index_in_group)
+            yield SpeedController(
+                number,
+                speed,
+                health.error_count,
+                current=current,
+                temperature=health.temperature,
+            )
 
 
-def _errors_and_temperature(
-    information: Columns, index_in_group: int
-) -> tuple[TimeSeries | None, TimeSeries | None]:
-    """Returns the errors that a speed controller counted, and its temperature, °C, by ESC_INFO.
+class _ReportedHealth(NamedTuple):
+    """What a speed controller reports on itself; None for what was not sent or not measured."""
+
+    error_count: TimeSeries | None = None
+    """Errors that it has counted."""
+
+    temperature: TimeSeries | None = None
+    """Temperature, °C."""
+
+
+def _reported_health(information: Columns, index_in_group: int) -> _ReportedHealth:
+    """Returns the errors that a speed controller counted, and its temperature, by ESC_INFO.
 
     Args:
         information: messages of the controller's group, each with the values of all controllers of the group.
         index_in_group: index of the controller in the group, from 0.
-
-    Returns:
-        Both time series; None for what was not sent or not measured.
     """
     if not len(information.get("time", ())):
-        return None, None
+        return _ReportedHealth()
     error_counts = _values_by_controller(information, "error_count")
     errors = _series(information, error_counts[index_in_group])
     temperature = None
@@ -215,7 +226,7 @@ def _errors_and_temperature(
         values = _values_by_controller(information, "temperature")[index_in_group]
         is_sent = values != UNKNOWN_INFO_TEMPERATURE
         temperature = _measured_series(information, HUNDREDTH * values, is_sent)
-    return errors, temperature
+    return _ReportedHealth(errors, temperature)
 
 
 def _values_by_controller(columns: Columns, field: str) -> Array:

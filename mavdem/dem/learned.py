@@ -5,7 +5,7 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from warnings import warn
 
 import numpy as np
@@ -67,6 +67,16 @@ SettingsField = Annotated[
     PlainSerializer(CompleteSettings.to_dict),
 ]
 """Settings that stand in documents as an object of plain values."""
+
+
+class ProcessNoise(NamedTuple):
+    """The estimated process noise of a flight: the wind and everything else outside the model."""
+
+    samples: Indices
+    """(T′,) indices of the samples, :attr:`Learned.window_center_samples`."""
+
+    noise: Array
+    """(T′, n) process noise there, in units of the states per second."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -481,14 +491,10 @@ class Learned(ImmutableResult, ForecasterBase):
         data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
         return dict(zip(Term, self.sample_free_energy.terms(data).T, strict=True))
 
-    def process_noise(self) -> tuple[Indices, Array]:
+    def process_noise(self) -> ProcessNoise:
         """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.
 
         The states x, their rates x′ and the inputs v are DEM's posterior means at each sample.
-
-        Returns:
-            Indices (T′,) of the samples, :attr:`window_center_samples`, and the noise (T′, n) there, in units of the
-            states per second.
         """
         n, r = self.model.B.shape
         A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))
@@ -502,7 +508,7 @@ class Learned(ImmutableResult, ForecasterBase):
         noise_map[:, first_input : first_input + B.shape[1]] -= B
         data = np.concatenate(generalized_data(self.settings, self.scaling, self.record))
         noise = data @ self.state_map.T @ noise_map.T * self.scaling.state_scale(n)
-        return self.window_center_samples, noise
+        return ProcessNoise(self.window_center_samples, noise)
 
     @property
     def plot(self) -> Plots:

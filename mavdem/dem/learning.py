@@ -3,6 +3,7 @@
 from collections.abc import Generator, Iterable, Iterator
 from concurrent.futures import Executor
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
@@ -110,17 +111,22 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
         return learn(record, settings)
 
 
-def prepared_training(
-    train: TrainingData, settings: Settings | None
-) -> tuple[Record, CompleteSettings]:
+class PreparedTraining(NamedTuple):
+    """Training data that can be learned from, with everything that the fit needs to know."""
+
+    record: Record
+    """The training data as one record."""
+
+    settings: CompleteSettings
+    """The settings, with nothing left open."""
+
+
+def prepared_training(train: TrainingData, settings: Settings | None) -> PreparedTraining:
     """Checks the training data and completes the settings.
 
     Args:
         train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
         settings: Settings of the fit; ``Settings()`` where there are none.
-
-    Returns:
-        The training data as one record, and the settings with nothing left open.
 
     Raises:
         ValueError: The data are wrong or too few, or support no model, as for :func:`learn`.
@@ -136,7 +142,7 @@ def prepared_training(
             ModelRefusal.TOO_FEW_TO_LEARN, least_samples=MIN_SAMPLES, samples=len(record)
         )
     record.require_varying(known_inputs=settings.known_inputs)
-    return record, complete_settings(settings, record)
+    return PreparedTraining(record, complete_settings(settings, record))
 
 
 def complete_settings(settings: Settings, record: Record) -> CompleteSettings:

@@ -199,13 +199,23 @@ def free_energy_by_order(
     return FlightFreeEnergy(free_energy, data.kernel_width, effective_samples, tuple(remarks))
 
 
+class FreeEnergyOfFlights(NamedTuple):
+    """The free energy by order of several flights."""
+
+    results: dict[str, FlightFreeEnergy]
+    """Results of :func:`free_energy_by_order` by name of the flight."""
+
+    refusals: dict[str, NotLearnable]
+    """By name of each other flight, why it has none."""
+
+
 def free_energy_of_flights(
     flights: Mapping[str, TrainingData],
     max_order: int = DEFAULT_MAX_ORDER,
     *,
     known_inputs: bool = True,
     progress: Callable[[float], None] = lambda fraction: None,
-) -> tuple[dict[str, FlightFreeEnergy], dict[str, NotLearnable]]:
+) -> FreeEnergyOfFlights:
     """Returns the free energy by order of several flights, computed on several cores.
 
     Args:
@@ -215,8 +225,7 @@ def free_energy_of_flights(
         progress: function that is called after each flight with the completed fraction of all.
 
     Returns:
-        Results of :func:`free_energy_by_order` by name of the flight; and by name of each other flight, why it has
-        none.
+        The free energies, and why other flights have none.
     """
     work = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
     results: dict[str, FlightFreeEnergy] = {}
@@ -229,7 +238,7 @@ def free_energy_of_flights(
             else:
                 results[name] = answer
             progress(completed / len(flights))
-    return results, refusals
+    return FreeEnergyOfFlights(results, refusals)
 
 
 def _free_energy_or_reason(

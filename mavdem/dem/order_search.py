@@ -283,7 +283,7 @@ def kernel_width(record: Record) -> float:
     Returns:
         The width σ, s.
     """
-    _, statistics = record.channel_statistics
+    statistics = record.channel_statistics.outputs
     m = record.outputs.shape[1]
     derivatives_of_segments = []
     for _, outputs in record.segments:

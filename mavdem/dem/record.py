@@ -67,6 +67,16 @@ class ChannelStatistics(NamedTuple):
         return self.highest - self.lowest > np.maximum(ROUNDING_TOLERANCE * size, 1 / MAX_ABS_VALUE)
 
 
+class RecordStatistics(NamedTuple):
+    """Statistics of the channels of a record."""
+
+    inputs: ChannelStatistics
+    """Of the r inputs."""
+
+    outputs: ChannelStatistics
+    """Of the m outputs."""
+
+
 class UniformSamples(Protocol):
     """What ``learn`` needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s.
 
@@ -207,11 +217,11 @@ class Record:
         return np.cumsum([0, *self.lengths[:-1]])
 
     @cached_property
-    def channel_statistics(self) -> tuple[ChannelStatistics, ChannelStatistics]:
+    def channel_statistics(self) -> RecordStatistics:
         """Statistics of the inputs and of the outputs."""
-        return (
-            ChannelStatistics.from_samples(self.inputs),
-            ChannelStatistics.from_samples(self.outputs),
+        return RecordStatistics(
+            inputs=ChannelStatistics.from_samples(self.inputs),
+            outputs=ChannelStatistics.from_samples(self.outputs),
         )
 
     def require_varying(self, *, known_inputs: bool) -> None:

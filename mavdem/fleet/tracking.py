@@ -277,13 +277,23 @@ def _checked_baseline(rows: FlightRows) -> FlightRows:
     raise Unreadable(FleetFolderFact.BASELINE_WITHOUT_FLIGHT, path=path, because=reason)
 
 
+class _NewReadings(NamedTuple):
+    """The outcome of reading the logs that are new or changed."""
+
+    read_count: int
+    """Number of logs that were read."""
+
+    unread_logs: list[Fact]
+    """A fact for each known log that cannot be read now."""
+
+
 def _read_new_logs(
     store: Store,
     logs: Sequence[LogSource],
     reader: WorkerPool | Cluster,
     page: MakePage | None,
     progress: Progress,
-) -> tuple[int, list[Fact]]:
+) -> _NewReadings:
     """Reads new and changed logs in several processes, and adds each to the store as soon as it is read.
 
     A log that cannot be read now, for example because its server does not answer, keeps the rows of its last reading.
@@ -294,9 +304,6 @@ def _read_new_logs(
         reader: the processes that read logs, with their limits.
         page: function that makes the page of a flight; None for no pages.
         progress: function that is called before the first log, and after each one.
-
-    Returns:
-        The number of logs that were read, and a fact for each known log that cannot be read now.
     """
     new_logs = [log for log in logs if not store.has_read(log, reader.limits)]
     # The largest first: if it were the last, the other processes would wait for it.
@@ -315,4 +322,4 @@ def _read_new_logs(
             else:
                 store.add(source, outcome, reader.limits)
             progress(done_count, len(new_logs), outcome)
-    return len(new_logs), unread_logs
+    return _NewReadings(len(new_logs), unread_logs)

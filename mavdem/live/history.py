@@ -129,6 +129,16 @@ class _ErrorSums:
         self.count += 1
 
 
+class _PredictedAngle(NamedTuple):
+    """A predicted angle; NaN without a prediction."""
+
+    angle: float = nan
+    """Angle, rad."""
+
+    half_width: float = nan
+    """Half width of its 90 % band, rad."""
+
+
 class LiveHistory:
     """The events and signals of a live flight on one timeline, and the errors of its predictions, in bounded memory.
 
@@ -259,7 +269,7 @@ class LiveHistory:
             predictions = self._predictions.setdefault(horizon, deque())
             predictions.append(_Prediction(predicted_time, values, band, outputs))
 
-    def _compare(self, time: float, outputs: list[float]) -> Interval:
+    def _compare(self, time: float, outputs: list[float]) -> _PredictedAngle:
         """Compares the predictions for one time with the measurement at that time, and adds the errors to the sums.
 
         The horizon of a prediction is how far ahead it was made, s. Each horizon has a queue in which its predictions
@@ -271,10 +281,9 @@ class LiveHistory:
             outputs: the m measured outputs.
 
         Returns:
-            The angle predicted at ``REPORTED_HORIZON`` and the half width of its band, rad; NaN without such a
-            prediction.
+            The angle that was predicted ``REPORTED_HORIZON`` before.
         """
-        reported = (nan, nan)
+        reported = _PredictedAngle()
         reported_horizon = min(
             self._predictions, key=lambda seconds: abs(seconds - REPORTED_HORIZON), default=nan
         )
@@ -288,7 +297,7 @@ class LiveHistory:
                     self._error_sums[horizon] = _ErrorSums.zero(output_count=len(outputs))
                 self._error_sums[horizon].add(prediction, outputs)
                 if horizon == reported_horizon:
-                    reported = (prediction.outputs[0], prediction.band[0])
+                    reported = _PredictedAngle(prediction.outputs[0], prediction.band[0])
         return reported
 
     def clear_wind_torque(self, start_time: float) -> None:

@@ -8,7 +8,7 @@ from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact
 from mavdem.ingest.mavlink.frame_reader import Frame, FrameReader
 from mavdem.live import clock
-from mavdem.live.link import MAX_PIECES, Link, LinkLost
+from mavdem.live.link import MAX_PIECES, Link, LinkLost, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 
 LOST_LINK_SLEEP_SECONDS = 0.1
@@ -26,6 +26,16 @@ class FrameBatch(NamedTuple):
 
     frames: list[Frame]
     """The frames."""
+
+
+class _StampedFrames(NamedTuple):
+    """Frames that arrived at the same time."""
+
+    arrival_time: float
+    """Time of arrival, UNIX s."""
+
+    frames: list[Frame]
+    """The frames; none if a piece of a stream completed none."""
 
 
 class LinkIntake:
@@ -124,19 +134,22 @@ class LinkIntake:
         if not self.is_lost:
             self._record(self._link.receive_rest())
 
-    def _record(self, pieces: list[tuple[float, bytes]]) -> list[tuple[float, list[Frame]]]:
+    def _record(self, pieces: list[ReceivedPiece]) -> list[_StampedFrames]:
         """Finds the frames in received bytes, and records them before anything else is done with them.
 
         So no error of the analysis loses a frame. A recording that fails, for example on a full disk, is reported and
         ends; the session goes on.
 
         Args:
-            pieces: arrival, UNIX s, and bytes of each piece of the link.
+            pieces: what the link has received.
 
         Returns:
-            Arrival, UNIX s, and frames of each piece.
+            The frames that were completed by each piece.
         """
-        stamped_frames = [(stamp, self._frame_reader.feed(data)) for stamp, data in pieces]
+        stamped_frames = [
+            _StampedFrames(piece.arrival_time, self._frame_reader.feed(piece.data))
+            for piece in pieces
+        ]
         if self.recording is None:
             return stamped_frames
         try:

@@ -9,7 +9,7 @@ from mavdem.assessment.judgement import Judgement
 from mavdem.dem import Learned
 from mavdem.facts.assessment import Override
 from mavdem.live.learning import FlightLearning
-from mavdem.live.model_judgement import judge_model
+from mavdem.live.model_judgement import JudgedModel, judge_model
 from mavdem.live.rows import RowFormat
 from mavdem.live.stream import LiveStream
 from mavdem.motors.motor_changes import MotorAlarm
@@ -40,7 +40,7 @@ class ModelJudging:
         self.judgement: Judgement | None = None
         self._executor = executor
         self._recording_name = recording_name
-        self._pending: Future[tuple[Findings, Judgement]] | None = None
+        self._pending: Future[JudgedModel] | None = None
         self._next_time = 0.0
 
     def update(
@@ -85,7 +85,7 @@ class ModelJudging:
                 judge_model, named_model, row_format, alarms, self._recording_name
             )
 
-    def _take_result(self, pending: Future[tuple[Findings, Judgement]]) -> None:
+    def _take_result(self, pending: Future[JudgedModel]) -> None:
         """Stores the result of a judgement that the executor has finished.
 
         A judgement that failed is dropped, and the one before it stays: the next one may succeed.

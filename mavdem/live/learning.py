@@ -7,7 +7,7 @@ from dataclasses import replace
 from math import inf
 from typing import NamedTuple
 
-from mavdem.dataset.axes import output_names_and_units
+from mavdem.dataset.axes import model_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.errors import NotLearnable, fact_from_error, failure_fact
 from mavdem.facts import Fact
@@ -125,7 +125,7 @@ class FlightLearning:
             self._settings,
             row_format.dt,
             len(motor_names),
-            len(output_names_and_units(self._axis)),
+            len(model_outputs(self._axis)),
             executor=self._executor,
             horizons=horizon_steps(row_format.dt),
             effect_directions=(
@@ -312,16 +312,16 @@ class FlightLearning:
         # The model is of other motors than the latest rows: their names would be wrong.
         if learned.record.inputs.shape[1] != len(motor_names):
             return learned
-        output_names, output_units = zip(*output_names_and_units(self._axis), strict=True)
+        outputs = model_outputs(self._axis)
         gains = {
             name: value for name, value in parameters.items() if CONTROL_PARAMETERS.match(name)
         }
         record = replace(
             learned.record,
             input_names=motor_names,
-            output_names=output_names,
+            output_names=tuple(output.name for output in outputs),
             input_units=row_format.input_units,
-            output_units=output_units,
+            output_units=tuple(output.unit for output in outputs),
             parameters=gains,
             input_range=(row_format.scale.low, row_format.scale.high),
         )

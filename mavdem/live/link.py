@@ -144,6 +144,16 @@ class _LinkAddress(NamedTuple):
     port: int
 
 
+class ReceivedPiece(NamedTuple):
+    """A datagram, or the bytes that a stream had at one moment."""
+
+    arrival_time: float
+    """Time of arrival, UNIX s."""
+
+    data: bytes
+    """The bytes."""
+
+
 class Link:
     """A link to a MAVLink vehicle or router: one socket or serial port, which receives and sends bytes.
 
@@ -190,7 +200,7 @@ class Link:
             self.close()
             self._raise_unreadable(error)
 
-    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+    def receive(self, timeout: float) -> list[ReceivedPiece]:
         """Receives up to ``MAX_PIECES`` pieces that wait, or waits for one.
 
         A piece is a datagram, or what a byte stream has at the moment. A TCP server accepts its client here, since that
@@ -200,8 +210,8 @@ class Link:
             timeout: longest time to wait, s.
 
         Returns:
-            Arrival, UNIX s, and bytes of each piece, none after a timeout. The kernel stamps datagrams; other pieces
-            arrive when they are read.
+            The pieces in the order of arrival, none after a timeout. The kernel stamps datagrams; other pieces arrive
+            when they are read.
 
         Raises:
             LinkLost: the connection or the port is lost; ``reopen`` opens it again.
@@ -209,7 +219,7 @@ class Link:
         source = self._readable_source()
         if source is None:
             raise LinkLost(self.name, LinkError.NOT_OPEN)
-        received: list[tuple[float, bytes]] = []
+        received: list[ReceivedPiece] = []
         try:
             if isinstance(source, socket.socket):
                 is_readable = bool(select.select([source], [], [], timeout)[0])
@@ -237,7 +247,7 @@ class Link:
                         break
                     self._raise_lost(LinkError.CLOSED)
                 if self._is_admitted(piece):
-                    received.append((self._arrival, piece))
+                    received.append(ReceivedPiece(self._arrival, piece))
                 else:
                     # Nothing is sent to a vehicle that only shares the ids.
                     self._peers.pop(self._piece_address, None)
@@ -247,7 +257,7 @@ class Link:
                 self._raise_lost(LinkError.FAILED, error)
         return received
 
-    def receive_rest(self) -> list[tuple[float, bytes]]:
+    def receive_rest(self) -> list[ReceivedPiece]:
         """Receives everything that waits at the end of a session, and counts the datagrams that were dropped before.
 
         The kernel reports dropped datagrams only with a later one, so those at the end are counted here.
@@ -331,9 +341,9 @@ class Link:
 
     def close(self) -> None:
         """Closes the link; it may be closed already."""
-        for each in (self._socket, self._server):
-            if each is not None:
-                each.close()
+        for open_socket in (self._socket, self._server):
+            if open_socket is not None:
+                open_socket.close()
         if self._serial is not None:
             self._serial.close()
         self._socket = None
@@ -354,10 +364,10 @@ class Link:
             except NoSerialPort as error:
                 raise _cannot_open(self.name, error.cause, repr(error.speed)) from None
             return
-        kind = socket.SOCK_DGRAM if self.has_datagrams else socket.SOCK_STREAM
+        socket_type = socket.SOCK_DGRAM if self.has_datagrams else socket.SOCK_STREAM
         host, port = self._address
         try:
-            family, _, _, _, address = socket.getaddrinfo(host, port, type=kind)[0]
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket_type)[0]
         except UnicodeError as error:
             # Not a valid host name.
             raise socket.gaierror(str(error)) from error
@@ -369,7 +379,7 @@ class Link:
             self._socket = opened
             _enable_probes(opened)
         else:
-            opened = socket.socket(family, kind)
+            opened = socket.socket(family, socket_type)
             self._socket = opened
             self._open_datagrams(opened, address)
         opened.setblocking(False)

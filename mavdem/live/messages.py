@@ -191,28 +191,45 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
     return AttitudeSample(roll, pitch, roll_rate, pitch_rate, yaw_rate, yaw)
 
 
-def tilt_setpoint(message: Message) -> tuple[float, float]:
+class TiltSetpoint(NamedTuple):
+    """Setpoints of the tilt; NaN where none are set."""
+
+    roll: float = nan
+    """Setpoint of roll, rad."""
+
+    pitch: float = nan
+    """Setpoint of pitch, rad."""
+
+
+def tilt_setpoint(message: Message) -> TiltSetpoint:
     """Returns the setpoints of roll and pitch in an ATTITUDE_TARGET.
 
     A set bit of its type mask says that the attitude is to be ignored, for example when only body rates are commanded.
 
     Args:
         message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z).
-
-    Returns:
-        Roll and pitch, rad; NaN if the message sets no attitude.
     """
     mask, quaternion = message.values
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
-        return nan, nan
+        return TiltSetpoint()
     # A quaternion of NaN means "no setpoint" too; its angles become NaN.
     with np.errstate(invalid="ignore"):
         roll, pitch, _ = map(float, euler_angles(np.array(quaternion)))
-    return roll, pitch
+    return TiltSetpoint(roll, pitch)
 
 
-def port_and_outputs(message: Message) -> tuple[int, Numbers]:
-    """Returns the port and the motor outputs of a message.
+class PortOutputs(NamedTuple):
+    """Motor outputs of one port of an autopilot."""
+
+    port: int
+    """Number of the port, from 0."""
+
+    outputs: Numbers
+    """An output for each channel, in the unit of the message; 0 without an output."""
+
+
+def port_outputs(message: Message) -> PortOutputs:
+    """Returns the motor outputs of a message, with the port that has them.
 
     Autopilots with more outputs than a message has channels send it once for each port (SERVO_OUTPUT_RAW). Messages
     without ports have all outputs in one array, and count as port 0. Outputs that the autopilot marks as unused become
@@ -220,15 +237,12 @@ def port_and_outputs(message: Message) -> tuple[int, Numbers]:
 
     Args:
         message: a decoded message with motor outputs.
-
-    Returns:
-        Number of the port, and an output for each channel, in the unit of the message.
     """
     if not MOTOR_MESSAGES[message.name].is_ported:
-        return 0, tuple(message.values[-1].tolist())
-    port = message.values[0]
-    channels = message.values[1:]
-    return port, tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in channels)
+        return PortOutputs(0, tuple(message.values[-1].tolist()))
+    port, *channels = message.values
+    outputs = tuple(0.0 if value == UINT16_UNKNOWN else float(value) for value in channels)
+    return PortOutputs(port, outputs)
 
 
 def parameters_by_name(messages: Iterable[Message], autopilot: str) -> Parameters:

@@ -1,7 +1,7 @@
 """What a model that was learned in a live flight is good for, and the judgement of its vehicle."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,12 +28,22 @@ from mavdem.motors.hover import hover_figures
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 
+class JudgedModel(NamedTuple):
+    """What a model learned in flight is good for, and what its samples show of the vehicle."""
+
+    findings: Findings
+    """The grades of the model."""
+
+    judgement: Judgement
+    """The judgement of the vehicle."""
+
+
 def judge_model(
     learned: Learned,
     row_format: RowFormat,
     alarms: Sequence[MotorAlarm],
     recording_name: str | None,
-) -> tuple[Findings, Judgement]:
+) -> JudgedModel:
     """Judges a model learned in flight, and the vehicle by the longest segment of the model's samples.
 
     The samples of the model are put into the form of a log of one axis in settled flight, so that the functions that
@@ -47,9 +57,6 @@ def judge_model(
         row_format: format of its rows: message names, mixer geometry, and scale of the motors.
         alarms: changes of the motors' balance in the flight.
         recording_name: the log that shows what no live message does; empty if it is known later, None without one.
-
-    Returns:
-        The grades of the model, and the judgement of the vehicle.
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
@@ -102,4 +109,4 @@ def judge_model(
         tracking=judged_later,
         estimator=judged_later,
     )
-    return findings, judgement
+    return JudgedModel(findings, judgement)

@@ -119,9 +119,9 @@ class InputSelector:
         if motors is None:
             return None
         # Channels are numbered from 1 on through all ports, each of which has ``port_width`` channels.
-        _, port_width = motor_outputs.channel_outputs(
+        port_width = motor_outputs.channel_outputs(
             motors.message, messages[motors.message], vehicle.autopilot
-        )
+        ).channels_per_port
         channels = []
         for number in motors.geometry.channels:
             port, offset = divmod(number - 1, port_width)
@@ -170,12 +170,12 @@ class InputSelector:
         self._extremes[name, port] = [rows[row] for row in np.union1d(lowest, highest)]
 
         columns = {"time": np.array(times), "boot": np.full(len(rows), self._boot)}
-        form = MOTOR_MESSAGES[name]
-        if not form.is_ported:
-            columns[form.field] = table
+        layout = MOTOR_MESSAGES[name]
+        if not layout.is_ported:
+            columns[layout.field] = table
             return columns
         # The message has one field for each channel, numbered from 1, and a field with the number of its port.
         for number, channel_values in enumerate(table.T, 1):
-            columns[form.field.format(number)] = channel_values
+            columns[layout.field.format(number)] = channel_values
         columns["port"] = np.full(len(rows), port)
         return columns

@@ -9,7 +9,7 @@ from mavdem.containers import Numbers
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.setpoints import MAX_SETPOINT_AGE
 from mavdem.dataset.steady_flight import strays_from_setpoint
-from mavdem.live.messages import AttitudeSample
+from mavdem.live.messages import AttitudeSample, TiltSetpoint
 
 MAX_POSITION_AGE = 1.0
 """Age up to which a position counts as the present one, s: autopilots send it once a second or faster; a choice."""
@@ -27,7 +27,7 @@ class LatestPose(NamedTuple):
     rates: Numbers
     """Body rates about the forward, right and downward axis, rad/s."""
 
-    setpoint: Numbers
+    setpoint: TiltSetpoint
     """Roll and pitch that the attitude controller tracks, rad; NaN where they are not known."""
 
     position: Numbers | None = None
@@ -46,7 +46,7 @@ class PoseTracker:
         self.pose: LatestPose | None = None
         self.heading = 0.0
         self._setpoint_time = -inf
-        self._setpoint = (nan, nan)
+        self._setpoint = TiltSetpoint()
         self._position_time = -inf
         self._position: Numbers = ()
 
@@ -66,12 +66,12 @@ class PoseTracker:
             self._position_time = time
             self._position = position
 
-    def take_setpoint(self, time: float, setpoint: tuple[float, float]) -> None:
+    def take_setpoint(self, time: float, setpoint: TiltSetpoint) -> None:
         """Stores the latest setpoint of the attitude, which the next attitudes are compared with.
 
         Args:
             time: time on the boot clock, s.
-            setpoint: roll and pitch, rad; NaN where none is set.
+            setpoint: setpoints of roll and pitch.
         """
         self._setpoint_time = time
         self._setpoint = setpoint
@@ -88,7 +88,7 @@ class PoseTracker:
             sample: angles and body rates.
         """
         has_setpoint = abs(time - self._setpoint_time) <= MAX_SETPOINT_AGE
-        setpoint = self._setpoint if has_setpoint else (nan, nan)
+        setpoint = self._setpoint if has_setpoint else TiltSetpoint()
         self.pose = LatestPose(
             time,
             (sample.roll, sample.pitch, sample.yaw),

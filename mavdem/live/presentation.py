@@ -15,7 +15,7 @@ from mavdem.live.display import Display, DisplayRow
 from mavdem.live.history import LiveHistory
 from mavdem.live.motor_alarms import MotorAlarms
 from mavdem.live.pose import LatestPose
-from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.wind import WindEstimate
 
 OpenDisplay = Callable[[RowFormat], Display | None]
@@ -144,7 +144,7 @@ class Presentation:
 
     def preview(
         self,
-        latest: tuple[RowFormat, AlignedRow] | None,
+        latest: FormattedRow | None,
         pose: LatestPose | None,
         displayed: RowFormat | None,
     ) -> None:
@@ -161,11 +161,10 @@ class Presentation:
         """
         if latest is None:
             return
-        row_format, row = latest
         if not self.has_display:
-            self.open(row_format)
-        if displayed is None or displayed.geometry.names == row_format.geometry.names:
-            self.show(row, pose)
+            self.open(latest.row_format)
+        if displayed is None or displayed.geometry.names == latest.row_format.geometry.names:
+            self.show(latest.row, pose)
 
     def log(self, fact: Fact) -> None:
         """Reports a fact to the user, to the history and to the display.

@@ -17,7 +17,7 @@ from mavdem.live.flight_phase import FlightPhase
 from mavdem.live.live_signals import RecentMotion, attitude_from_samples
 from mavdem.live.motor_inputs import InputSelector, MotorInputs, StreamKey
 from mavdem.live.row_grid import GridPoint, RowGrid
-from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.samples import SampleStream
 
 RATE_CHECK_SAMPLES = 8
@@ -362,7 +362,7 @@ class RowBuilder:
         }
         return RecentMotion(self.inputs.motors, tilts)
 
-    def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:
+    def latest_row(self) -> FormattedRow | None:
         """Returns the latest sample of attitude and motors as a row, for a display that has no rows to show yet.
 
         The two samples may be of slightly different times; the row has that of the attitude, and is never learned from.
@@ -395,4 +395,4 @@ class RowBuilder:
             is_settled=False,
             is_free=False,
         )
-        return row_format, row
+        return FormattedRow(row_format, row)

@@ -63,3 +63,13 @@ class RowFormat:
     def input_units(self) -> Names:
         """The unit of each input."""
         return (self.scale.unit,) * len(self.geometry.names)
+
+
+class FormattedRow(NamedTuple):
+    """A row together with its format."""
+
+    row_format: RowFormat
+    """The format."""
+
+    row: AlignedRow
+    """The row."""

@@ -28,7 +28,7 @@ from mavdem.live.messages import (
     attitude_sample,
     decode_message,
     message_readers,
-    port_and_outputs,
+    port_outputs,
     tilt_setpoint,
 )
 from mavdem.live.motor_alarms import MotorAlarms
@@ -36,7 +36,7 @@ from mavdem.live.pose import LatestPose, PoseTracker
 from mavdem.live.rate_check import RateCheck
 from mavdem.live.recent_messages import MAX_EVENTS
 from mavdem.live.row_builder import RowBuilder
-from mavdem.live.rows import AlignedRow, RowFormat
+from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
@@ -227,7 +227,7 @@ class LiveStream:
         """Returns the time since which settled rows were of a landing, s of this boot; None without a new landing."""
         return self._phase.pop_landing_time()
 
-    def latest_row(self) -> tuple[RowFormat, AlignedRow] | None:
+    def latest_row(self) -> FormattedRow | None:
         """Returns the latest sample of attitude and motors as a row of its own format; None once there are rows."""
         return self._rows.latest_row()
 
@@ -358,7 +358,7 @@ class LiveStream:
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:
             self._pose.take_setpoint(time, tilt_setpoint(message))
         elif name in MOTOR_MESSAGES and timed.has_own_stamp:
-            port, outputs = port_and_outputs(message)
+            port, outputs = port_outputs(message)
             # Each port has a stream of its own, so that hostile numbers of ports would fill the memory.
             if port < MAX_PORTS:
                 yield from self._add_sample(name, port, time, outputs)

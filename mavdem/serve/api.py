@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path, PureWindowsPath
+from typing import NamedTuple
 
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request as HttpRequest
@@ -74,6 +75,16 @@ MAX_NOTE_LETTERS = 4000
 
 MAX_NAME_LETTERS = 200
 """Letters of the name of an uploaded log that are kept."""
+
+
+class _EntryWithLog(NamedTuple):
+    """A listed flight and the file that it was read from."""
+
+    entry: Entry
+    """The flight, as the library lists it."""
+
+    log: Path
+    """Path of its log, which exists."""
 
 
 class Api:
@@ -262,7 +273,7 @@ class Api:
 
     def fields(self, request: HttpRequest) -> Response:
         """Answers with the messages of a flight's log, their fields and instances, all of which can be plotted."""
-        entry, log = self._entry_and_log(request)
+        entry, log = self._entry_with_log(request)
         vehicle = request.query_params.get("vehicle", "")
         messages = self._fields.messages(log, vehicle, self._document_of_page(entry))
         return _json(LogFields.model_validate({"id": entry.id, "messages": messages}))
@@ -284,7 +295,7 @@ class Api:
         Raises:
             Refusal: the sender may not have the log, it has no such field, or a number of the query is none.
         """
-        entry, log = self._entry_and_log(request)
+        entry, log = self._entry_with_log(request)
         query = request.query_params
         field_request = FieldRequest(
             message=query.get("message", ""),
@@ -315,7 +326,7 @@ class Api:
             )
         )
 
-    def _entry_and_log(self, request: HttpRequest) -> tuple[Entry, Path]:
+    def _entry_with_log(self, request: HttpRequest) -> _EntryWithLog:
         """Returns the flight that a request names in its path, and the path of its log.
 
         Args:
@@ -328,7 +339,7 @@ class Api:
         log = self._visible_library.log_path(request, entry)
         if not log.is_file():
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
-        return entry, log
+        return _EntryWithLog(entry, log)
 
     def _document_of_page(self, entry: Entry) -> Path | None:
         """Returns the path of the document that was written with a flight's page; None for a log without results."""

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
+from typing import NamedTuple
 
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 from sitl_scenarios.flight_simulation import Simulation
@@ -158,9 +159,19 @@ def fly_live(
     return outcome
 
 
+class _Tick(NamedTuple):
+    """A step of a live flight."""
+
+    flown_seconds: float
+    """Time since the flight began, s."""
+
+    frames: list[bytes]
+    """Frames that have arrived at the ground station since the tick before."""
+
+
 def _ticks(
     link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float
-) -> Iterator[tuple[float, list[bytes]]]:
+) -> Iterator[_Tick]:
     """Advances the simulation tick by tick, and yields the frames that arrive at the ground station.
 
     After the flight it goes on until all frames that are delayed have arrived.
@@ -170,9 +181,6 @@ def _ticks(
         simulation: Simulation of the flight.
         transmitter: Autopilot's side of the link.
         speed: Simulated seconds per second of wall-clock time; it decides how long a tick of the flight is.
-
-    Yields:
-        Seconds flown, and the frames that have arrived by then since the tick before.
     """
     # Frames on their way over the link, in order of arrival.
     in_transit = deque[TimedFrame]()
@@ -185,12 +193,12 @@ def _ticks(
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
         in_transit.extend(link.pass_on(transmitter.send(motion)))
-        yield now - start, _take_arrived_frames(in_transit, now)
+        yield _Tick(now - start, _take_arrived_frames(in_transit, now))
     # The flight is over: only time passes, until the last frames have arrived.
     in_transit.extend(link.held_frames())
     while in_transit and start is not None:
         now += cycles * simulation.cycle
-        yield now - start, _take_arrived_frames(in_transit, now)
+        yield _Tick(now - start, _take_arrived_frames(in_transit, now))
 
 
 def _take_arrived_frames(in_transit: deque[TimedFrame], now: float) -> list[bytes]:

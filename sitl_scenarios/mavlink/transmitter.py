@@ -167,6 +167,16 @@ class OutgoingMessage(NamedTuple):
     """Its payload."""
 
 
+class _FaultEvent(NamedTuple):
+    """Something that goes wrong with the autopilot during the flight."""
+
+    time: float
+    """Time after the first arming, s."""
+
+    happen: Callable[[float], None]
+    """Makes it happen; it is called with the time of the motion, s."""
+
+
 class Transmitter:
     """The sending side of an autopilot: scheduled messages, replies, and the effects of reboots and clock jumps.
 
@@ -198,7 +208,7 @@ class Transmitter:
         # Messages that are sent once, with the next block.
         self._replies: list[OutgoingMessage] = []
         # Faults that are still to come, in order of time. Their times count from the first arming.
-        self._events = sorted(self._fault_events(), key=itemgetter(0))
+        self._events = sorted(self._fault_events(), key=lambda event: event.time)
         self._arming_time = np.inf
         self._boot(0.0, FIRST_MESSAGE_SECONDS)
 
@@ -259,25 +269,20 @@ class Transmitter:
         self._scenario = self._scenario.with_parameter(name, value)
         self.parameters = parameters(self._scenario, self.autopilot)
 
-    def _fault_events(self) -> Iterator[tuple[float, Callable[[float], None]]]:
-        """Yields the faults that a scenario lets happen to its autopilot during the flight.
-
-        Yields:
-            Seconds after the first arming, and a function that makes the fault happen. The function is called with the
-            time of the motion, s.
-        """
+    def _fault_events(self) -> Iterator[_FaultEvent]:
+        """Yields the faults that a scenario lets happen to its autopilot during the flight."""
         faults = self._scenario.faults
         if faults.mavproxy_rate:
             # A second ground station, MAVProxy, keeps asking for its own rate of all streams.
             end = total_seconds(self._scenario)
             for time in np.arange(0.0, end, MAVPROXY_SECONDS).tolist():
-                yield time, self._set_all_streams
+                yield _FaultEvent(time, self._set_all_streams)
         if isinstance(self._scenario.mishap, Restart):
-            yield self._scenario.mishap.start, self._restart_by_watchdog
+            yield _FaultEvent(self._scenario.mishap.start, self._restart_by_watchdog)
         if faults.reboot is not None:
-            yield faults.reboot, lambda now: self._boot(now, now + REBOOT_SECONDS)
+            yield _FaultEvent(faults.reboot, lambda now: self._boot(now, now + REBOOT_SECONDS))
         if faults.clock_jump is not None:
-            yield faults.clock_jump, self._jump_clock
+            yield _FaultEvent(faults.clock_jump, self._jump_clock)
 
     def _set_all_streams(self, _: float) -> None:
         """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.

@@ -110,6 +110,16 @@ class CycleNoise(NamedTuple):
     board_voltage: float
 
 
+class BatteryVoltages(NamedTuple):
+    """Voltages of the batteries under load."""
+
+    first: float
+    """Voltage of the first battery, V."""
+
+    second: float
+    """Voltage of the second battery, V; NaN if there is none."""
+
+
 @dataclass(frozen=True, eq=False)
 class InstrumentedMotion(Motion):
     """Rows of a simulated flight with what its instruments measure and its autopilot reports."""
@@ -293,7 +303,7 @@ class Instruments:
 
     def _battery_voltages(
         self, time: float, current: float, remaining_voltage: float
-    ) -> tuple[float, float]:
+    ) -> BatteryVoltages:
         """Returns the voltages of both batteries under load.
 
         The voltage without load falls evenly over the flight, as the charge is used. The load lowers it by the current
@@ -304,9 +314,6 @@ class Instruments:
             current: Current of the first battery, A.
             remaining_voltage: Fraction of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to
                 1.
-
-        Returns:
-            Voltages of the first and the second battery, V; NaN if there is no second one.
         """
         flown_share = min(max(time / self._duration, 0.0), 1.0)
         open_voltage = _interpolated(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)
@@ -317,10 +324,11 @@ class Instruments:
             open_voltage = _interpolated(DISCHARGED_VOLTAGE, EMPTY_VOLTAGE, share_to_failsafe)
         first = remaining_voltage * open_voltage - RESISTANCE * current
         if not isinstance(mishap, EmptyBattery):
-            return first, NO_BATTERY
+            return BatteryVoltages(first, NO_BATTERY)
         cell_voltage = _interpolated(USED_CELL_VOLTAGE, mishap.cell, flown_share)
         second_current = SECOND_BATTERY_SHARE * current
-        return first, CELLS * cell_voltage - RESISTANCE * second_current
+        second = CELLS * cell_voltage - RESISTANCE * second_current
+        return BatteryVoltages(first, second)
 
     def _board_voltage(self, time: float) -> float:
         """Returns the supply voltage of the autopilot's board.

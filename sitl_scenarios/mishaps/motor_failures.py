@@ -1,6 +1,7 @@
 """Motors and propellers that fail: what each rotor still gives over time, as damage of the vehicle."""
 
 from math import sqrt
+from typing import NamedTuple
 
 from numpy.random import Generator
 
@@ -13,9 +14,19 @@ MEAN_SLIP_SECONDS = 0.4
 """Mean time for which a loose propeller slips, or does not, s; a choice."""
 
 
+class ThrustStep(NamedTuple):
+    """A time from which on a motor has a new share of its thrust."""
+
+    time: float
+    """Time after arming, s."""
+
+    share: float
+    """Share of the thrust that is left, 0 to 1."""
+
+
 def remaining_thrust_history(
     mishap: MotorStop | MotorFade | LoosePropeller, end: float, random: Generator
-) -> list[tuple[float, float]]:
+) -> list[ThrustStep]:
     """Lists from when on which share of a motor's thrust is left.
 
     Args:
@@ -24,22 +35,22 @@ def remaining_thrust_history(
         random: Generator that decides when a loose propeller slips.
 
     Returns:
-        Pairs of time, s after arming, ascending, and share of the thrust from then on.
+        The steps in ascending order of time.
     """
     if isinstance(mishap, MotorStop):
-        return [(mishap.start, 0.0)]
+        return [ThrustStep(mishap.start, 0.0)]
     if isinstance(mishap, MotorFade):
         history = []
         steps = round(mishap.seconds / FADE_STEP_SECONDS)
         for step in range(1, steps + 1):
             share = 1.0 - (1.0 - mishap.thrust) * step / steps
-            history.append((mishap.start + step * FADE_STEP_SECONDS, share))
+            history.append(ThrustStep(mishap.start + step * FADE_STEP_SECONDS, share))
         return history
     history = []
     time = mishap.start
     slips = True
     while time < end:
-        history.append((time, mishap.thrust if slips else 1.0))
+        history.append(ThrustStep(time, mishap.thrust if slips else 1.0))
         time += float(random.exponential(MEAN_SLIP_SECONDS))
         slips = not slips
     return history

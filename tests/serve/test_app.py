@@ -522,7 +522,7 @@ def test_only_loopback_needs_no_token():
         ("0.0.0.0", "", StartFailure.TOKEN_NEEDED),
         ("127.0.0.1", "short", StartFailure.TOKEN_TOO_SHORT),
     ):
-        assert unreadable(rights_for_host, host, token, False).code is code
+        assert unreadable(rights_for_host, host, token, is_behind_proxy=False).code is code
 
 
 @mark.slow

@@ -375,17 +375,17 @@ def _terms_without_sample_errors(posterior: Posterior) -> dict[Term, float]:
         The terms by name, nats.
     """
     model = posterior.model
-    log_det_theta_prior, log_det_lambda_prior = model.log_det_prior_precisions
-    theta_error, lambda_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
+    log_det_prior = model.log_det_prior_precisions
+    squared_error = model.prior.squared_errors(posterior.theta, posterior.lambda_)
     T = posterior.samples.sample_count
     return {
         Term.NOISE_ENTROPY: 0.5 * T * model.log_det_error_precision(posterior.lambda_),
         Term.STATE_AND_INPUT_ENTROPY: 0.5 * T * logdet(posterior.state_covariance),
-        Term.PARAMETER_ENTROPY: 0.5 * (logdet(posterior.theta_covariance) + log_det_theta_prior),
+        Term.PARAMETER_ENTROPY: 0.5 * (logdet(posterior.theta_covariance) + log_det_prior.theta),
         Term.HYPERPARAMETER_ENTROPY: 0.5
-        * (logdet(posterior.lambda_covariance) + log_det_lambda_prior),
-        Term.PREDICTION_ERROR_OF_PARAMETERS: -0.5 * theta_error,
-        Term.PREDICTION_ERROR_OF_HYPERPARAMETERS: -0.5 * lambda_error,
+        * (logdet(posterior.lambda_covariance) + log_det_prior.lambda_),
+        Term.PREDICTION_ERROR_OF_PARAMETERS: -0.5 * squared_error.theta,
+        Term.PREDICTION_ERROR_OF_HYPERPARAMETERS: -0.5 * squared_error.lambda_,
     }
 
 

@@ -41,6 +41,16 @@ class ModelSizes(NamedTuple):
     """Number of outputs."""
 
 
+class ThetaAndLambda(NamedTuple):
+    """A number for the parameters θ, and one for the log noise precisions λ."""
+
+    theta: float
+    """Of θ."""
+
+    lambda_: float
+    """Of λ."""
+
+
 class Prior(NamedTuple):
     """Gaussian priors of the parameters θ and of the log noise precisions λ."""
 
@@ -56,7 +66,7 @@ class Prior(NamedTuple):
     lambda_precision: Array
     """(g, g) prior precision P^λ."""
 
-    def squared_errors(self, theta: Array, lambda_: Array) -> tuple[float, float]:
+    def squared_errors(self, theta: Array, lambda_: Array) -> ThetaAndLambda:
         """Returns the squared deviations of θ and of λ from their prior means, weighted by the prior precisions.
 
         Args:
@@ -68,9 +78,9 @@ class Prior(NamedTuple):
         """
         theta_error = theta - self.theta_mean
         lambda_error = lambda_ - self.lambda_mean
-        return (
-            float(theta_error @ self.theta_precision @ theta_error),
-            float(lambda_error @ self.lambda_precision @ lambda_error),
+        return ThetaAndLambda(
+            theta=float(theta_error @ self.theta_precision @ theta_error),
+            lambda_=float(lambda_error @ self.lambda_precision @ lambda_error),
         )
 
 
@@ -451,9 +461,11 @@ class GenerativeModel:
         return np.linalg.slogdet(self._precision_structure.precision_at_zero).logabsdet
 
     @cached_property
-    def log_det_prior_precisions(self) -> tuple[float, float]:
+    def log_det_prior_precisions(self) -> ThetaAndLambda:
         """ln|P^θ| and ln|P^λ|."""
-        return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
+        return ThetaAndLambda(
+            theta=logdet(self.prior.theta_precision), lambda_=logdet(self.prior.lambda_precision)
+        )
 
     def squared_errors_by_noise(self, error_moments: Array) -> Array:
         """Returns the squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ that each noise precision e^λ weights.

@@ -183,7 +183,7 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
     """
     lags = len(prior_precision)
     combined = _with_combined_inputs(record, mixer_row[:, None])
-    _, statistics = lag_regression.LagStatistics.from_record(combined, lags)
+    statistics = lag_regression.LagStatistics.from_record(combined, lags).statistics
     k = record.outputs.shape[1] + 1
     # A row of the statistics has the k channels of each lag, the constant, and the k channels of the sample. The
     # combination is the last channel. The regression of it alone uses its column at each lag, the constant, and its

@@ -132,15 +132,12 @@ class LagStatistics(NamedTuple):
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
 
     @classmethod
-    def from_record(cls, record: Record, lags: int) -> tuple[ChannelScaling, LagStatistics]:
+    def from_record(cls, record: Record, lags: int) -> ScaledStatistics:
         """Scales the channels of a record, and sums up the statistics of their regression on the past.
 
         Args:
             record: training data; its channels are the outputs and then the inputs.
             lags: number L of lags.
-
-        Returns:
-            The scaling, and the statistics of the scaled channels.
 
         Raises:
             NotLearnable: no segment has more than ``lags`` samples.
@@ -153,7 +150,7 @@ class LagStatistics(NamedTuple):
                 samples=lags,
                 longest=record.longest_segment,
             )
-        return scaling, statistics
+        return ScaledStatistics(scaling, statistics)
 
     def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
         """Adds the statistics of earlier samples with a weight, so that each of them counts as a fraction of a sample.
@@ -187,6 +184,16 @@ class LagStatistics(NamedTuple):
         constant_column = lags * k
         columns = np.concatenate([np.arange(fewer * k), np.arange(constant_column, len(self.gram))])
         return self.gram[np.ix_(columns, columns)]
+
+
+class ScaledStatistics(NamedTuple):
+    """Statistics of scaled channels, with their scaling."""
+
+    scaling: ChannelScaling
+    """The scaling."""
+
+    statistics: LagStatistics
+    """The statistics of the scaled channels."""
 
 
 class Regression(NamedTuple):
