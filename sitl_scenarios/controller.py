@@ -225,7 +225,7 @@ class FlightController:
         self._slow_rates = [0.0, 0.0, 0.0]
         self._heading = 0.0
 
-    def control(self, estimate: State, reference: Reference, is_flying: bool) -> ControlOutput:
+    def control(self, estimate: State, reference: Reference, *, is_flying: bool) -> ControlOutput:
         """Runs all loops for one cycle, from the position down to the motors.
 
         Position and velocity control set an acceleration. The vehicle must tilt until its thrust points along that
@@ -399,9 +399,9 @@ class FlightController:
         roll_setpoint, pitch_setpoint, yaw_setpoint = rate_setpoints
         roll_rate, pitch_rate, yaw_rate = estimate.rates
         demands = (
-            _clamped(self.rate_demand(0, roll_setpoint, roll_rate, is_flying), 1.0),
-            _clamped(self.rate_demand(1, pitch_setpoint, pitch_rate, is_flying), 1.0),
-            _clamped(self.rate_demand(2, yaw_setpoint, yaw_rate, is_flying), 1.0),
+            _clamped(self.rate_demand(0, roll_setpoint, roll_rate, is_flying=is_flying), 1.0),
+            _clamped(self.rate_demand(1, pitch_setpoint, pitch_rate, is_flying=is_flying), 1.0),
+            _clamped(self.rate_demand(2, yaw_setpoint, yaw_rate, is_flying=is_flying), 1.0),
             min(max(command, 0.0), 1.0),
         )
         outputs = tuple([pulse_width(command) for command in self.motor_commands(demands)])
@@ -411,7 +411,7 @@ class FlightController:
         """Returns the normalised command of each motor for demands of roll, pitch, yaw and thrust."""
         return mixed_commands(self._frame, demands)
 
-    def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
+    def rate_demand(self, axis: int, setpoint: float, rate: float, *, is_flying: bool) -> float:
         """Runs the rate loop of one axis for one cycle.
 
         The controller is proportional and integral. The measured rate passes through a lead filter (1 + τs)/(1 +

@@ -168,7 +168,7 @@ class ParameterController(FlightController):
         super().reset()
         self._rate_loops = [RateLoop(axis) for axis in self.axis_controllers]
 
-    def rate_demand(self, axis: int, setpoint: float, rate: float, is_flying: bool) -> float:
+    def rate_demand(self, axis: int, setpoint: float, rate: float, *, is_flying: bool) -> float:
         """Runs the rate loop of one axis for one cycle.
 
         Args:
@@ -180,7 +180,7 @@ class ParameterController(FlightController):
         Returns:
             Demand of the axis to the mixer, −1 to 1.
         """
-        return self._rate_loops[axis].demand(setpoint, rate, is_flying)
+        return self._rate_loops[axis].demand(setpoint, rate, is_flying=is_flying)
 
     def motor_commands(self, demands: Vector4) -> Vector4:
         """Mixes demands as the autopilot does, and converts the thrusts into commands of the motors.
@@ -249,7 +249,7 @@ class RateLoop:
         period = self._controller.loop_period
         return period / (period + reciprocal_frequency(cutoff))
 
-    def demand(self, setpoint: float, rate: float, is_flying: bool) -> float:
+    def demand(self, setpoint: float, rate: float, *, is_flying: bool) -> float:
         """Runs the loop for one cycle: filters, PID with feed-forward, and the filter of the output.
 
         Args:

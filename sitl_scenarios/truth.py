@@ -413,7 +413,7 @@ def _rate_controller_response(
     for impulse in np.eye(1, IMPULSE_CYCLES)[0].tolist():
         setpoint = impulse if is_setpoint else 0.0
         rate = 0.0 if is_setpoint else impulse
-        demands.append(controller.rate_demand(axis_number, setpoint, rate, True))
+        demands.append(controller.rate_demand(axis_number, setpoint, rate, is_flying=True))
     # The integrator keeps the impulse for ever, so that the demands cannot be summed. Their increments fade away.
     increments = np.diff(demands, prepend=0.0)
     threshold = NEGLIGIBLE_RESPONSE * abs(increments).max()

@@ -24,6 +24,7 @@ from standin_logs import InThisProcess
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
+from mavdem.live.link import ReceivedPiece
 
 GOLDEN = Path(__file__).parent / "golden"
 FULL_GOLDEN = Path(__file__).parents[1] / "build" / "golden"
@@ -221,7 +222,7 @@ class RecordedLink:
         came = []
         while self.frames and self.frames[0][0] / 1e6 <= self.now:
             stamp, frame = self.frames.popleft()
-            came.append((stamp / 1e6, frame))
+            came.append(ReceivedPiece(stamp / 1e6, frame))
         return came
 
 

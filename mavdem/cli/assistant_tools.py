@@ -66,8 +66,8 @@ def review(log: str, parts: list[str] | None = None) -> JsonValues:
     """
     document = _command_document("review", [log])
     if parts is None:
-        kept = {key: values for key, values in document.items() if key not in LARGE_PARTS}
-        return kept | {"left_out": list(LARGE_PARTS)}
+        kept_parts = {key: values for key, values in document.items() if key not in LARGE_PARTS}
+        return kept_parts | {"left_out": list(LARGE_PARTS)}
     unknown = sorted(set(parts) - set(document))
     if unknown:
         raise ToolError(f"There is no {', '.join(unknown)}: choose of {', '.join(document)}.")

@@ -210,9 +210,12 @@ def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDi
         The differences by vehicle.
     """
     from mavdem.fleet.difference import baseline_differences, latest_flights
+    from mavdem.fleet.flights import log_row
 
-    latest = latest_flights(read_brief_rows(folder), healthy)
-    latest_rows = read_rows_of_logs(folder, {flight[0].file for flight in latest.values()})
+    flights_by_vehicle = latest_flights(read_brief_rows(folder), healthy)
+    latest_rows = read_rows_of_logs(
+        folder, {log_row(flight).file for flight in flights_by_vehicle.values()}
+    )
     return baseline_differences(latest_rows, healthy)
 
 

@@ -196,14 +196,14 @@ def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
             if isfinite(value):
                 latest_values[name] = value
         values_at_start = latest_values
-    earlier = {}
+    earlier_values = {}
     for name, value in values_at_start.items():
         is_control_parameter = CONTROL_PARAMETERS.match(name)
         is_set_by_autopilot = AUTOPILOT_SET_PARAMETERS.search(name)
         has_changed = telemetry.parameters.get(name) != value
         if is_control_parameter and not is_set_by_autopilot and has_changed:
-            earlier[name] = value
-    return earlier
+            earlier_values[name] = value
+    return earlier_values
 
 
 class ParameterMessages(NamedTuple):

@@ -206,11 +206,11 @@ def _battery(number: int, columns: Columns) -> Battery | None:
         charge = _series_or_none(columns, float_column(columns, "battery_remaining"))
     return Battery(
         number,
-        clean_series(columns, volts, is_possible),
-        current,
-        load,
-        charge,
-        _cells_in_message(columns, is_possible),
+        voltage=clean_series(columns, volts, is_possible),
+        current=current,
+        load=load,
+        charge=charge,
+        cells=_cells_in_message(columns, is_possible),
     )
 
 

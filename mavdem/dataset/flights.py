@@ -152,12 +152,14 @@ def usable_segments(
     """
     # The best comes first.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
-    best = learnabilities[0]
+    best_learnability = learnabilities[0]
     usable = [learnability for learnability in learnabilities if learnability.learnable]
-    cautions = _unused_segments(best.segments, [learnability.segment for learnability in usable])
+    cautions = _unused_segments(
+        best_learnability.segments, [learnability.segment for learnability in usable]
+    )
     flights = [_flight_with_cautions(learnability, *cautions) for learnability in usable]
     flights.sort(key=lambda flight: (boot_number(flight), flight.time[0]))
-    return UsableSegments(tuple(flights), best)
+    return UsableSegments(tuple(flights), best_learnability)
 
 
 def _unused_segments(segments: Segments, used_segments: Sequence[Segment | None]) -> Facts:

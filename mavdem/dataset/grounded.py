@@ -143,7 +143,8 @@ def height_above_take_off(
     height = series_of_boot(signals.height, boot)
     if height is None:
         return None
-    start_height = np.interp(flight_interval[0], height.time, height.values)
+    take_off_time, _ = flight_interval
+    start_height = np.interp(take_off_time, height.time, height.values)
     return TimeSeries(height.time, height.boot, height.values - start_height)
 
 

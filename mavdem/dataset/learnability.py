@@ -74,7 +74,15 @@ def segment_learnabilities(
     attitude, inputs = signals.attitude_and_inputs
     segments = settled_segments(signals)
     figures = quality.log_quality(signals, len(segments))
-    judge = SegmentJudge(signals, attitude, inputs, components, figures, segments, min_rate)
+    judge = SegmentJudge(
+        signals,
+        attitude=attitude,
+        inputs=inputs,
+        components=components,
+        log_figures=figures,
+        segments=segments,
+        min_rate=min_rate,
+    )
     if figures.armed == 0:
         refusal = NEVER_ARMED
     elif figures.airborne == 0:

@@ -156,7 +156,7 @@ def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
         boot=demand.boot,
         outputs=demand.values[:, None],
         geometry=demand_geometry(axis),
-        scale=OutputScale("demand", "", -1.0, 1.0, resolution),
+        scale=OutputScale("demand", unit="", low=-1.0, high=1.0, step=resolution),
         sent_count=demand.sent_count,
         unused_count=demand.unused_count,
     )

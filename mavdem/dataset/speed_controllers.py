@@ -150,7 +150,13 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
             temperature = _measured_series(controller, float_column(controller, "Temp"))
         motor = int(controller["Motor"][0]) if "Motor" in controller else 0
         yield SpeedController(
-            instance + 1, speed, errors, shares, motor or None, current, temperature
+            instance + 1,
+            speed=speed,
+            error_count=errors,
+            error_share=shares,
+            motor=motor or None,
+            current=current,
+            temperature=temperature,
         )
 
 

@@ -118,7 +118,13 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
     used_rows = np.delete(used_rows, repeat_rows + 1)
 
     unused_count = sent_count - finite_count + int(np.count_nonzero(has_other_value))
-    return TimeSeries(time[used_rows], boot[used_rows], values[used_rows], sent_count, unused_count)
+    return TimeSeries(
+        time[used_rows],
+        boot=boot[used_rows],
+        values=values[used_rows],
+        sent_count=sent_count,
+        unused_count=unused_count,
+    )
 
 
 def _rises_strictly(time: Array, boot: Integers) -> bool:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import default_rng
 
-from mavdem.arrays import Array, ArrayPair, Indices
+from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.ascent import CoordinateAscent, maximise_free_energy
 from mavdem.dem.engine.free_energy import Posterior
 from mavdem.dem.engine.generalized_coordinates import embed, temporal_precision
@@ -23,7 +23,7 @@ from mavdem.dem.priors import (
 )
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
-from mavdem.dem.settings import CompleteSettings
+from mavdem.dem.settings import CompleteSettings, MeanAndPrecision
 
 CONSTANT_INPUT_PRECISION = np.exp(12.0)
 """Prior precision of the constant input, whose value 1 is known. A choice: its standard deviation is 0.0025."""
@@ -82,7 +82,15 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     # parameters and noises carries the state from sample to sample.
     gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
-    return Fit(settings, scaling, model, ascent, ascent.posterior, gain, predictor)
+    return Fit(
+        settings,
+        scaling=scaling,
+        model=model,
+        ascent=ascent,
+        posterior=ascent.posterior,
+        gain=gain,
+        predictor=predictor,
+    )
 
 
 def _noise_smoothness(settings: CompleteSettings, dt: float) -> float:
@@ -129,11 +137,11 @@ def generative_model(
     theta_mean, theta_precision = _parameter_prior(settings, scaling, record, r)
     return GenerativeModel(
         n,
-        r,
-        m,
-        p,
-        d,
-        q,
+        r=r,
+        m=m,
+        p=p,
+        d=d,
+        q=q,
         output_temporal_precision=temporal_precision(p, smoothness),
         state_temporal_precision=temporal_precision(q, smoothness),
         output_groups=np.zeros(m, int),
@@ -153,7 +161,7 @@ def _parameter_prior(
     scaling: Scaling,
     record: Record,
     r: int,
-) -> ArrayPair:
+) -> MeanAndPrecision:
     """Chooses the prior of the parameters θ by the settings.
 
     Args:
@@ -175,7 +183,7 @@ def _parameter_prior(
         # The prior mean of the paper, ``alg_settings``: uniform random numbers from −1 to 1.
         k = n * n + n * r + m * n
         mean = default_rng(settings.seed).uniform(-1, 1, k)
-        return mean, np.eye(k) * settings.parameter_precision
+        return MeanAndPrecision(mean, np.eye(k) * settings.parameter_precision)
     # The prior of an attitude loop: what is known of any multirotor before a flight.
     if settings.prior == "regulated":
         return regulated_prior(
@@ -188,18 +196,18 @@ def _parameter_prior(
         )
     # A Gaussian that the user gives, of the vehicle's parameters only: the engine may have a constant input as well.
     indices = vehicle_parameter_indices(n, motors, m, has_constant_input=scaling.constant)
-    mean, precision = explicit_prior(
+    prior = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
     )
     # Without dynamics of the highest derivative x has no prior. Where C is free as well, nothing fixes the scale of x,
     # and F̄ is highest at C = 0.
-    _, _, C_precisions = unpack(np.diag(precision), n, r, m)
+    C_precisions = unpack(np.diag(prior.precision), n, r, m).C
     if not settings.last_derivative_zero and not (C_precisions >= KINEMATIC_PRECISION).all():
         raise ValueError(
             'correlation must be "continuous" with a prior that leaves C free (a precision below '
             f'{KINEMATIC_PRECISION:g} in the units of scaling), not "sampled"'
         )
-    return mean, precision
+    return prior
 
 
 def vehicle_parameter_indices(

@@ -157,12 +157,12 @@ class BlackBoxData:
         precision_per_input[recorded_inputs:] = KNOWN_INPUT_PRECISION
         return cls(
             SufficientStatistics.from_segments(data * unit_per_column),
-            r,
-            m,
-            p,
-            record.dt,
-            width,
-            time_unit,
+            r=r,
+            m=m,
+            p=p,
+            dt=record.dt,
+            kernel_width=width,
+            time_unit=time_unit,
             input_precision=np.diag(np.tile(precision_per_input, p)),
         )
 
@@ -360,7 +360,7 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
     start = initial_iterate(
         model,
         data.effective_statistics,
-        start=(theta_from_data(data, order), prior.lambda_mean),
+        theta=theta_from_data(data, order),
         lambda_covariance=exact_lambda,
     )
     return maximise_by_quasi_newton(start, MAX_EVALUATIONS)

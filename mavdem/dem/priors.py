@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair, Indices, cumulative_integral
+from mavdem.arrays import Array, Indices, cumulative_integral
 from mavdem.dem.engine.model import pack
 from mavdem.dem.record import Record
-from mavdem.dem.settings import CompleteSettings, Gaussian
+from mavdem.dem.settings import CompleteSettings, Gaussian, MeanAndPrecision
 from mavdem.unit_errors import RATE_INTEGRATION_SPAN
 
 KNOWN_PRECISION = np.exp(20.0)
@@ -78,7 +78,7 @@ def explicit_prior(
     default_precision: float,
     indices: Indices,
     scale: Array,
-) -> ArrayPair:
+) -> MeanAndPrecision:
     """Converts a prior that the user gives in physical units to the engine's units.
 
     Args:
@@ -103,7 +103,7 @@ def explicit_prior(
     # A parameter in the engine's units is the physical one over its scale; a precision has the inverse square.
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
-    return mean, precision
+    return MeanAndPrecision(mean, precision)
 
 
 def regulated_prior(
@@ -114,7 +114,7 @@ def regulated_prior(
     has_constant_input: bool,
     output_scale: Array,
     pairs: DerivativePairs,
-) -> ArrayPair:
+) -> MeanAndPrecision:
     """Returns the "regulated" prior of θ: what is known of any attitude loop before a flight.
 
     - Each output returns to its trim, with ``DAMPING_RATE``.
@@ -159,4 +159,5 @@ def regulated_prior(
         A[hidden - 1, hidden] = ACTUATOR_RATE
         A_precision[hidden, :m] = KINEMATIC_PRECISION
         A_precision[hidden - 1, hidden] = KINEMATIC_PRECISION
-    return pack(A, B, C), np.diag(pack(A_precision, B_precision, C_precision))
+    precisions = pack(A_precision, B_precision, C_precision)
+    return MeanAndPrecision(pack(A, B, C), np.diag(precisions))

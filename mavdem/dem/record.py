@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mavdem.arrays import Array, ArrayPair, Flags, Indices, as_real_array
+from mavdem.arrays import Array, Flags, Indices, as_real_array
 from mavdem.containers import JsonValues, Names, Numbers
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE
 from mavdem.dem.validation import (
@@ -24,8 +24,19 @@ from mavdem.dem.validation import (
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import ModelRefusal
 
-Segments = list[ArrayPair]
-"""Inputs (T, r) and outputs (T, m) of each segment, where T may differ from segment to segment."""
+
+class SegmentSamples(NamedTuple):
+    """The samples of a segment, or of a part of one: T, which may differ from segment to segment."""
+
+    inputs: Array
+    """(T, r) inputs."""
+
+    outputs: Array
+    """(T, m) outputs."""
+
+
+Segments = list[SegmentSamples]
+"""The samples of each segment."""
 
 STEP_TOLERANCE = 1e-6
 """Relative difference that the sampling steps of segments may have: rounding only."""
@@ -249,7 +260,8 @@ class Record:
     def segments(self) -> Segments:
         """Inputs and outputs of each segment."""
         cuts = self.segment_starts[1:]
-        return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
+        segments = zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True)
+        return [SegmentSamples(inputs, outputs) for inputs, outputs in segments]
 
     @property
     def longest_segment(self) -> int:
@@ -274,7 +286,9 @@ class Record:
         """
         return validated_table(inputs, "inputs", self.inputs.shape[1])
 
-    def validated_samples(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> ArrayPair:
+    def validated_samples(
+        self, steps: int, inputs: ArrayLike, outputs: ArrayLike
+    ) -> SegmentSamples:
         """Checks samples after the end of the record, for forecasts that begin again at every ``steps``-th of them.
 
         Args:
@@ -296,7 +310,7 @@ class Record:
                 "inputs and outputs must be of the same samples, "
                 f"not {len(checked_inputs)} and {len(checked_outputs)}"
             )
-        return checked_inputs, checked_outputs
+        return SegmentSamples(checked_inputs, checked_outputs)
 
 
 def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[FoldPiece]]:

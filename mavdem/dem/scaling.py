@@ -8,7 +8,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.model import LinearModel, pack, unpack
-from mavdem.dem.record import Record, Segments
+from mavdem.dem.record import Record, Segments, SegmentSamples
 from mavdem.dem.settings import Settings
 
 
@@ -107,7 +107,7 @@ class Scaling:
     def scale_segments(self, record: Record) -> Segments:
         """Returns the inputs and outputs of each segment of a record, in the engine's units."""
         return [
-            (self.scale_inputs(inputs), self.scale_outputs(outputs))
+            SegmentSamples(self.scale_inputs(inputs), self.scale_outputs(outputs))
             for inputs, outputs in record.segments
         ]
 

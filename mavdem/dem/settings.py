@@ -6,13 +6,13 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from math import e
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field
 
-from mavdem.arrays import ArrayPair, as_real_array
+from mavdem.arrays import Array, as_real_array
 from mavdem.containers import JsonValues, Numbers
 from mavdem.dem.engine.linalg import require_positive_definite
 from mavdem.dem.validation import MAX_ABS_VALUE, checked_values
@@ -44,6 +44,16 @@ PositiveNumber = Annotated[float, Field(ge=MIN_POSITIVE_VALUE, le=MAX_ABS_VALUE)
 
 LogPrecision = Annotated[float, Field(ge=-MAX_LOG_PRECISION, le=MAX_LOG_PRECISION)]
 """Natural logarithm of a precision."""
+
+
+class MeanAndPrecision(NamedTuple):
+    """A Gaussian distribution of k numbers."""
+
+    mean: Array
+    """(k,) mean."""
+
+    precision: Array
+    """(k, k) precision, the inverse of the covariance."""
 
 
 @dataclass(frozen=True)
@@ -89,9 +99,9 @@ class Gaussian:
         object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))
 
     @property
-    def arrays(self) -> ArrayPair:
-        """Mean, (k,), and precision, (k, k), as arrays."""
-        return np.array(self.mean), np.array(self.precision)
+    def arrays(self) -> MeanAndPrecision:
+        """Mean and precision as arrays."""
+        return MeanAndPrecision(np.array(self.mean), np.array(self.precision))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:

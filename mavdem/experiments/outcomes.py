@@ -239,7 +239,11 @@ def evaluate_model(
             is_inside = abs(test.outputs - forecast) <= bands[question]
             inside_shares = np.array([is_inside[:horizon].mean() for horizon in horizons])
         scores[question] = Scores(
-            horizons, np.array(errors), inside_shares, baseline.variance, baseline.constant_mean
+            horizons,
+            squared_error=np.array(errors),
+            inside=inside_shares,
+            variance=baseline.variance,
+            baseline=baseline.constant_mean,
         )
     return scores, forecasts
 

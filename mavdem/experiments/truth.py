@@ -253,16 +253,21 @@ def compared_effects(
         motor_name = input_name.split(" (")[0]
         yield ComparedParameter(
             f"{ComparedWithTruth.EFFECT_OF} {motor_name}",
-            unit,
-            float(physical.effect[motor]),
-            float(half_widths[motor]),
-            float(true_effect[motor]),
-            status,
+            unit=unit,
+            estimate=float(physical.effect[motor]),
+            half_width=float(half_widths[motor]),
+            truth=float(true_effect[motor]),
+            status=status,
         )
     mean_effect, mean_half_width = physical.mean_effect()
     true_mean = float(abs(true_effect).mean())
     yield ComparedParameter(
-        ComparedWithTruth.MEAN_EFFECT, unit, mean_effect, mean_half_width, true_mean, status
+        ComparedWithTruth.MEAN_EFFECT,
+        unit=unit,
+        estimate=mean_effect,
+        half_width=mean_half_width,
+        truth=true_mean,
+        status=status,
     )
 
 
@@ -278,23 +283,28 @@ def compared_dynamics(physical: Physical, truth: Truth) -> Iterator[ComparedPara
     lag_status = physical.status["lag"]
     yield ComparedParameter(
         ComparedWithTruth.DAMPING,
-        "1/s",
-        physical.damping,
-        damping_half_width,
-        truth.damping,
-        physical.status["damping"],
+        unit="1/s",
+        estimate=physical.damping,
+        half_width=damping_half_width,
+        truth=truth.damping,
+        status=physical.status["damping"],
     )
     yield ComparedParameter(
         ComparedWithTruth.LAG_OF_THE_MOTORS,
-        "s",
-        physical.lag,
-        lag_half_width,
-        truth.lag,
-        lag_status,
+        unit="s",
+        estimate=physical.lag,
+        half_width=lag_half_width,
+        truth=truth.lag,
+        status=lag_status,
     )
     # The delay has no status of its own: it is identified together with the motor time constant.
     yield ComparedParameter(
-        ComparedWithTruth.DELAY, "s", physical.delay, delay_half_width, truth.delay, lag_status
+        ComparedWithTruth.DELAY,
+        unit="s",
+        estimate=physical.delay,
+        half_width=delay_half_width,
+        truth=truth.delay,
+        status=lag_status,
     )
 
 
@@ -320,10 +330,10 @@ def compared_wind(wind: WindTorque, truth: Truth, time: Array) -> ComparedWind:
         correlation = float(np.corrcoef(wind.torque, true_torque)[0, 1])
     steady_part = ComparedParameter(
         ComparedWithTruth.STEADY_PART,
-        "rad/s²",
-        wind.mean,
-        wind.mean_band,
-        float(true_torque.mean()),
+        unit="rad/s²",
+        estimate=wind.mean,
+        half_width=wind.mean_band,
+        truth=float(true_torque.mean()),
     )
     return ComparedWind(
         correlation=correlation,

@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import Incomparable, QuantityOutcome
 from mavdem.fleet.comparability import MissingQuantity, comparison_obstacle, missing_quantities
 from mavdem.fleet.flight_conditions import Conditions, condition_allowance, mean_conditions
-from mavdem.fleet.flights import Flights, flights_of, vehicles_of
+from mavdem.fleet.flights import Flights, flights_of, log_row, vehicles_of
 from mavdem.fleet.quantities import LOOP_KINDS, SHARE, flight_estimates
 from mavdem.fleet.random_effects import (
     SD_BETWEEN_FLIGHTS,
@@ -121,7 +121,7 @@ def vehicle_difference(before: FlightRows, after: FlightRows) -> VehicleDifferen
             allowance = condition_allowance(quantity.kind, conditions_before, conditions_after)
             changes.append(quantity_change(quantity, values_before, values_after, allowance))
 
-    first_rows = [flight[0] for flights in states for flight in flights]
+    first_rows = [log_row(flight) for flights in states for flight in flights]
     motors = next((row.motors for row in first_rows if row.motors), ())
     shared_names = {row.vehicle for row in first_rows if row.vehicle_basis == SYSTEM_ID_BASIS}
     missing = missing_quantities(states, [estimates_before, estimates_after], obstacle)
@@ -157,7 +157,7 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
 
 def _vehicle_names(flights: Flights) -> Names:
     """Returns the names of the vehicles that flew these flights, in alphabetical order."""
-    return tuple(sorted({flight[0].vehicle for flight in flights}))
+    return tuple(sorted({log_row(flight).vehicle for flight in flights}))
 
 
 def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDifferences:
@@ -181,7 +181,7 @@ def baseline_differences(rows: FlightRows, baseline: FlightRows) -> BaselineDiff
         difference = None
         if healthy_rows:
             difference = vehicle_difference(healthy_rows, latest_flight)
-        differences[name] = (latest_flight[0], difference)
+        differences[name] = (log_row(latest_flight), difference)
     return differences
 
 

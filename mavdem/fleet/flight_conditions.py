@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES
-from mavdem.fleet.flights import Flights
+from mavdem.fleet.flights import Flights, log_row
 from mavdem.fleet.quantities import (
     GAIN_MARGIN,
     MAX_SENSITIVITY,
@@ -79,7 +79,7 @@ def mean_conditions(flights: Flights) -> Conditions:
         flights: the flights of one state, each as the rows of its axes.
     """
     # The conditions are the same in the rows of all axes, but for the wind torque.
-    first_rows = [flight[0] for flight in flights]
+    first_rows = [log_row(flight) for flight in flights]
     wind_torques = {}
     step_sources = dict[str, Names]()
     for axis in AXES:

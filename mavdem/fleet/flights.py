@@ -26,6 +26,11 @@ Flights = Sequence[AxisRows]
 """Flights of one vehicle in order of date, the rows of each."""
 
 
+def log_row(flight: AxisRows) -> FlightRow:
+    """Returns the row that stands for a flight in all that is of its log: rows differ only in what is of an axis."""
+    return flight[0]
+
+
 def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """Groups rows by flight.
 
@@ -39,7 +44,7 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
 
     def date_and_order(flight: AxisRows) -> tuple[object, ...]:
         """Returns what flights are sorted by: seconds since 1970, then vehicle and file."""
-        row = flight[0]
+        row = log_row(flight)
         seconds = math.inf if row.date is None else row.date.timestamp()
         return seconds, row.order
 
@@ -59,7 +64,7 @@ def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[FlightRows]]:
         rows: rows of the table, one for each axis of each flight.
     """
     flights = flights_of(row for row in rows if row.has_flight)
-    flights_by_vehicle = group_by(flights, lambda flight: flight[0].vehicle)
+    flights_by_vehicle = group_by(flights, lambda flight: log_row(flight).vehicle)
     return dict(sorted(flights_by_vehicle.items()))
 
 
@@ -95,7 +100,7 @@ def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """
     distinct: list[FlightRows] = []
     for flight in flights:
-        is_duplicate = bool(distinct) and _begins_before_end(flight[0], distinct[-1][0])
+        is_duplicate = bool(distinct) and _begins_before_end(log_row(flight), log_row(distinct[-1]))
         if not is_duplicate:
             distinct.append(flight)
             continue

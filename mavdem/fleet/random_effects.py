@@ -191,14 +191,26 @@ def quantity_change(
     p_value = float(2 * scipy.special.stdtr(freedom, -abs(difference) / sd))
     if quantity.kind not in LOGARITHMIC_KINDS:
         return QuantityChange(
-            quantity, mean_before, mean_after, difference, half_width, p_value, allowance
+            quantity,
+            before=mean_before,
+            after=mean_after,
+            difference=difference,
+            half_width=half_width,
+            p=p_value,
+            allowance=allowance,
         )
     # The difference of logarithms is the logarithm of the ratio; its interval is linearized at the estimate.
     ratio = exp(difference)
     value_before = exp(mean_before) if quantity.kind in LOOP_KINDS else None
     value_after = exp(mean_after) if quantity.kind in LOOP_KINDS else None
     return QuantityChange(
-        quantity, value_before, value_after, ratio - 1, ratio * half_width, p_value, allowance
+        quantity,
+        before=value_before,
+        after=value_after,
+        difference=ratio - 1,
+        half_width=ratio * half_width,
+        p=p_value,
+        allowance=allowance,
     )
 
 

@@ -85,7 +85,7 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
         rows += vehicle_rows
     if not rows:
         rows = [FlightRow.without_flight(str(path), Fact(ReadingFact.NO_VEHICLE))]
-    return rows, pages
+    return LogRows(rows, pages)
 
 
 def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:

@@ -140,11 +140,11 @@ def health_figures(row: FlightRow) -> HealthFigures:
     if row.balance is not None:
         balance = BalanceFigures(
             _array(row.balance, 3),
-            _array(row.balance_error, 3),
-            _array(row.balance_lean, 2),
-            _array(row.lean_effect, 6).reshape(3, 2),
-            _array(row.lean_effect_error, 6).reshape(3, 2),
-            row.duration or 0.0,
+            error=_array(row.balance_error, 3),
+            lean=_array(row.balance_lean, 2),
+            lean_effect=_array(row.lean_effect, 6).reshape(3, 2),
+            lean_effect_error=_array(row.lean_effect_error, 6).reshape(3, 2),
+            seconds=row.duration or 0.0,
         )
     if motors:
         channels = tuple(range(len(motors)))
@@ -155,7 +155,14 @@ def health_figures(row: FlightRow) -> HealthFigures:
     saturated_share = max(row.saturated or (0.0,))
     is_sound = row.oscillation is None and saturated_share < MAX_SATURATED_SHARE
     return HealthFigures(
-        name, motors, signatures, balance, row.date, row.collective, row.voltage_mean, is_sound
+        name,
+        motors=motors,
+        signatures=signatures,
+        balance=balance,
+        date=row.date,
+        collective=row.collective,
+        voltage=row.voltage_mean,
+        sound=is_sound,
     )
 
 

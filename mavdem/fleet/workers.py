@@ -77,8 +77,16 @@ JobEnding = Literal["read", "known", "source", "error", "time", "memory", "died"
 format needs a package that is not installed; mavdem failed; it took too long or too much memory; or the process that
 read it died."""
 
-LogRows = tuple[list[FlightRow], dict[str, str]]
-"""The rows of a log, and the HTML of pages of its flights by the name of the file."""
+
+class LogRows(NamedTuple):
+    """What reading a log gives; both are empty where the reader has written its results to files."""
+
+    rows: list[FlightRow]
+    """The rows of the log."""
+
+    pages: dict[str, str]
+    """HTML of pages of its flights, by the name of the file."""
+
 
 MakePage = Callable[[str, "Assessment"], str]
 """Makes the HTML of a flight's page from the name of its log and its assessment."""
@@ -483,7 +491,7 @@ def outcome_of(job: Job, read: ReadLog) -> JobOutcome:
                 return JobOutcome(job.path, "known", key=key)
             rows, pages = read(path, key, job.page)
             named_rows = tuple(replace(row, **_job_columns(job, key)) for row in rows)
-            return JobOutcome(job.path, "read", named_rows, key, pages)
+            return JobOutcome(job.path, ended="read", rows=named_rows, key=key, pages=pages)
     except Unreadable as error:
         # With a higher limit of memory the log may be read.
         if isinstance(error.__context__, MemoryError):

@@ -80,19 +80,21 @@ class ClockSpeed:
             now: s of this computer's monotonic clock.
             vehicle_time: latest time of the vehicle's boot clock, s; NaN before any.
         """
-        latest = self._latest
-        if isnan(vehicle_time) or (latest is not None and vehicle_time == latest.vehicle_time):
+        latest_reading = self._latest
+        if isnan(vehicle_time) or (
+            latest_reading is not None and vehicle_time == latest_reading.vehicle_time
+        ):
             return
-        if latest is not None:
-            step = vehicle_time - latest.vehicle_time
+        if latest_reading is not None:
+            step = vehicle_time - latest_reading.vehicle_time
             has_jumped = step <= 0 or step >= SPEED_WINDOW_SECONDS
             if has_jumped:
                 self._readings.clear()
-        latest = _ClockReading(now, vehicle_time)
-        self._latest = latest
+        latest_reading = _ClockReading(now, vehicle_time)
+        self._latest = latest_reading
         readings = self._readings
         if not readings or now - readings[-1].arrival_time >= READING_PERIOD:
-            readings.append(latest)
+            readings.append(latest_reading)
         # The window begins with the latest reading that is old enough.
         while len(readings) > 1 and readings[1].arrival_time <= now - SPEED_WINDOW_SECONDS:
             readings.popleft()

@@ -9,7 +9,7 @@ descended for ``TRANSIENT_SECONDS``. Without a vertical speed only the motors sh
 """
 
 from dataclasses import replace
-from math import inf, isfinite
+from math import inf, isfinite, nan
 
 import numpy as np
 
@@ -132,7 +132,7 @@ class FlightPhase:
         present_flight = _interval_at(now, airborne)
         if present_flight is not None and not self.is_flying:
             # Only the first review of a flight sees its beginning.
-            self._airborne_since = present_flight[0]
+            self._airborne_since, _ = present_flight
         self.is_flying = present_flight is not None
         has_states = signals.landed_state is not None or collective is not None
         # If no message says whether the vehicle is armed, it counts as armed all the time.
@@ -142,15 +142,16 @@ class FlightPhase:
         flights = intersection(armed, in_air)
         flight = _interval_at(now, flights)
         # The flight of the last review has ended, also where another has begun since.
-        if self.is_in_air and (flight is None or flight[0] > self._review_time):
+        take_off_time = nan if flight is None else flight[0]
+        if self.is_in_air and (flight is None or take_off_time > self._review_time):
             earlier_ends = [end for _, end in flights if end < now]
             self._end_flight(max(earlier_ends, default=now))
         climb_rate = signals.climb_rate
         if flight is not None:
             # The take-off is dated once the mean collective around it is known; later it is out of sight.
-            is_in_sight = isfinite(flight[0]) and now < self._takeoff_time + AVERAGING_SECONDS
+            is_in_sight = isfinite(take_off_time) and now < self._takeoff_time + AVERAGING_SECONDS
             if not self.is_in_air or is_in_sight:
-                self._takeoff_time = flight[0]
+                self._takeoff_time = take_off_time
             self.is_in_air = True
             self._update_settled_start(now, climb_rate)
         self._update_free_climb_start(now, climb_rate)

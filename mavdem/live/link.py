@@ -458,11 +458,11 @@ class Link:
         # Windows has no such method, nor such options of sockets.
         receive_message: Any = getattr(opened, "recvmsg", None)
         piece, ancillary, _, address = receive_message(MAX_PIECE_BYTES, ANCILLARY_BYTES)
-        for _, kind, value in ancillary:
-            if kind == SO_TIMESTAMPNS:
+        for _, option, value in ancillary:
+            if option == SO_TIMESTAMPNS:
                 seconds, nanoseconds = struct.unpack("@2l", value)
                 self._arrival = seconds + 1e-9 * nanoseconds
-            elif kind == SO_RXQ_OVFL:
+            elif option == SO_RXQ_OVFL:
                 self.dropped_datagrams = struct.unpack("@I", value)[0]
         return piece, address
 

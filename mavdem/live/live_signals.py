@@ -79,10 +79,10 @@ def attitude_from_samples(
     boots = np.full(count, boot)
     return Attitude(
         message,
-        time,
-        boots,
-        angle,
-        body_rate,
+        time=time,
+        boot=boots,
+        angle=angle,
+        rate=body_rate,
         euler_rate=body_rate,
         sent_count=count,
         unused_count=0,

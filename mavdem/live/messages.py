@@ -188,7 +188,9 @@ def attitude_sample(message: Message) -> AttitudeSample | None:
     )
     if not (angles_are_possible and rates_are_possible):
         return None
-    return AttitudeSample(roll, pitch, roll_rate, pitch_rate, yaw_rate, yaw)
+    return AttitudeSample(
+        roll, pitch=pitch, roll_rate=roll_rate, pitch_rate=pitch_rate, yaw_rate=yaw_rate, yaw=yaw
+    )
 
 
 class TiltSetpoint(NamedTuple):

@@ -60,7 +60,7 @@ def judge_model(
     """
     record = learned.record
     # Motor outputs (T, r), and angle, rad, with body rate, rad/s (T, 2), of the longest segment.
-    inputs, outputs = max(record.segments, key=lambda segment: len(segment[1]))
+    inputs, outputs = max(record.segments, key=lambda segment: len(segment.outputs))
     axis = record.output_names[0]
     count = len(inputs)
     duration = count * learned.dt
@@ -69,17 +69,25 @@ def judge_model(
     geometry = row_format.geometry
     motors = MotorOutputs(
         row_format.motor_message,
-        time,
-        np.zeros(count, int),
-        inputs,
-        geometry,
-        row_format.scale,
+        time=time,
+        boot=np.zeros(count, int),
+        outputs=inputs,
+        geometry=geometry,
+        scale=row_format.scale,
         sent_count=count,
         unused_count=0,
     )
     angle, body_rate = outputs.T
     attitude = attitude_from_samples(row_format.attitude_message, time, 0, angle, body_rate)
-    telemetry = Telemetry(1, 1, UNNAMED, "", {}, record.parameters, recording_name or "")
+    telemetry = Telemetry(
+        1,
+        component=1,
+        vehicle=UNNAMED,
+        autopilot="",
+        messages={},
+        parameters=record.parameters,
+        source=recording_name or "",
+    )
     # The model has one axis. It stands for both, so that the vehicle counts as upright where this axis is.
     signals = LiveSignals(telemetry, axis, motors=motors, tilts=(attitude,) * len(TILT_AXES))
 
@@ -92,7 +100,9 @@ def judge_model(
     findings = findings_of(learned, None, condition, alarms)
 
     figures = AxisFigures((), learned.physical, None, learned.physical_reason)
-    loops: dict[str, Loop | Fact] = {each: Fact(Unjudged.NOT_JUDGED, because=None) for each in AXES}
+    loops: dict[str, Loop | Fact] = {
+        any_axis: Fact(Unjudged.NOT_JUDGED, because=None) for any_axis in AXES
+    }
     loops[axis] = loop_of_parameters_or_reason(figures, record)
     losses = tuple(thrust_losses(alarms))
     evidence = live_evidence(signals, condition, LiveFindings(events=losses, loops=loops))

@@ -91,10 +91,10 @@ class PoseTracker:
         setpoint = self._setpoint if has_setpoint else TiltSetpoint()
         self.pose = LatestPose(
             time,
-            (sample.roll, sample.pitch, sample.yaw),
-            (sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
-            setpoint,
-            self._position if time - self._position_time <= MAX_POSITION_AGE else None,
+            angles=(sample.roll, sample.pitch, sample.yaw),
+            rates=(sample.roll_rate, sample.pitch_rate, sample.yaw_rate),
+            setpoint=setpoint,
+            position=self._position if time - self._position_time <= MAX_POSITION_AGE else None,
         )
         self.heading = sample.yaw
         if max(abs(sample.roll), abs(sample.pitch)) >= MAX_TILT:

@@ -131,10 +131,10 @@ class Presentation:
             self._display.put(
                 DisplayRow(
                     row.time,
-                    self.history.timeline_offset,
-                    row.segment,
-                    row.outputs,
-                    row.inputs,
+                    timeline_offset=self.history.timeline_offset,
+                    segment=row.segment,
+                    outputs=row.outputs,
+                    inputs=row.inputs,
                     estimate=estimate,
                     learned=learned,
                     wind=wind,
@@ -177,16 +177,16 @@ class Presentation:
             fact: its time, where it has one, is in s of the boot clock.
         """
         now = clock.monotonic()
-        kind = _repetition_key(fact)
+        repetition_key = _repetition_key(fact)
         # Only kinds of the last seconds are kept, which bounds the memory.
         self._report_times = {
-            earlier: time
-            for earlier, time in self._report_times.items()
+            reported_key: time
+            for reported_key, time in self._report_times.items()
             if now - time < REPEAT_SECONDS
         }
-        if kind in self._report_times and fact.time is None:
+        if repetition_key in self._report_times and fact.time is None:
             return
-        self._report_times[kind] = now
+        self._report_times[repetition_key] = now
         self._report_fact(fact)
         start_time = nan
         if fact.time is not None:

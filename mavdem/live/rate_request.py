@@ -12,7 +12,7 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from math import inf, nan
-from typing import Any
+from typing import Any, NamedTuple
 
 from mavdem.facts import Fact
 from mavdem.facts.session import RateFact
@@ -101,6 +101,16 @@ NEVER = -inf
 """Time of what has not happened yet, s: however long one has to wait after it, that is over."""
 
 
+class _MessageCounts(NamedTuple):
+    """How many messages had arrived by a time."""
+
+    time: float
+    """Time on this computer's monotonic clock, s."""
+
+    counts: dict[int, int]
+    """Number of messages until then, by message id."""
+
+
 class ArrivalRates:
     """Rates of messages over the last ``RATE_WINDOW_SECONDS``, by the vehicle's clock.
 
@@ -110,8 +120,8 @@ class ArrivalRates:
 
     def __init__(self) -> None:
         """Begins without a count."""
-        # Counts of the window, the oldest first: the time, s, and the number of messages until then, by message id.
-        self._counts_by_time: deque[tuple[float, dict[int, int]]] = deque()
+        # Counts of the window, the oldest first.
+        self._window: deque[_MessageCounts] = deque()
 
     def update(
         self, now: float, counts: Mapping[int, int], clock_speed: float = 1.0
@@ -126,19 +136,19 @@ class ArrivalRates:
         Returns:
             Hz by message id; None while less than ``DECISION_SECONDS`` have been measured.
         """
-        window = self._counts_by_time
-        if not window or now - window[-1][0] >= COUNT_PERIOD:
-            window.append((now, dict(counts)))
-        # The window begins with the latest count that is at least ``RATE_WINDOW_SECONDS`` old.
-        while len(window) > 1 and window[1][0] <= now - RATE_WINDOW_SECONDS:
+        window = self._window
+        if not window or now - window[-1].time >= COUNT_PERIOD:
+            window.append(_MessageCounts(now, dict(counts)))
+        # The window begins with the latest counts that are at least ``RATE_WINDOW_SECONDS`` old.
+        while len(window) > 1 and window[1].time <= now - RATE_WINDOW_SECONDS:
             window.popleft()
-        start_time, start_counts = window[0]
-        duration = now - start_time
+        start = window[0]
+        duration = now - start.time
         if duration < DECISION_SECONDS:
             return None
         rates = {}
         for message_id, message_count in counts.items():
-            new_messages = message_count - start_counts.get(message_id, 0)
+            new_messages = message_count - start.counts.get(message_id, 0)
             rates[message_id] = new_messages / (duration * clock_speed)
         return rates
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,18 +21,28 @@ MAX_EVENTS = 256
 """Events, alarms and replies that are kept or wait to be read; a choice of memory."""
 
 
+class TimedValues(NamedTuple):
+    """The values of a message, with its time."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    values: Numbers
+    """Values of its ``MESSAGE_FIELDS``, in their order."""
+
+
 class RecentMessages:
     """The slow messages of one boot by name, with their times, in bounded memory.
 
     Attributes:
         boot: number of the boot.
-        rows: time, s of the boot clock, and values of each message, by name.
+        rows: messages by name, each in the order of time.
         changes: number of messages so far with other values than the one before, by name.
     """
 
     def __init__(self, boot: int = 0) -> None:
         self.boot = boot
-        self.rows: dict[str, list[tuple[float, Numbers]]] = {}
+        self.rows: dict[str, list[TimedValues]] = {}
         self.changes = Counter[str]()
 
     def add(self, name: str, time: float, values: Numbers) -> None:
@@ -46,15 +57,15 @@ class RecentMessages:
             values: values of its ``MESSAGE_FIELDS``, in their order.
         """
         rows = self.rows.setdefault(name, [])
-        if not rows or not _are_equal(rows[-1][1], values):
+        if not rows or not _are_equal(rows[-1].values, values):
             self.changes[name] += 1
-        rows.append((time, values))
+        rows.append(TimedValues(time, values))
         if len(rows) > MAX_ROWS:
             self.rows[name] = _thinned_out(name, rows)
 
     def names_since(self, start_time: float) -> set[str]:
         """Returns the names of the messages that have come since ``start_time``, s of the boot clock."""
-        return {name for name, rows in self.rows.items() if rows[-1][0] >= start_time}
+        return {name for name, rows in self.rows.items() if rows[-1].time >= start_time}
 
     def columns(self, names: Iterable[str], start_time: float = -inf) -> dict[str, Columns]:
         """Returns messages as the columns of a log, which the functions that judge logs take.
@@ -68,7 +79,7 @@ class RecentMessages:
         """
         columns: dict[str, Columns] = {}
         for name in names:
-            rows = [row for row in self.rows.get(name, ()) if row[0] >= start_time]
+            rows = [row for row in self.rows.get(name, ()) if row.time >= start_time]
             if rows:
                 columns[name] = _columns_from(MESSAGE_FIELDS[name], rows, self.boot)
         return columns
@@ -79,14 +90,14 @@ def _are_equal(values: Numbers, other_values: Numbers) -> bool:
     return all(map(np.array_equal, values, other_values))
 
 
-def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple[float, Numbers]]:
+def _thinned_out(name: str, rows: Sequence[TimedValues]) -> list[TimedValues]:
     """Drops every second message of the older half, to bound the memory.
 
     Several batteries report in turn under one message name, so that the messages of each are counted separately.
 
     Args:
         name: name of the message.
-        rows: time, s of the boot clock, and values of each message.
+        rows: the messages of that name, in time order.
 
     Returns:
         The remaining messages, in time order.
@@ -97,22 +108,20 @@ def _thinned_out(name: str, rows: Sequence[tuple[float, Numbers]]) -> list[tuple
     newer_half = rows[MAX_ROWS // 2 :]
     thinned_half = []
     count_by_battery: Counter[float] = Counter()
-    for time, values in older_half:
-        battery_id = 0.0 if id_field is None else values[id_field]
+    for row in older_half:
+        battery_id = 0.0 if id_field is None else row.values[id_field]
         count_by_battery[battery_id] += 1
         if count_by_battery[battery_id] % 2 == 0:
-            thinned_half.append((time, values))
+            thinned_half.append(row)
     return [*thinned_half, *newer_half]
 
 
-def _columns_from(
-    fields: Sequence[str], rows: Sequence[tuple[float, Numbers]], boot: int
-) -> Columns:
+def _columns_from(fields: Sequence[str], rows: Sequence[TimedValues], boot: int) -> Columns:
     """Turns messages of one name into columns.
 
     Args:
         fields: names of the fields, in the order of the values.
-        rows: time, s of the boot clock, and values of each message; at least one.
+        rows: the messages, at least one.
         boot: number of the boot, the same for all of them.
 
     Returns:

@@ -217,13 +217,13 @@ class RowBuilder:
         dt = self._grid.dt
         self.row_format = RowFormat(
             self._boot,
-            dt,
-            self.attitude_message,
-            motor_message,
-            geometry,
-            inputs.motors.scale,
-            self._grid.rates,
-            self._grid.start_time,
+            dt=dt,
+            attitude_message=self.attitude_message,
+            motor_message=motor_message,
+            geometry=geometry,
+            scale=inputs.motors.scale,
+            rates=self._grid.rates,
+            grid_start=self._grid.start_time,
         )
         # The rates and the beginning of the grid differ in each segment; the user need not know.
         is_same = (
@@ -379,11 +379,11 @@ class RowBuilder:
         time = attitude.time[-1]
         row_format = RowFormat(
             self._boot,
-            1 / motion.rate,
-            attitude.message,
-            motors.message,
-            motors.geometry,
-            motors.scale,
+            dt=1 / motion.rate,
+            attitude_message=attitude.message,
+            motor_message=motors.message,
+            geometry=motors.geometry,
+            scale=motors.scale,
             rates=(motion.rate, motion.rate),
             grid_start=time,
         )

@@ -106,14 +106,14 @@ class LiveSession:
         )
         self._report = StatusReport(
             stream,
-            self.intake,
-            self.backlog,
-            self._silence,
-            self._latencies,
-            self._learning,
-            self.judging,
-            self._clock_speed,
-            TimeAccount(),
+            intake=self.intake,
+            backlog=self.backlog,
+            silence=self._silence,
+            latencies=self._latencies,
+            learning=self._learning,
+            judging=self.judging,
+            clock_speed=self._clock_speed,
+            time_account=TimeAccount(),
         )
         # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
         self._status_time = 0.0

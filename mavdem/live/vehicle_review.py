@@ -157,11 +157,11 @@ class VehicleReview:
         vehicle = self._vehicle
         return Telemetry(
             vehicle.system,
-            vehicle.component,
-            vehicle.vehicle_type,
-            vehicle.autopilot,
-            {},
-            self._parameters,
+            component=vehicle.component,
+            vehicle=vehicle.vehicle_type,
+            autopilot=vehicle.autopilot,
+            messages={},
+            parameters=self._parameters,
         )
 
     def _choose_messages(self, rows: RowBuilder) -> None:

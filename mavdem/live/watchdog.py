@@ -8,6 +8,7 @@ those of ``mavdem.assessment`` on the messages so far. A limit cycle is found in
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -106,6 +107,16 @@ class _Review:
     """What was found so far, good or bad, by what is watched."""
 
 
+class _StateSample(NamedTuple):
+    """A landed state at a time."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    landed_state: int
+    """``IN_AIR`` or ``ON_GROUND``."""
+
+
 class Watchdog:
     """Watches one boot of one vehicle for oscillation, motors at their limits, vibration, low battery and warnings.
 
@@ -128,7 +139,7 @@ class Watchdog:
         self.worst_lights: dict[str, Fact] = {}
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
-        self._states: list[tuple[float, int]] = []
+        self._states: list[_StateSample] = []
         # Reports of the autopilot that the last search found, by ``_identity``.
         self._reported = set[tuple[object, ...]]()
         # When the reason of each alarm was seen last, and the time of the last review, s of the boot clock.
@@ -187,7 +198,7 @@ class Watchdog:
             vehicle,
             is_flying,
             has_settled=settled_intervals is not None,
-            phase_start=self._states[-1][0],
+            phase_start=self._states[-1].time,
             recent_signals=recent_signals,
         )
         if recent_signals is None:
@@ -199,18 +210,18 @@ class Watchdog:
     def _note_landed_state(self, now: float, state: int) -> None:
         """Notes whether the vehicle flies, where that has changed.
 
-        The states are kept as a log has them, a time and a state each, since the functions that judge a log take them.
+        The states are kept as samples, as a log has them, since the functions that judge a log take them.
 
         Args:
             now: present time on the boot clock, s.
             state: ``IN_AIR`` or ``ON_GROUND``.
         """
-        former_state = self._states[-1][1] if self._states else state
+        former_state = self._states[-1].landed_state if self._states else state
         if self._states and former_state == state:
             return
         # The former state is known to hold until the last review, the new one from now on.
-        self._states.append((self._review_time, former_state))
-        self._states.append((now, state))
+        self._states.append(_StateSample(self._review_time, former_state))
+        self._states.append(_StateSample(now, state))
 
     def review_lights(self) -> None:
         """Judges battery and, in settled flight, vibration, by the functions that judge a log.
@@ -271,13 +282,12 @@ class Watchdog:
         # The names of flight modes come once, when a ground station asks for them.
         columns |= self._recent.columns(["AVAILABLE_MODES"])
         # The latest landed state holds until now.
-        _, latest_state = self._states[-1]
-        states = [*self._states, (now, latest_state)]
-        times = np.array([time for time, _ in states])
+        states = [*self._states, _StateSample(now, self._states[-1].landed_state)]
+        times = np.array([sample.time for sample in states])
         landed_state = TimeSeries(
             times,
             boot=np.full(len(times), self._recent.boot),
-            values=np.array([state for _, state in states]),
+            values=np.array([sample.landed_state for sample in states]),
         )
         return LiveSignals(
             replace(vehicle, messages=columns),

@@ -147,10 +147,10 @@ class WindEstimate:
         direction_band = min(np.hypot(direction_bands[0], heading_band), MAX_DIRECTION_BAND)
         return CompassWind(
             speed,
-            max(speed - speed_band, 0.0),
-            speed + speed_band,
-            directions[0],
-            direction_band,
+            speed_low=max(speed - speed_band, 0.0),
+            speed_high=speed + speed_band,
+            direction=directions[0],
+            direction_half_width=direction_band,
         )
 
     @property
@@ -223,6 +223,38 @@ class _Motion(NamedTuple):
     """(T, 3) Velocity over ground, north, east and down, m/s."""
 
 
+class _AttitudeSample(NamedTuple):
+    """An attitude of free flight."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    roll: float
+    """rad."""
+
+    pitch: float
+    """rad."""
+
+    yaw: float
+    """rad."""
+
+
+class _VelocitySample(NamedTuple):
+    """A velocity over ground."""
+
+    time: float
+    """Time on the boot clock, s."""
+
+    north: float
+    """m/s."""
+
+    east: float
+    """m/s."""
+
+    down: float
+    """m/s."""
+
+
 class LiveWind:
     """Estimates the wind of a live flight step by step, by Kalman filters of the airflow that run side by side.
 
@@ -253,9 +285,8 @@ class LiveWind:
         self._estimate_count = 0
         self._is_reported = False
         sample_count = round(KEPT_SECONDS / MIN_SAMPLE_STEP)
-        # Time, then three angles, rad, or three velocities, m/s, of each sample.
-        self._attitudes = deque[Sequence[float]](maxlen=sample_count)
-        self._velocities = deque[Sequence[float]](maxlen=sample_count)
+        self._attitudes = deque[_AttitudeSample](maxlen=sample_count)
+        self._velocities = deque[_VelocitySample](maxlen=sample_count)
         self._filter: AirflowFilter | None = None
         self._step = GRID_STEP
         # Times of the latest velocity messages, the end of the next step, and the next check, s of the boot clock.
@@ -276,8 +307,8 @@ class LiveWind:
             yaw: rad.
         """
         min_step = MIN_SAMPLE_STEP - STAMP_TOLERANCE
-        if not self._attitudes or time - self._attitudes[-1][0] >= min_step:
-            self._attitudes.append((time, roll, pitch, yaw))
+        if not self._attitudes or time - self._attitudes[-1].time >= min_step:
+            self._attitudes.append(_AttitudeSample(time, roll, pitch, yaw))
 
     def add_velocity(self, name: str, time: float, values: Sequence[float]) -> Fact | None:
         """Adds a velocity, and estimates the wind at the steps of the filter that it completes.
@@ -310,16 +341,16 @@ class LiveWind:
         if not (is_possible and is_valid and self._attitudes):
             return None
         # After a silence the filter begins again with the next check, once there are enough samples for it.
-        if self._velocities and time - self._velocities[-1][0] > SILENCE_SECONDS:
+        if self._velocities and time - self._velocities[-1].time > SILENCE_SECONDS:
             self._filter = None
             self.latest = None
             self._check_time = time + FIRST_FIT_SECONDS
-        self._velocities.append((time, north, east, down))
+        self._velocities.append(_VelocitySample(time, north, east, down))
         if time >= self._check_time:
             self._check_time = time + FIRST_FIT_SECONDS
             self._check_free_flight(time)
         # A step is complete when velocity, and but for one sample attitude, have reached its end.
-        while self._step_end <= min(time, self._attitudes[-1][0] + MIN_SAMPLE_STEP):
+        while self._step_end <= min(time, self._attitudes[-1].time + MIN_SAMPLE_STEP):
             self._estimate_step(self._step_end)
             self._step_end += self._step
         if self.latest is None or self._is_reported:
@@ -342,10 +373,10 @@ class LiveWind:
         """
         # Columns of both tables: the time, then three angles or velocities.
         attitudes = np.array(
-            [row for row in self._attitudes if start_time <= row[0] < end_time]
+            [sample for sample in self._attitudes if start_time <= sample.time < end_time]
         ).reshape(-1, 4)
         velocities = np.array(
-            [row for row in self._velocities if start_time - MAX_VELOCITY_GAP <= row[0]]
+            [sample for sample in self._velocities if sample.time >= start_time - MAX_VELOCITY_GAP]
         ).reshape(-1, 4)
         velocity_times = velocities[:, 0]
         next_row = np.searchsorted(velocity_times, attitudes[:, 0])

@@ -280,10 +280,10 @@ def _fault(
     )
     return HealthAssessment(
         MotorHealth.FAULT,
-        fact,
-        change.fault,
-        change_probability,
-        suspect + 1 if is_named else None,
+        fact=fact,
+        fault_probability=change.fault,
+        change_probability=change_probability,
+        suspect_motor=suspect + 1 if is_named else None,
     )
 
 

@@ -39,9 +39,9 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1
         first_indices.setdefault(kind, index)
-    worst = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
-    worst.sort(key=lambda counted: -LEVELS_BY_SEVERITY.index(events[counted.number].level))
-    return worst
+    counted_events = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
+    counted_events.sort(key=lambda counted: -LEVELS_BY_SEVERITY.index(events[counted.number].level))
+    return counted_events
 
 
 def first_of(total: int) -> str:

@@ -87,15 +87,15 @@ def _messages_by_rate(vehicle: JsonValues) -> dict[str, list[str]]:
     fastest_first = sorted(
         vehicle["messages"].items(), key=lambda message: -(message[1]["rate"] or 0.0)
     )
-    by_rate = dict[str, list[str]]()
+    names_by_rate = dict[str, list[str]]()
     for name, message in fastest_first:
         rate = message["rate"]
         if not rate or name == PARAMETER_MESSAGE:
             continue
         rate_text = f"{rate:.1f} Hz" if rate >= MIN_LISTED_RATE else "below 1 Hz"
         description = f"{name} ({descriptions[name]})" if name in descriptions else name
-        by_rate.setdefault(rate_text, []).append(description)
-    return by_rate
+        names_by_rate.setdefault(rate_text, []).append(description)
+    return names_by_rate
 
 
 def stream_contents(contents: JsonValues) -> list[Sentence]:

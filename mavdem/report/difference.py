@@ -130,9 +130,9 @@ def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     sentences = []
     for name in next(iter(lights_by_side.values())):
-        if not all(name in of_side for of_side in lights_by_side.values()):
+        if not all(name in lights_of_side for lights_of_side in lights_by_side.values()):
             continue
-        lights = {side: of_side[name] for side, of_side in lights_by_side.items()}
+        lights = {side: lights_of_side[name] for side, lights_of_side in lights_by_side.items()}
         bad_sides = [side for side, light in lights.items() if light["level"] == Level.BAD]
         levels = {light["level"] for light in lights.values()}
         if len(bad_sides) != 1 or not levels & {Level.GOOD, Level.WATCH}:
@@ -179,11 +179,11 @@ def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
     ]
 
 
-def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> Blocks:
+def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None) -> Blocks:
     """Returns the report on the differences between a vehicle's latest flight and its baseline.
 
     Args:
-        latest: row of the latest flight.
+        latest_row: row of the latest flight.
         difference: difference of that flight from the baseline; None if the baseline has no flight of the vehicle.
 
     Returns:
@@ -192,10 +192,10 @@ def baseline_blocks(latest: FlightRow, difference: VehicleDifference | None) -> 
     lead = "Since the baseline:"
     if difference is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
-    date = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
+    date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
     baseline_count = counted(difference.flights.before, "flight")
-    file = PurePath(latest.file).name
-    text = f"the latest flight, {file}{date}, compared with {baseline_count}."
+    file = PurePath(latest_row.file).name
+    text = f"the latest_row flight, {file}{date}, compared with {baseline_count}."
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 
@@ -365,11 +365,11 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         difference: comparison of the vehicle, with the names of its motors.
     """
     quantity = change.quantity
-    form = SHOWN_QUANTITIES[quantity.kind]
+    shown_form = SHOWN_QUANTITIES[quantity.kind]
     if quantity.is_of_motor:
-        name = f"{_motor_name(change, difference)}'s {form.name}"
+        name = f"{_motor_name(change, difference)}'s {shown_form.name}"
     else:
-        name = f"{form.name} on {quantity.axis}"
+        name = f"{shown_form.name} on {quantity.axis}"
     if quantity.kind in LOGARITHMIC_KINDS:
         percent = 100 * change.half_width
         decimals = 0 if percent >= MIN_WHOLE_PERCENT else 1
@@ -377,14 +377,14 @@ def change_text(change: QuantityChange, difference: VehicleDifference) -> str:
         change_with_interval = f"{increase} % ± {percent:.{decimals}f} %"
     else:
         change_with_interval = _signed(
-            plus_minus(form.scale * change.difference, form.scale * change.half_width)
+            plus_minus(shown_form.scale * change.difference, shown_form.scale * change.half_width)
         )
     if change.before is None or change.after is None:
         return f"{name} {change_with_interval}"
-    before = rounded(form.scale * change.before)
-    after = rounded(form.scale * change.after)
-    space = " " if form.unit not in ("°", "") else ""
-    return f"{name} {before} → {after}{space}{form.unit} ({change_with_interval})"
+    before = rounded(shown_form.scale * change.before)
+    after = rounded(shown_form.scale * change.after)
+    space = " " if shown_form.unit not in ("°", "") else ""
+    return f"{name} {before} → {after}{space}{shown_form.unit} ({change_with_interval})"
 
 
 def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
@@ -398,7 +398,7 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
     """
     changes_by_kind = group_by(changes, lambda change: change.quantity.kind)
     for kind, changes_of_kind in changes_by_kind.items():
-        form = SHOWN_QUANTITIES[kind]
+        shown_form = SHOWN_QUANTITIES[kind]
         names = []
         for change in changes_of_kind:
             quantity = change.quantity
@@ -408,8 +408,8 @@ def _texts_by_kind(changes: Sequence[QuantityChange]) -> Iterator[str]:
             # The half width of a logarithm is that of a ratio.
             uncertainty = f"{rounded(100 * widest_half_width)} %"
         else:
-            uncertainty = f"{rounded(form.scale * widest_half_width)} {form.unit}"
-        yield f"{form.name} of {listed(names)} (± {uncertainty})"
+            uncertainty = f"{rounded(shown_form.scale * widest_half_width)} {shown_form.unit}"
+        yield f"{shown_form.name} of {listed(names)} (± {uncertainty})"
 
 
 def _signed(number: str) -> str:

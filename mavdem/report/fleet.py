@@ -11,6 +11,7 @@ from mavdem.fleet.flights import (
     AxisRows,
     Flights,
     has_shared_name,
+    log_row,
     worst_health,
     worst_row,
 )
@@ -57,7 +58,7 @@ def light_level(flight: AxisRows, light: Light) -> Level:
         light: the light.
     """
     # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
-    level_of_log = Level(getattr(flight[0], f"light_{light}") or Level.UNKNOWN)
+    level_of_log = Level(getattr(log_row(flight), f"light_{light}") or Level.UNKNOWN)
     if light is not Light.MOTORS:
         return level_of_log
     return motors_level(level_of_log, HEALTH_LEVELS[MotorHealth(worst_health(flight))])
@@ -165,10 +166,10 @@ def vehicle_health(flights: Flights) -> str:
 
 def bad_headline(flights: Flights) -> str:
     """Returns the headline of a vehicle's latest flight if its level is bad, otherwise an empty text."""
-    latest = flights[-1][0]
-    if latest.headline_level != Level.BAD:
+    latest_row = log_row(flights[-1])
+    if latest_row.headline_level != Level.BAD:
         return ""
-    return latest.headline or ""
+    return latest_row.headline or ""
 
 
 def badge(flights: Flights) -> str:
@@ -179,13 +180,13 @@ def badge(flights: Flights) -> str:
     Args:
         flights: rows of the vehicle's flights, in the order of date.
     """
-    latest = flights[-1][0]
-    if not latest.has_flight:
+    latest_row = log_row(flights[-1])
+    if not latest_row.has_flight:
         return NOT_USED
     health = vehicle_health(flights)
-    if health in TROUBLED_HEALTHS or latest.headline_level is None:
+    if health in TROUBLED_HEALTHS or latest_row.headline_level is None:
         return Rated(health, HEALTH_LEVELS[MotorHealth(health)])
-    return Rated(latest.headline_level, Level(latest.headline_level))
+    return Rated(latest_row.headline_level, Level(latest_row.headline_level))
 
 
 def badge_level(flights: Flights) -> Level:
@@ -209,7 +210,7 @@ def urgency(flights: Flights) -> Urgency:
     rank: float = HEALTHS.index(MotorHealth(vehicle_health(flights)))
     if bad_headline(flights):
         rank = min(rank, BAD_HEADLINE_RANK)
-    latest_date = flights[-1][0].date
+    latest_date = log_row(flights[-1]).date
     return Urgency(rank, -latest_date.timestamp() if latest_date else 0.0)
 
 
@@ -237,7 +238,7 @@ def vehicle_words(flights: Flights) -> VehicleWords:
         health=health,
         in_trouble=health in TROUBLED_HEALTHS,
         doubt=bad_headline(flights),
-        headline=flights[-1][0].headline,
+        headline=log_row(flights[-1]).headline,
         flights=len(flights),
         counts=counts,
         kinds=[kind for kind in TROUBLED_HEALTHS if counts[kind]],

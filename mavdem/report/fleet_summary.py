@@ -225,17 +225,17 @@ def _unused_blocks(rows: Sequence[UnusedRow]) -> Blocks:
     Returns:
         The sentence and the table; no table without such logs.
     """
-    by_reason = group_by(rows, lambda row: row.status_code or row.status)
-    ranked = sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
+    rows_by_reason = group_by(rows, lambda row: row.status_code or row.status)
+    ranked = sorted(rows_by_reason.items(), key=lambda item: (-len(item[1]), item[0]))
     cells = []
-    for code, same_reason in ranked[:MAX_REASONS]:
+    for code, rows_of_reason in ranked[:MAX_REASONS]:
         # The sentence of one log contains its own figures, so several logs share the name of their code.
-        if len(same_reason) == 1:
-            reason = same_reason[0].status
+        if len(rows_of_reason) == 1:
+            reason = rows_of_reason[0].status
         else:
             reason = capitalize_first(code.replace("_", " "))
-        example = PurePath(same_reason[0].file).name
-        cells.append([str(len(same_reason)), truncated(example, MAX_FILE_LENGTH), reason])
+        example = PurePath(rows_of_reason[0].file).name
+        cells.append([str(len(rows_of_reason)), truncated(example, MAX_FILE_LENGTH), reason])
     sentences = render_section("fleet_unused", logs=len(rows))
     if not rows:
         return [*sentences]

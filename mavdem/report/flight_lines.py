@@ -9,7 +9,7 @@ from urllib.parse import quote
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
 from mavdem.facts.motors import MotorHealth
-from mavdem.fleet.flights import AxisRows, worst_health
+from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.fleet.names import content_hash
 from mavdem.report.fleet import TROUBLED_HEALTHS, badge, light_level
 from mavdem.report.numbers import listed, rounded
@@ -48,12 +48,14 @@ def flight_line(flight: AxisRows) -> FlightLine:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     # Date, page and file are the same in the rows of all axes.
-    first_row = flight[0]
+    first_row = log_row(flight)
     unix_time = None if first_row.date is None else first_row.date.timestamp()
     # Colons are quoted: what stands before one would be taken for the scheme of an address.
     link = "" if first_row.page is None else quote(first_row.page, safe="/")
     cells = [column.cell(flight) for column in COLUMNS.values()]
-    return FlightLine(unix_time, content_hash(first_row.key), link, first_row.file, cells)
+    return FlightLine(
+        unix_time, content=content_hash(first_row.key), link=link, file=first_row.file, cells=cells
+    )
 
 
 class Column(NamedTuple):
@@ -74,23 +76,23 @@ class Column(NamedTuple):
 
 def _file_name(flight: AxisRows) -> str:
     """Returns the name of a log without its folder."""
-    file = flight[0].file
+    file = log_row(flight).file
     return re.split(r"[/\\\\]", file)[-1] or file
 
 
 def _vehicle(flight: AxisRows) -> str:
     """Returns the name of a flight's vehicle."""
-    return flight[0].vehicle
+    return log_row(flight).vehicle
 
 
 def _date(flight: AxisRows) -> str:
     """Returns date and time of a flight, up to the minute."""
-    return f"{flight[0].date or ''}"[:DATE_LENGTH]
+    return f"{log_row(flight).date or ''}"[:DATE_LENGTH]
 
 
 def _tier(flight: AxisRows) -> str:
     """Returns the tier of a flight: a, b or c."""
-    return flight[0].tier or ""
+    return log_row(flight).tier or ""
 
 
 def _badge(flight: AxisRows) -> str:
@@ -130,7 +132,7 @@ def _notes(flight: AxisRows) -> str:
         flight: rows of one flight in the fleet's table, one for each axis.
     """
     # A log without a flight has one note: why it was not used.
-    first_row = flight[0]
+    first_row = log_row(flight)
     if not first_row.has_flight:
         return first_row.status
     notes = []
@@ -155,13 +157,13 @@ def _notes(flight: AxisRows) -> str:
 
 def _settled_seconds(flight: AxisRows) -> str:
     """Returns the duration of settled flight, s."""
-    seconds = flight[0].duration
-    return "" if seconds is None or not flight[0].is_read else rounded(seconds, 3)
+    seconds = log_row(flight).duration
+    return "" if seconds is None or not log_row(flight).is_read else rounded(seconds, 3)
 
 
 def _wind(flight: AxisRows) -> str:
     """Returns the wind's speed, m/s, and the direction that it came from, as far as known."""
-    row = flight[0]
+    row = log_row(flight)
     speed = "" if row.wind_speed is None else rounded(row.wind_speed)
     direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
     return f"{speed} {direction}".strip()

@@ -172,8 +172,8 @@ def _gains_to_lower(fact: Fact) -> Iterator[tuple[str, Gain]]:
         fact: a next step, or any fact that may hold such advice.
     """
     if fact.code in LOWERING:
-        for name, now, new in fact.figures["changes"]:
-            yield name, Gain(now, new)
+        for name, now, new_value in fact.figures["changes"]:
+            yield name, Gain(now, new_value)
     for figure in fact.figures.values():
         # A figure is a value or a tuple of values.
         values = figure if isinstance(figure, tuple) else (figure,)

@@ -189,10 +189,10 @@ def notch_trial(
     endings = tuple(sorted(files))
     return NotchTrial(
         tuple(_forms(filters, controller.gyro_rate)),
-        _charts(
+        charts=_charts(
             controller, filters, spectrum, peaks[0], mark, has_spectrum=not has_only_filtered_gyro
         ),
-        tuple(
+        remarks=tuple(
             _remarks(
                 filters,
                 has_loop=loop is not None,
@@ -200,8 +200,8 @@ def notch_trial(
                 has_dynamic_notch=bool(controller.parameters.get("IMU_GYRO_DNF_EN", 0.0)),
             )
         ),
-        tuple(f"{ending} ({READERS[ending]})" for ending in endings),
-        {
+        endings=tuple(f"{ending} ({READERS[ending]})" for ending in endings),
+        model={
             **_model(controller, filters),
             "peak": peaks[0],
             "crossover": crossover,
@@ -275,10 +275,10 @@ def _forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterF
     for title, tried in zip(_titles(filters), filters, strict=True):
         yield FilterForm(
             title,
-            _sliders(tried, gyro_rate),
-            _harmonics(tried),
-            tried.names.get("harmonics", ""),
-            tried.is_on,
+            sliders=_sliders(tried, gyro_rate),
+            harmonics=_harmonics(tried),
+            harmonics_parameter=tried.names.get("harmonics", ""),
+            is_on=tried.is_on,
         )
 
 
@@ -308,11 +308,11 @@ def _sliders(tried: TriedFilter, gyro_rate: float) -> tuple[NotchSlider, ...]:
         sliders.append(
             NotchSlider(
                 name,
-                documented.label,
-                documented.unit,
-                min(documented.lowest, np.floor(value)),
-                max(highest, np.ceil(value)),
-                value,
+                label=documented.label,
+                unit=documented.unit,
+                lowest=min(documented.lowest, np.floor(value)),
+                highest=max(highest, np.ceil(value)),
+                value=value,
             )
         )
     return tuple(sliders)

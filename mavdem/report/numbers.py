@@ -78,10 +78,10 @@ def abbreviated_list(names: Sequence[str]) -> str:
     Args:
         names: the names, in the order in which they are listed.
     """
-    more = len(names) - MAX_LISTED_NAMES
-    if more <= 1:
+    left_out_count = len(names) - MAX_LISTED_NAMES
+    if left_out_count <= 1:
         return listed(names)
-    return listed([*names[:MAX_LISTED_NAMES], f"{more} more"])
+    return listed([*names[:MAX_LISTED_NAMES], f"{left_out_count} left_out_count"])
 
 
 def counted(number: int, noun: str) -> str:

@@ -25,6 +25,7 @@ from mavdem.fleet.flights import (
     distinct_flights,
     flights_of,
     has_shared_name,
+    log_row,
     worst_health,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRow, FlightRows
@@ -195,8 +196,8 @@ def summaries_of(rows: Iterable[FlightRow]) -> list[VehicleSummary]:
     Args:
         rows: rows of all flights and axes, and of logs without a flight; ``BRIEF_COLUMNS`` are enough.
     """
-    by_vehicle = group_by(rows, lambda row: row.vehicle)
-    return [summary_of_vehicle(name, by_vehicle[name]) for name in sorted(by_vehicle)]
+    rows_by_vehicle = group_by(rows, lambda row: row.vehicle)
+    return [summary_of_vehicle(name, rows_by_vehicle[name]) for name in sorted(rows_by_vehicle)]
 
 
 def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
@@ -210,7 +211,7 @@ def summary_of_vehicle(name: str, rows: FlightRows) -> VehicleSummary:
     flights = flights_of(row for row in rows if row.has_flight)
     winds = []
     for flight in all_flights:
-        row = flight[0]
+        row = log_row(flight)
         if row.wind_direction is not None and row.wind_speed is not None:
             winds.append(Wind(row.wind_direction, row.wind_speed))
     return VehicleSummary(
@@ -248,7 +249,8 @@ def _flown_flights(name: str, flights: Flights) -> FlownFlights:
     distinct: Flights = flights
     if name != UNKNOWN and not has_shared_name(flights):
         distinct = distinct_flights([list(flight) for flight in flights])
-    dates = sorted(flight[0].date for flight in distinct if flight[0].date)
+    all_dates = [log_row(flight).date for flight in distinct]
+    dates = sorted(date for date in all_dates if date is not None)
     durations = [max(row.duration or 0.0 for row in flight) for flight in distinct]
     return FlownFlights(
         flights=len(distinct),
@@ -273,7 +275,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
         flights, and what its last flight shows.
     """
     # The rows of one flight differ only in what depends on the axis.
-    last_flight = flights[-1][0]
+    last_flight = log_row(flights[-1])
     badge_word = badge(flights)
     is_used = badge_word != NOT_USED
     has_warning = last_flight.headline_level in WARNING_LEVELS
@@ -299,7 +301,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
 
 def _light_counts(flights: Sequence[AxisRows]) -> dict[Light, dict[Level, int]]:
     """Returns in how many flights each light has each level; logs without a flight are left out."""
-    flown = [flight for flight in flights if flight[0].has_flight]
+    flown = [flight for flight in flights if log_row(flight).has_flight]
     return {light: Counter(light_level(flight, light) for flight in flown) for light in Light}
 
 

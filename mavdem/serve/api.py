@@ -32,7 +32,7 @@ from mavdem.facts.serve import LimitedResource, Permission, RefusalReason, Shari
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import RECORDING_FILE, REPORT_FILE
 from mavdem.serve.field_store import FieldRequest, FieldStore
-from mavdem.serve.index import COLUMNS, Entry
+from mavdem.serve.index import COLUMNS, LibraryEntry
 from mavdem.serve.openapi import openapi
 from mavdem.serve.pages import FLIGHTS_PER_PAGE, recordings_answer
 from mavdem.serve.reading_queue import QueuePlace, queue_places
@@ -80,7 +80,7 @@ MAX_NAME_LETTERS = 200
 class _EntryWithLog(NamedTuple):
     """A listed flight and the file that it was read from."""
 
-    entry: Entry
+    entry: LibraryEntry
     """The flight, as the library lists it."""
 
     log: Path
@@ -341,7 +341,7 @@ class Api:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return _EntryWithLog(entry, log)
 
-    def _document_of_page(self, entry: Entry) -> Path | None:
+    def _document_of_page(self, entry: LibraryEntry) -> Path | None:
         """Returns the path of the document that was written with a flight's page; None for a log without results."""
         return self._library.results_folder(entry) / REPORT_FILE if entry.digest else None
 
@@ -428,14 +428,14 @@ class Api:
         """
         unfinished_ids = list[str]()
         previous_progress = dict[str, Progress]()
-        where = f"{condition.where} or id in (select value from json_each(?))"
+        is_followed = f"({condition.expression}) or id in (select value from json_each(?))"
         self._progress_streams += 1
         try:
             while not await request.is_disconnected():
                 values = (*condition.values, json.dumps(unfinished_ids))
-                entries, _ = await run_in_threadpool(self._library.find, where, values, MAX_FILES)
-                current_progress = await run_in_threadpool(self._progress_of_all, entries)
-                unfinished_ids = [entry.id for entry in entries if not entry.is_done]
+                found = await run_in_threadpool(self._library.find, is_followed, values, MAX_FILES)
+                current_progress = await run_in_threadpool(self._progress_of_all, found.entries)
+                unfinished_ids = [entry.id for entry in found.entries if not entry.is_done]
                 changes = [
                     progress.as_dict()
                     for id, progress in current_progress.items()
@@ -454,7 +454,7 @@ class Api:
             self._progress_streams -= 1
         yield "event: end\ndata: \n\n"
 
-    def _progress_of_all(self, entries: Sequence[Entry]) -> dict[str, Progress]:
+    def _progress_of_all(self, entries: Sequence[LibraryEntry]) -> dict[str, Progress]:
         """Returns the progress of flights by their ids, in their order."""
         places = dict[str, QueuePlace]()
         # A thousand logs may wait: their places are found together.
@@ -462,7 +462,7 @@ class Api:
             places = queue_places(self._library)
         return {entry.id: self._progress_of(entry, places) for entry in entries}
 
-    def _progress_of(self, entry: Entry, places: Mapping[str, QueuePlace]) -> Progress:
+    def _progress_of(self, entry: LibraryEntry, places: Mapping[str, QueuePlace]) -> Progress:
         """Returns the progress of a flight, with what the process that reads its log has reported.
 
         While a log is read, its process reports in a file, and the index follows only at the end. So what the file has

@@ -23,7 +23,7 @@ LINK_BYTES = 16
 
 
 @dataclass(frozen=True)
-class Entry:
+class LibraryEntry:
     """One row of the index: a log of the library, how far it is read, and what lists and searches need of it.
 
     The names of the fields are those of the columns. A value that is not known is empty or None.
@@ -128,13 +128,13 @@ class Entry:
         return self.stage in (Stage.DONE, Stage.FAILED)
 
 
-COLUMNS = tuple(field.name for field in fields(Entry))
+COLUMNS = tuple(field.name for field in fields(LibraryEntry))
 """Names of the columns of the table ``entries``."""
 
 CONTENT_HASH_SQL = (
     f"iif(entries.digest <> '', substr(entries.digest, 1, {KEY_HASH_DIGITS}), entries.content)"
 )
-"""SQL expression of :attr:`Entry.content_hash`."""
+"""SQL expression of :attr:`LibraryEntry.content_hash`."""
 
 SQL_ORDERS = {
     ListingOrder.UPLOAD: "received desc, rowid desc",
@@ -164,20 +164,20 @@ def create_or_update_table(db: sqlite3.Connection) -> None:
     db.executescript(INDEXES_SQL)
 
 
-def insert_entry(db: sqlite3.Connection, entry: Entry) -> None:
+def insert_entry(db: sqlite3.Connection, entry: LibraryEntry) -> None:
     """Adds the row of an entry to the table."""
     names = ", ".join(COLUMNS)
     placeholders = ", ".join(f":{name}" for name in COLUMNS)
     db.execute(f"insert into entries ({names}) values ({placeholders})", vars(entry))
 
 
-def find_by_digest(db: sqlite3.Connection, digest: str) -> Entry | None:
+def find_by_digest(db: sqlite3.Connection, digest: str) -> LibraryEntry | None:
     """Returns the entry of the log with this SHA-256, or None if the library has no such log."""
     row = db.execute("select * from entries where digest = ?", [digest]).fetchone()
     return None if row is None else entry_from_row(row)
 
 
-def entry_from_row(row: sqlite3.Row) -> Entry:
+def entry_from_row(row: sqlite3.Row) -> LibraryEntry:
     """Converts a row of the table to an entry.
 
     Empty columns get the defaults of the fields. The digest becomes part of paths, and must not lead out of the
@@ -190,7 +190,7 @@ def entry_from_row(row: sqlite3.Row) -> Entry:
         The entry; its digest is empty if that of the row was dropped.
     """
     values = {name: row[name] for name in COLUMNS if row[name] not in (None, "")}
-    entry = Entry(**values)
+    entry = LibraryEntry(**values)
     if fnmatchcase(str(entry.digest), DIGEST_GLOB):
         return entry
     return replace(entry, digest="")
@@ -201,7 +201,7 @@ def new_id() -> str:
     return secrets.token_urlsafe(LINK_BYTES)
 
 
-def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
+def entry_of_fleet_log(file: str, rows: FlightRows) -> LibraryEntry:
     """Makes the index entry of a log that ``mavdem track`` has read, so that the server lists it with its own logs.
 
     The log stays where it is and has no digest here: the server has neither a copy nor results of its own.
@@ -215,7 +215,7 @@ def entry_of_fleet_log(file: str, rows: FlightRows) -> Entry:
     """
     first_row = rows[0]
     columns = columns_of_flight(rows)
-    return Entry(
+    return LibraryEntry(
         new_id(),
         Path(file).name,
         path=file,

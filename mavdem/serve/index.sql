@@ -1,4 +1,4 @@
--- Indexes of the table "entries", whose columns are the fields of the class Entry.
+-- Indexes of the table "entries", whose columns are the fields of the class LibraryEntry.
 create unique index if not exists by_id on entries (id);
 create unique index if not exists by_path on entries (path);
 drop index if exists by_order;

@@ -20,7 +20,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mavdem.containers import JsonValues, group_by
 from mavdem.errors import Refusal, Unreadable, error_message
@@ -42,7 +42,7 @@ from mavdem.serve.index import (
     COLUMNS,
     DIGEST_GLOB,
     SQL_ORDERS,
-    Entry,
+    LibraryEntry,
     create_or_update_table,
     entry_from_row,
     entry_of_fleet_log,
@@ -69,6 +69,16 @@ from mavdem.serve.stored_files import (
     stored_file_name,
     sync_folder,
 )
+
+
+class FoundEntries(NamedTuple):
+    """Entries of the library that satisfy a condition."""
+
+    entries: list[LibraryEntry]
+    """Those that were asked for, in the order that was asked for."""
+
+    total: int
+    """Number of all that satisfy the condition."""
 
 
 class Library:
@@ -125,7 +135,7 @@ class Library:
 
     # Paths and space on the disk
 
-    def log_path(self, entry: Entry) -> Path:
+    def log_path(self, entry: LibraryEntry) -> Path:
         """Returns the path of the log of an entry.
 
         A log with a digest is always in the library's own folder. The path in the index is not trusted there, since
@@ -138,11 +148,11 @@ class Library:
             return self.folder / LOGS / entry.digest / Path(entry.path).name
         return self.folder / entry.path
 
-    def results_folder(self, entry: Entry) -> Path:
+    def results_folder(self, entry: LibraryEntry) -> Path:
         """Returns the folder with the result files of a log."""
         return self.folder / RESULTS / entry.digest
 
-    def progress(self, entry: Entry) -> JsonValues:
+    def progress(self, entry: LibraryEntry) -> JsonValues:
         """Returns the progress of the process that works on a log, from its progress file.
 
         The file is in the final folder of results or, while the log is worked on, in a hidden folder beside it. It is
@@ -161,12 +171,12 @@ class Library:
                 return dict(json.loads(path.read_bytes()))
         return {}
 
-    def progress_columns(self, entry: Entry) -> JsonValues:
+    def progress_columns(self, entry: LibraryEntry) -> JsonValues:
         """Returns the columns of the index that the reading process of a log has reported so far, by their names."""
         progress = self.progress(entry)
         return {column: progress[column] for column in COLUMNS if column in progress}
 
-    def first_plots(self, entry: Entry) -> str:
+    def first_plots(self, entry: LibraryEntry) -> str:
         """Returns the plots of a flight whose log is being read, part of a page; empty before they are drawn."""
         with suppress(OSError):
             path = self.folder / RESULTS / f".{entry.digest}" / FIRST_PLOTS
@@ -216,7 +226,7 @@ class Library:
 
     # Adding logs
 
-    def add(self, incoming: Path, name: str, **columns: Any) -> Entry:
+    def add(self, incoming: Path, name: str, **columns: Any) -> LibraryEntry:
         """Moves a complete file into the library, after computing its digest.
 
         Args:
@@ -232,7 +242,9 @@ class Library:
             digest = hashlib.file_digest(file, "sha256").hexdigest()
         return self.add_with_digest(incoming, digest, name, **columns)
 
-    def add_with_digest(self, incoming: Path, digest: str, name: str, **columns: Any) -> Entry:
+    def add_with_digest(
+        self, incoming: Path, digest: str, name: str, **columns: Any
+    ) -> LibraryEntry:
         """Moves a complete file into the library.
 
         When it returns, neither the end of the process nor a power failure loses the log. If the library has a log
@@ -259,12 +271,12 @@ class Library:
                     incoming.unlink()
                     return former_entry
                 db.execute("delete from entries where digest = ?", [digest])
-            entry = Entry(
+            entry = LibraryEntry(
                 new_id() if former_entry is None else former_entry.id,
-                name,
-                digest,
-                stored_path.as_posix(),
-                incoming.stat().st_size,
+                name=name,
+                digest=digest,
+                path=stored_path.as_posix(),
+                size=incoming.stat().st_size,
                 received=time.time(),
                 **columns,
             )
@@ -302,7 +314,7 @@ class Library:
 
     # Looking up and changing entries
 
-    def entry(self, id: str) -> Entry:
+    def entry(self, id: str) -> LibraryEntry:
         """Returns the entry with this id, the last part of the flight's link.
 
         Args:
@@ -318,28 +330,25 @@ class Library:
 
     def find(
         self,
-        where: str,
+        condition: str,
         values: Iterable[Any],
         limit: int,
         offset: int = 0,
         order: ListingOrder = ListingOrder.UPLOAD,
-    ) -> tuple[list[Entry], int]:
+    ) -> FoundEntries:
         """Finds the entries that satisfy a condition.
 
         The condition is evaluated once for each entry: the ids of all matches are found first, which also counts them,
         and then the wanted entries are fetched.
 
         Args:
-            where: SQL expression on the table ``entries``, with a ``?`` for each value.
+            condition: SQL expression on the table ``entries``, with a ``?`` for each value.
             values: values of the condition.
             limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
             order: the order in which entries are returned and skipped.
-
-        Returns:
-            The entries, the newest first, and the number of all that satisfy the condition.
         """
-        id_query = f"select rowid from entries where {where} order by {SQL_ORDERS[order]}"
+        id_query = f"select rowid from entries where {condition} order by {SQL_ORDERS[order]}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
         returned_ids = matching_ids[offset : offset + limit]
         query = "select rowid, * from entries where rowid in (select value from json_each(?))"
@@ -347,26 +356,26 @@ class Library:
         entries_by_id = {row["rowid"]: entry_from_row(row) for row in rows}
         # An entry may be deleted between the two queries.
         entries = [entries_by_id[id] for id in returned_ids if id in entries_by_id]
-        return entries, len(matching_ids)
+        return FoundEntries(entries, total=len(matching_ids))
 
     def vehicle_names(self) -> list[str]:
         """Returns the names of all vehicles, in alphabetical order."""
         query = "select distinct vehicle from entries where vehicle <> '' order by vehicle"
         return [name for (name,) in self.db.execute(query)]
 
-    def brief_flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
+    def brief_flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs with the columns alone that an index of all flights shows."""
         return self.store.brief_rows_of(map(self._source_of, entries))
 
-    def flight_rows(self, entries: Iterable[Entry]) -> FlightRows:
+    def flight_rows(self, entries: Iterable[LibraryEntry]) -> FlightRows:
         """Returns the fleet's rows of these logs: one for each axis of each vehicle."""
         return self.store.rows_of(map(self._source_of, entries))
 
-    def _source_of(self, entry: Entry) -> LogSource:
+    def _source_of(self, entry: LibraryEntry) -> LogSource:
         """Returns the log of an entry as the fleet's store names it."""
         return LogSource(str(self.log_path(entry)), size=UNKNOWN_SIZE, version="")
 
-    def change(self, id: str, **columns: Any) -> Entry:
+    def change(self, id: str, **columns: Any) -> LibraryEntry:
         """Sets columns of an entry.
 
         Args:
@@ -402,7 +411,7 @@ class Library:
             where rowid in (select max(rowid) from flights group by vehicle) and json_valid(brief)"""
         return {vehicle: frame for vehicle, frame in self.db.execute(query) if vehicle and frame}
 
-    def name_flight(self, entry: Entry, name: str) -> None:
+    def name_flight(self, entry: LibraryEntry, name: str) -> None:
         """Gives a name to a flight; an empty one takes it away.
 
         Args:
@@ -438,7 +447,7 @@ class Library:
             name_vehicle(db, vehicle, name)
         return name
 
-    def widen_sharing(self, entry: Entry, sharing: str, note: str) -> Entry:
+    def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
         """Shares a flight with more people and completes its note, when its log is uploaded again.
 
         Args:
@@ -487,7 +496,7 @@ class Library:
 
     # Reading logs
 
-    def claim(self) -> Entry | None:
+    def claim(self) -> LibraryEntry | None:
         """Marks the log that has waited longest as being read by this server.
 
         Finding and marking it are one SQL statement, so that no two threads or servers get the same log.
@@ -504,7 +513,7 @@ class Library:
             ).fetchone()
         return None if row is None else entry_from_row(row)
 
-    def finish_reading(self, entry: Entry, outcome: JobOutcome, limits: JobLimits) -> None:
+    def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
         A log that cannot be read is removed, unless its entry says that it is to be kept, or it is sound as far as is
@@ -539,7 +548,7 @@ class Library:
             return
         self.table_is_outdated.set()
 
-    def _columns_of_outcome(self, entry: Entry, outcome: JobOutcome) -> JsonValues:
+    def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
         """Returns the columns of the index that reading a log has changed, and removes its progress file.
 
         The log was read with success if its folder of results has a page. Otherwise the status of its first row says
@@ -570,12 +579,12 @@ class Library:
 
     # Files and SQL
 
-    def remove_files_of_deleted_log(self, entry: Entry) -> None:
+    def remove_files_of_deleted_log(self, entry: LibraryEntry) -> None:
         """Removes the files of an entry that was deleted while its log was worked on."""
         with self.transaction() as db:
             self._remove_files_of_deleted_log(db, entry)
 
-    def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: Entry) -> None:
+    def _remove_files_of_deleted_log(self, db: sqlite3.Connection, entry: LibraryEntry) -> None:
         """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.
 
         Args:
@@ -586,7 +595,7 @@ class Library:
             shutil.rmtree(self.results_folder(entry), ignore_errors=True)
             self._remove_log(entry)
 
-    def _remove_log(self, entry: Entry) -> None:
+    def _remove_log(self, entry: LibraryEntry) -> None:
         """Removes a log from the library's folder.
 
         An error of the disk is raised, so that the transaction fails and the entry stays: the next start would add a

@@ -43,7 +43,7 @@ from mavdem.report.pages.library_page import (
 )
 from mavdem.report.pages.page import PageLink
 from mavdem.results import PAGE_FILE, RECORDING_FILE, RECORDINGS
-from mavdem.serve.index import Entry
+from mavdem.serve.index import LibraryEntry
 from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
@@ -213,7 +213,7 @@ class Pages:
             headers={"Content-Security-Policy": VIEWER_POLICY},
         )
 
-    def _page_path(self, entry: Entry, vehicle: str) -> Path:
+    def _page_path(self, entry: LibraryEntry, vehicle: str) -> Path:
         """Returns the path of a flight's page: in its folder of results, or among the pages of ``mavdem track``.
 
         Args:
@@ -248,7 +248,7 @@ class Pages:
                 return recordings_answer(self._visible_library.recordings(entry))
         return await run_in_threadpool(self._file_response, request, entry, name)
 
-    async def _wait_for_recording(self, entry: Entry) -> Entry:
+    async def _wait_for_recording(self, entry: LibraryEntry) -> LibraryEntry:
         """Waits until the recordings of a flight are made or have failed, for a while at most.
 
         Args:
@@ -273,7 +273,7 @@ class Pages:
             self._waiting_downloads -= 1
         return entry
 
-    def _file_response(self, request: HttpRequest, entry: Entry, name: str) -> Response:
+    def _file_response(self, request: HttpRequest, entry: LibraryEntry, name: str) -> Response:
         """Returns the answer with a result file of a flight, or its log.
 
         Only files that the index lists are given out, whatever the URL says. The log needs the right to read all
@@ -327,7 +327,8 @@ class Pages:
         """
         self._rights.require(request, Permission.READ)
         name = request.query_params.get("name", "")
-        entries, _ = self._library.find("vehicle = ?", [name], MAX_FILES, order=ListingOrder.FLIGHT)
+        found = self._library.find("vehicle = ?", [name], MAX_FILES, order=ListingOrder.FLIGHT)
+        entries = found.entries
         if not entries:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         rows = [row for row in self._library.flight_rows(entries) if row.vehicle == name]
@@ -392,11 +393,11 @@ class Pages:
         )
         return HTMLResponse(without_policy(html, **self._visible_library.visitor_values(request)))
 
-    def _series(self, entry: Entry) -> FlightSeries | None:
+    def _series(self, entry: LibraryEntry) -> FlightSeries | None:
         """Returns the time series of a flight; None if an earlier version has read it, or its results are lost."""
         return read_series(self._library.results_folder(entry))
 
-    def _rows_of_listed_vehicle(self, entry: Entry) -> FlightRows:
+    def _rows_of_listed_vehicle(self, entry: LibraryEntry) -> FlightRows:
         """Returns the fleet's rows of a log, of the vehicle under which it is listed, with the vehicle's given name."""
         rows = [row for row in self._library.flight_rows([entry]) if row.vehicle == entry.vehicle]
         return self._library.names.rows_with_given_names(rows)

@@ -168,7 +168,7 @@ def read_for_library(path: Path, key: str, page: object) -> LogRows:
     shutil.rmtree(results / digest, ignore_errors=True)
     os.replace(unfinished_folder, results / digest)
     page_path = f"{RESULTS}/{digest}/{PAGE_FILE}"
-    return [replace(row, page=page_path) for row in rows], {}
+    return LogRows([replace(row, page=page_path) for row in rows], pages={})
 
 
 def publish_table(path: Path, key: str, page: object) -> LogRows:
@@ -184,7 +184,7 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
     """
     with open_store(path.parents[1]) as store:
         publish(store, assess_rows)
-    return [], {}
+    return LogRows(rows=[], pages={})
 
 
 # Damaged messages hold infinite numbers and NaN.

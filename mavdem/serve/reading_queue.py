@@ -66,7 +66,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     now = time.time()
     query = "select id, size from entries where stage = ? order by received"
     waiting = library.db.execute(query, [Stage.WAITING]).fetchall()
-    reading, _ = library.find("stage = ?", [Stage.READING], sys.maxsize)
+    reading = library.find("stage = ?", [Stage.READING], sys.maxsize).entries
     # The estimate for each size is made once: a thousand waiting logs are looked at five times a second.
     seconds_by_size = dict[int, float]()
     if len(history) >= MIN_HISTORY:

@@ -12,7 +12,7 @@ from mavdem.facts.serve import RefusalReason, Stage
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.workers import Job, JobLimits, LogReader, ReadLog, outcome_of
 from mavdem.live.link import RETRY_SECONDS
-from mavdem.serve.index import Entry
+from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.reading import publish_table, read_for_library
 from mavdem.serve.recordings import RecordingRequests, make_recordings
@@ -122,7 +122,7 @@ class ReadingThreads:
         with self._log_added:
             self._log_added.wait(RETRY_SECONDS)
 
-    def _read_log(self, reader: LogReader | Cluster, entry: Entry) -> None:
+    def _read_log(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has a claimed log read, and stores its outcome.
 
         There is no outcome where the server ends while the log is read: another server, or the next start, reads it.
@@ -145,7 +145,7 @@ class ReadingThreads:
                 lambda: self._library.finish_reading(entry, outcome, self._limits)
             )
 
-    def _make_recordings(self, reader: LogReader | Cluster, entry: Entry) -> None:
+    def _make_recordings(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has the recordings of a flight made, and stores the outcome.
 
         There is no outcome where the server ends meanwhile: the recordings are then made later.

@@ -21,7 +21,7 @@ from mavdem.fleet.workers import JobOutcome, LogRows
 from mavdem.ingest.telemetry import Log, Telemetry
 from mavdem.processes import lower_priority
 from mavdem.results import RECORDINGS, REPORT_FILE, possible_recordings, write_recordings
-from mavdem.serve.index import DIGEST_GLOB, Entry, entry_from_row
+from mavdem.serve.index import DIGEST_GLOB, LibraryEntry, entry_from_row
 from mavdem.serve.library import Library
 from mavdem.serve.reading import LOWER_PRIORITY, ProgressFile, read_stored_log
 from mavdem.serve.stored_files import PROGRESS, RESULTS, UNFINISHED_RECORDINGS
@@ -34,13 +34,13 @@ class RecordingRequests:
         """Takes the library, whose index has the requests."""
         self._library = library
 
-    def missing_names(self, entry: Entry) -> list[str]:
+    def missing_names(self, entry: LibraryEntry) -> list[str]:
         """Returns the names of the recordings of a flight that can be made and do not exist yet."""
         folder = self._library.results_folder(entry)
         names = [name for name in entry.file_names if name in RECORDINGS]
         return [name for name in names if not (folder / name).is_file()]
 
-    def request(self, entry: Entry) -> Entry:
+    def request(self, entry: LibraryEntry) -> LibraryEntry:
         """Asks for the recordings of a flight, unless they exist or are being made.
 
         After a failure it asks again.
@@ -70,7 +70,7 @@ class RecordingRequests:
             )
         return self._library.entry(entry.id)
 
-    def claim(self) -> Entry | None:
+    def claim(self) -> LibraryEntry | None:
         """Marks the recordings of a flight that are waited for as being made by this server.
 
         Returns:
@@ -85,11 +85,11 @@ class RecordingRequests:
             ).fetchone()
         return None if row is None else entry_from_row(row)
 
-    def give_back(self, entry: Entry) -> None:
+    def give_back(self, entry: LibraryEntry) -> None:
         """Lets claimed recordings wait again, since they cannot be made now."""
         self._library.change(entry.id, recording_stage=Stage.WAITING, claimed="")
 
-    def finish(self, entry: Entry, outcome: JobOutcome) -> None:
+    def finish(self, entry: LibraryEntry, outcome: JobOutcome) -> None:
         """Stores the outcome of making the recordings of a flight, which may have been deleted meanwhile.
 
         Args:
@@ -112,7 +112,7 @@ class RecordingRequests:
                 raise
             self._library.remove_files_of_deleted_log(entry)
 
-    def stage(self, entry: Entry) -> str:
+    def stage(self, entry: LibraryEntry) -> str:
         """Returns the progress of a flight's recordings, a value of ``Stage``; empty if nobody has requested them."""
         if not self.missing_names(entry):
             return Stage.DONE
@@ -161,7 +161,7 @@ def make_recordings(path: Path, key: str, page: object) -> LogRows:
         raise Unreadable(ReadingFact.RECORDINGS_NOT_WRITTEN, because=error_message(error)) from None
     finally:
         shutil.rmtree(unfinished_folder, ignore_errors=True)
-    return [], {}
+    return LogRows(rows=[], pages={})
 
 
 def _unfinished_folder(results: Path) -> Path:

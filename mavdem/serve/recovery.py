@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from mavdem.facts.serve import Stage
-from mavdem.serve.index import COLUMNS, DIGEST_GLOB, Entry, insert_entry, new_id
+from mavdem.serve.index import COLUMNS, DIGEST_GLOB, LibraryEntry, insert_entry, new_id
 from mavdem.serve.stored_files import (
     INCOMING,
     LOGS,
@@ -39,7 +39,7 @@ class RecoverableLibrary(Protocol):
     def transaction(self) -> AbstractContextManager[sqlite3.Connection]:
         """Makes all changes of its block or none."""
 
-    def add(self, incoming: Path, name: str, **columns: Any) -> Entry:
+    def add(self, incoming: Path, name: str, **columns: Any) -> LibraryEntry:
         """Moves a complete file into the library."""
 
 
@@ -189,12 +189,12 @@ def _add_unindexed_logs(logs: Path, db: sqlite3.Connection, indexed_digests: set
         if digest in indexed_digests:
             continue
         status = path.stat()
-        entry = Entry(
+        entry = LibraryEntry(
             new_id(),
-            path.name,
-            digest,
-            f"{LOGS}/{digest}/{path.name}",
-            status.st_size,
+            name=path.name,
+            digest=digest,
+            path=f"{LOGS}/{digest}/{path.name}",
+            size=status.st_size,
             received=status.st_mtime,
         )
         insert_entry(db, entry)

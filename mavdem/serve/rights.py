@@ -14,7 +14,7 @@ from starlette.requests import HTTPConnection
 
 from mavdem.errors import Refusal, Unreadable
 from mavdem.facts.serve import Permission, RefusalReason, Sharing, StartFailure
-from mavdem.serve.index import Entry
+from mavdem.serve.index import LibraryEntry
 
 COOKIE_NAME = "mavdem"
 """Name of the cookie with the key for reading."""
@@ -108,7 +108,7 @@ class Rights:
         if not self.allows(request, use):
             raise Refusal(RefusalReason.NO_RIGHT, name=use)
 
-    def allows_viewing(self, request: HTTPConnection, entry: Entry) -> bool:
+    def allows_viewing(self, request: HTTPConnection, entry: LibraryEntry) -> bool:
         """Returns whether the sender of a request, who has the flight's link, may see this flight."""
         return entry.sharing in (Sharing.LINK, Sharing.PUBLIC) or self.allows(
             request, Permission.READ

@@ -66,10 +66,10 @@ UNFINISHED_SQL = f"stage not in ('{Stage.DONE}', '{Stage.FAILED}')"
 class SqlCondition(NamedTuple):
     """A condition of SQL on the table ``entries``."""
 
-    where: str
-    """the expression after ``where``, with a ``?`` for each value"""
+    expression: str
+    """The expression after ``where``, with a ``?`` for each value."""
     values: tuple[Any, ...] = ()
-    """the values, in order"""
+    """The values, in order."""
 
 
 def search_condition(text: str) -> SqlCondition:
@@ -90,11 +90,12 @@ def search_condition(text: str) -> SqlCondition:
         if condition is None:
             condition = _contains(SEARCHED_TEXT_SQL, word)
         conditions.append(condition)
-    where = " and ".join(condition.where for condition in conditions)
+    # In brackets, since an expression may itself have an "or".
+    expression = " and ".join(f"({condition.expression})" for condition in conditions)
     values: list[Any] = []
     for condition in conditions:
         values += condition.values
-    return SqlCondition(where, tuple(values))
+    return SqlCondition(expression, tuple(values))
 
 
 def search_problems(text: str) -> list[str]:

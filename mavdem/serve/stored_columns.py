@@ -151,7 +151,7 @@ def write_columns(
                 raise Unreadable(fact)
             stored_vehicles.append(_written_vehicle(telemetry, file))
     Path(folder, VEHICLES_FILE).write_text(json.dumps(stored_vehicles), "utf-8")
-    return [], {}
+    return LogRows(rows=[], pages={})
 
 
 def open_columns(folder: Path) -> StoredLog:

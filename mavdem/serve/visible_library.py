@@ -18,7 +18,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.report.fleet import TROUBLED_HEALTHS
 from mavdem.report.pages.library_page import interface_words
 from mavdem.results import REPORT_FILE
-from mavdem.serve.index import Entry
+from mavdem.serve.index import LibraryEntry
 from mavdem.serve.library import Library
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import query_number
@@ -35,7 +35,7 @@ MAX_SEARCH_LETTERS = 500
 class SearchResult(NamedTuple):
     """What a search in the library found."""
 
-    entries: list[Entry]
+    entries: list[LibraryEntry]
     """the flights of one page of the result, the newest first"""
     total: int
     """number of all flights that match"""
@@ -56,7 +56,7 @@ class VisibleLibrary:
     rights: Rights
     """The access rights."""
 
-    def entry(self, request: HttpRequest, id: str) -> Entry:
+    def entry(self, request: HttpRequest, id: str) -> LibraryEntry:
         """Returns the entry of a flight, if the sender may see it.
 
         Args:
@@ -75,7 +75,7 @@ class VisibleLibrary:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         return entry
 
-    def log_path(self, request: HttpRequest, entry: Entry) -> Path:
+    def log_path(self, request: HttpRequest, entry: LibraryEntry) -> Path:
         """Returns the path of the log of a flight, after checking that the sender of a request may have it.
 
         Whoever may read all flights may have the log, or any field of it; others only where its owner shares it with
@@ -110,14 +110,14 @@ class VisibleLibrary:
         offset = query_number(request, "offset", 0)
         is_by_flight = request.query_params.get("sort") == ListingOrder.FLIGHT
         order = ListingOrder.FLIGHT if is_by_flight else ListingOrder.UPLOAD
-        where, values = search_condition(query)
+        condition, values = search_condition(query)
         # Whoever may not read all flights finds only the public ones.
         if not self.rights.allows(request, Permission.READ):
-            where = f"sharing = '{Sharing.PUBLIC}' and {where}"
-        entries, total = self.library.find(where, values, limit, offset, order)
-        return SearchResult(entries, total, query, order, offset)
+            condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
+        entries, total = self.library.find(condition, values, limit, offset, order)
+        return SearchResult(entries, total=total, query=query, order=order, offset=offset)
 
-    def previous_flight(self, entry: Entry) -> Entry | None:
+    def previous_flight(self, entry: LibraryEntry) -> LibraryEntry | None:
         """Returns the flight of the same vehicle before this one, by date.
 
         Args:
@@ -129,12 +129,12 @@ class VisibleLibrary:
         if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
             return None
         # Copies of the log have the same date: only an earlier one is another flight.
-        where = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
+        condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
-        entries, _ = self.library.find(where, values, 1, order=ListingOrder.FLIGHT)
+        entries = self.library.find(condition, values, 1, order=ListingOrder.FLIGHT).entries
         return entries[0] if entries else None
 
-    def rows_with_trouble(self, entries: Sequence[Entry]) -> dict[str, FlightRow]:
+    def rows_with_trouble(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
         """Finds the flights whose motors differ from those of the other flights of their vehicle: a fault or a drift.
 
         Args:
@@ -154,7 +154,7 @@ class VisibleLibrary:
             worst_rows[entry_by_path[file].id] = worst_row(rows_of_file)
         return worst_rows
 
-    def documents(self, entries: Sequence[Entry]) -> list[Flight]:
+    def documents(self, entries: Sequence[LibraryEntry]) -> list[Flight]:
         """Returns the documents of flights, with the names that were given to them and to their vehicles.
 
         Args:
@@ -172,7 +172,7 @@ class VisibleLibrary:
             )
         return documents
 
-    def review(self, entry: Entry) -> JsonValues | None:
+    def review(self, entry: LibraryEntry) -> JsonValues | None:
         """Returns the document of a flight's review.
 
         Args:
@@ -190,7 +190,7 @@ class VisibleLibrary:
         with refuse_missing_file():
             return dict(json.loads(path.read_bytes()))
 
-    def recordings(self, entry: Entry) -> Recordings:
+    def recordings(self, entry: LibraryEntry) -> Recordings:
         """Returns the document on how far the recordings of a flight are.
 
         Whoever may see a flight may have its recordings made.

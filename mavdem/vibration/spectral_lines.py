@@ -303,7 +303,7 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
         # upwards; then the bin itself is taken.
         offset = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
         frequency = (top + offset) * windows.frequency_step
-    return _Track(exponent, scores, mean, top, frequency)
+    return _Track(exponent, scores=scores, mean=mean, top=top, frequency=frequency)
 
 
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:

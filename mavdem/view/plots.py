@@ -167,7 +167,11 @@ def draw_chart(
             # NaN separates one upright line from the next.
             upright = np.tile([low, high, np.nan], len(mark.times))
             time = np.repeat(mark.times, 3)
-            drawn_lines.append(_DrawnLine(mark.name, mark.colour, MARK_WIDTH, time, upright))
+            drawn_lines.append(
+                _DrawnLine(
+                    mark.name, colour=mark.colour, width=MARK_WIDTH, time=time, values=upright
+                )
+            )
     for number, drawn_line in enumerate(drawn_lines):
         # A unit such as 1/s is no folder.
         name = f"{number} {drawn_line.name.replace('/', ' per ')}"
@@ -227,8 +231,10 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
         edges = np.clip([band.lower_edge, band.upper_edge], 2 * low - high, 2 * high - low).T
         # Of a longer band only every step-th sample is drawn.
         step = ceil(len(band.x) / MAX_STROKES)
-        yield _DrawnLine("90 % band", shade, 0.0, band.x[::step], edges[::step])
-    yield _DrawnLine(line.name, line.colour, LINE_WIDTH, line.x, line.y)
+        yield _DrawnLine(
+            "90 % band", colour=shade, width=0.0, time=band.x[::step], values=edges[::step]
+        )
+    yield _DrawnLine(line.name, colour=line.colour, width=LINE_WIDTH, time=line.x, values=line.y)
 
 
 def colour_on_dark(colour: str, opacity: float) -> str:

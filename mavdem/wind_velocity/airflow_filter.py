@@ -271,11 +271,11 @@ def filter_motion(parameters: Array, motion: MotionGrid) -> FilteredMotion:
         filtered_covariances[t] = airflow.covariances
     return FilteredMotion(
         airflow.log_likelihoods,
-        innovations,
-        innovation_covariances,
-        predicted_states,
-        predicted_covariances,
-        filtered_states,
-        filtered_covariances,
-        airflow.decay,
+        innovations=innovations,
+        innovation_covariances=innovation_covariances,
+        predicted_states=predicted_states,
+        predicted_covariances=predicted_covariances,
+        filtered_states=filtered_states,
+        filtered_covariances=filtered_covariances,
+        decay=airflow.decay,
     )

@@ -446,7 +446,11 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
     direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
     return _MeanWind(
-        speed, min(low, speed), high, meteorological_direction(north, east), direction_half_width
+        speed,
+        low=min(low, speed),
+        high=high,
+        direction=meteorological_direction(north, east),
+        direction_half_width=direction_half_width,
     )
 
 

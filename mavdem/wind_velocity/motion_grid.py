@@ -102,11 +102,11 @@ class MotionGrid(NamedTuple):
         """
         return MotionGrid(
             self.time[rows],
-            self.body_axes[rows],
-            self.velocity[rows],
-            self.force[rows],
-            self.force_error[rows],
-            self.step,
+            body_axes=self.body_axes[rows],
+            velocity=self.velocity[rows],
+            force=self.force[rows],
+            force_error=self.force_error[rows],
+            step=self.step,
         )
 
 
@@ -244,7 +244,14 @@ def motion_grid(
     scale_error = SCALE_ERROR * acceleration[:, HORIZONTAL]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
     middle = bins.start + step * np.arange(1, bins.count, dtype=np.float64)
-    grid = MotionGrid(middle, body_axes, mean_velocity, force, force_error, step)
+    grid = MotionGrid(
+        middle,
+        body_axes=body_axes,
+        velocity=mean_velocity,
+        force=force,
+        force_error=force_error,
+        step=step,
+    )
     return grid.select(_near_complete_steps(grid))
 
 

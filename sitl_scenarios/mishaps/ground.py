@@ -201,7 +201,9 @@ def topple(state: State, bearing: float) -> GroundContact:
         rows[1][0] * forward + rows[1][1] * right,
     )
     lean, rate = TOPPLE_START
-    return GroundContact(heading, axis, lean, SIDE_ANGLE, rate, is_toppling=True)
+    return GroundContact(
+        heading, axis=axis, lean=lean, rest_lean=SIDE_ANGLE, rate=rate, is_toppling=True
+    )
 
 
 def holds(velocity: Vector3, attitude: Quaternion) -> bool:

@@ -38,7 +38,7 @@ from mavdem.dem.scaling import Scaling
 
 
 def lambda_gradient(posterior):
-    return FreeEnergyOfLambda.from_posterior(posterior).gradient(posterior.lambda_)
+    return FreeEnergyOfLambda.from_posterior(posterior).derivatives(posterior.lambda_)
 
 
 def of_any_model(test):

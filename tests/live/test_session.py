@@ -39,7 +39,7 @@ from mavdem.facts.watch import WatchFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream
 from mavdem.live.intake import FrameBatch
-from mavdem.live.link import LinkLost
+from mavdem.live.link import LinkLost, ReceivedPiece
 from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
@@ -72,7 +72,7 @@ class ScriptedLink:
         now = self.script.pop(0) if self.script else []
         if isinstance(now, Exception):
             raise now
-        return now
+        return [ReceivedPiece(*piece) for piece in now]
 
     def send(self, frame):
         self.sent += frame

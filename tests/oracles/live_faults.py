@@ -10,6 +10,7 @@ import numpy as np
 from mavdem.dem import Settings
 from mavdem.experiments.paper.flights import simulated_flight
 from mavdem.live import LiveStream
+from mavdem.live.link import ReceivedPiece
 from mavdem.live.session import LiveSession
 from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.scenario import Faults
@@ -63,7 +64,7 @@ class Wire(Ground):
         return came
 
     def send(self, frame):
-        self.towards.append((Wire.now, frame))
+        self.towards.append(ReceivedPiece(Wire.now, frame))
         return True
 
     def received(self, until):

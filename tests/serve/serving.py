@@ -13,7 +13,7 @@ from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
 from mavdem.facts.lights import Light
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.workers import Job, JobLimits, outcome_of
+from mavdem.fleet.workers import Job, JobLimits, LogRows, outcome_of
 from mavdem.report.blocks import Sentence
 from mavdem.report.pages.page import render_document
 from mavdem.results import PAGE_FILE, RECORDINGS, REPORT_FILE
@@ -57,7 +57,7 @@ def read_made_up(path, key, page):
     (made / PROGRESS).write_text(json.dumps(told | {"modes": "Loiter,Land", "files": names}))
     (made / PAGE_FILE).write_text(render_document(path.name, "", [Sentence("", said)]))
     (made / REPORT_FILE).write_text(json.dumps({"headline": said}))
-    return rows, {}
+    return LogRows(rows, {})
 
 
 def record_made_up(path, key, page):
@@ -67,7 +67,7 @@ def record_made_up(path, key, page):
     made = path.parents[2] / RESULTS / path.parent.name
     for name in RECORDINGS:
         (made / name).write_text(f"{name} of {path.name}")
-    return [], {}
+    return LogRows([], {})
 
 
 class AtOnce:

@@ -16,7 +16,7 @@ from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import first_plots
 from mavdem.serve.api import Api
 from mavdem.serve.field_store import FieldStore
-from mavdem.serve.index import Entry, insert_entry, new_id
+from mavdem.serve.index import LibraryEntry, insert_entry, new_id
 from mavdem.serve.library import Library
 from mavdem.serve.reading import ProgressFile
 from mavdem.serve.reading_queue import ReadLogSize, estimated_seconds
@@ -66,7 +66,7 @@ def test_the_progress_of_many_waiting_logs_takes_little_time(tmp_path):
     with library.transaction() as db:
         for number in range(1000):
             name = f"{number}.tlog"
-            waiting = Entry(new_id(), name, f"{number:064x}", name, received=float(number))
+            waiting = LibraryEntry(new_id(), name, f"{number:064x}", name, received=float(number))
             insert_entry(db, waiting)
     queries = []
     library.db.set_trace_callback(queries.append)

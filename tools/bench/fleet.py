@@ -128,7 +128,9 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
             )
             for row in real_rows
         )
-        outcome = JobOutcome(path, "read", copies, key, {}, seconds=1.0, megabytes=200.0)
+        outcome = JobOutcome(
+            path, ended="read", rows=copies, key=key, pages={}, seconds=1.0, megabytes=200.0
+        )
         yield GeneratedLog(LogSource(path, size, version="1"), outcome)
 
 

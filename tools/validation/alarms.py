@@ -44,10 +44,15 @@ from mavdem.dem import Settings
 from mavdem.facts.session import SessionFact
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
+from mavdem.live.history import TORQUE_COLUMNS
+from mavdem.live.link import ReceivedPiece
 from mavdem.live.session import LiveSession
 from mavdem.motors.motor_changes import MotorAlarm
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
+
+BATCH_SECONDS = 0.01
+"""Pieces of a recording that arrived in one such span of time are given to a live session at once, s; a choice."""
 
 SOUND = "sound"
 HOVER = "weak in hover"
@@ -156,20 +161,21 @@ def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
 def evaluate_recording(recording: Path) -> list[Values]:
     """Returns the row of a recording: what a live session finds in it, on a clock that follows its time stamps."""
     stamped = read_stream(recording).stamped_frames()
-    frames = sorted((stamp / 1e6, data) for stamp, data in stamped)
+    pieces = sorted(ReceivedPiece(stamp / 1e6, data) for stamp, data in stamped)
     link = Mock(awaits_greeting=False, dropped_datagrams=0, drain_events=list)
     with patch.object(mavdem.live.clock, "time") as clock:
-        clock.monotonic = clock.time = Mock(return_value=frames[0][0])
+        clock.monotonic = clock.time = Mock(return_value=pieces[0].arrival_time)
         session = LiveSession(
             link, LiveStream(), Settings(), Mock(return_value=None), Mock(), Mock()
         )
-        for _, batch in groupby(frames, lambda frame: frame[0] // 0.01):
-            link.receive.return_value = [*batch]
-            clock.time.return_value = link.receive.return_value[-1][0]
+        for _, batch in groupby(pieces, lambda piece: piece.arrival_time // BATCH_SECONDS):
+            received = list(batch)
+            link.receive.return_value = received
+            clock.time.return_value = received[-1].arrival_time
             session.step(0.0)
         alarms = session.status.motor_alarms
     history = session.history
-    torque, band = history.table[:, 5:7].T
+    torque, band = history.table[:, TORQUE_COLUMNS].T
     finite = np.isfinite(torque)
     row: Values = {"recording": recording.stem}
     row["found"] = ", ".join(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array
 from mavdem.dem.engine import steps
 from mavdem.dem.engine.free_energy import Posterior, free_energy_terms
 from mavdem.dem.engine.generative import GenerativeModel
@@ -177,7 +177,7 @@ def posterior_after_each_round(
 def initial_iterate(
     model: GenerativeModel,
     samples: SufficientStatistics,
-    start: ArrayPair | None = None,
+    theta: Array | None = None,
     lambda_covariance: Array | None = None,
 ) -> Iterate:
     """Returns the iterate from which the rounds begin, after a first D step.
@@ -185,7 +185,7 @@ def initial_iterate(
     Args:
         model: the generative model.
         samples: statistics of the generalized data.
-        start: θ (k,) and λ (g,) to start from; the prior means unless given.
+        theta: (k,) θ to start from; its prior mean unless given. λ starts from its prior mean.
         lambda_covariance: (g, g) covariance of λ in the first D step; the prior's unless given.
 
     Returns:
@@ -195,7 +195,8 @@ def initial_iterate(
         numpy.linalg.LinAlgError: a curvature at the start is not negative definite.
     """
     prior = model.prior
-    theta, lambda_ = (prior.theta_mean, prior.lambda_mean) if start is None else start
+    if theta is None:
+        theta = prior.theta_mean
     if lambda_covariance is None:
         lambda_covariance = inverse(prior.lambda_precision)
     # The D step needs the data and a posterior of θ and λ, but no earlier estimate of the states.
@@ -209,7 +210,7 @@ def initial_iterate(
         theta=theta,
         # The first D step takes θ as certain: the mean-field term of a weak prior would shrink the states to zero.
         theta_covariance=np.zeros_like(prior.theta_precision),
-        lambda_=lambda_,
+        lambda_=prior.lambda_mean,
         lambda_covariance=lambda_covariance,
     )
     return _optimal_iterate(_after_d_step(posterior))

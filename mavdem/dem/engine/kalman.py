@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, ArrayPair, Indices
+from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.engine.model import linear_recursion
 
@@ -37,13 +37,23 @@ A covariance that still changes after 2⁶⁰ samples grows without bound.
 """
 
 
+class SteadyState(NamedTuple):
+    """The steady state of the Kalman filter x̂⁺ = A x̂ + K (y − C x̂); leading axes are several systems."""
+
+    gain: Array
+    """(…, n, m) gain K."""
+
+    covariance: Array
+    """(…, n, n) covariance P of the predicted state."""
+
+
 def steady_state_gain(
     A: Array,
     C: Array,
     Q: Array,
     R: Array,
     S: Array | None = None,
-) -> ArrayPair:
+) -> SteadyState:
     """Computes the gain of the steady-state Kalman filter, by solving the discrete algebraic Riccati equation.
 
     The structure-preserving doubling algorithm is used: iteration k has the covariance after 2ᵏ samples (E. K.-W. Chu,
@@ -56,9 +66,6 @@ def steady_state_gain(
         Q: (…, n, n) covariance of the process noise.
         R: (…, m, m) covariance of the measurement noise, positive definite.
         S: (…, n, m) covariance between process and measurement noise; zero unless given.
-
-    Returns:
-        The gain K (…, n, m) of x̂⁺ = A x̂ + K (y − C x̂), and the covariance P (…, n, n) of the predicted state.
 
     Raises:
         numpy.linalg.LinAlgError: a system has no steady filter, with which A − K C is stable.
@@ -88,7 +95,8 @@ def steady_state_gain(
             largest_entry = abs(P).max(axis=(-1, -2))
             if np.all(np.divide(largest_change, largest_entry) <= STEADY_CHANGE):
                 cross_covariance = A @ P @ C.mT + S
-                return cross_covariance @ np.linalg.inv(C @ P @ C.mT + R), P
+                gain = cross_covariance @ np.linalg.inv(C @ P @ C.mT + R)
+                return SteadyState(gain, P)
     raise LinAlgError("there is no steady filter: an unstable state may not be seen")
 
 
@@ -193,6 +201,16 @@ class SteadyStateFilter(NamedTuple):
         return np.asarray(signal @ P_h - variance_reduction)
 
 
+class FilteredSegments(NamedTuple):
+    """What a Kalman filter makes of segments of T samples each; leading axes are segments side by side."""
+
+    states: Array
+    """(…, T + 1, n) predicted states, before each sample and after the last."""
+
+    innovations: Array
+    """(…, T, m) innovations."""
+
+
 class SmoothingResult(NamedTuple):
     """Smoothed states of a segment of T samples, and of the sample after it, given all measurements."""
 
@@ -275,7 +293,13 @@ class KalmanFilter(NamedTuple):
                 covariances.append((next_P + next_P.T) / 2)
                 if abs(covariances[-1] - P).max() <= STEADY_CHANGE * abs(P).max():
                     break
-        return cls(A, C, np.array(covariances), np.array(gains), np.array(innovation_precisions))
+        return cls(
+            A,
+            C=C,
+            covariances=np.array(covariances),
+            gains=np.array(gains),
+            innovation_precisions=np.array(innovation_precisions),
+        )
 
     def predicted_covariances(self, samples: int) -> Array:
         """Returns the covariances of the predicted state before each sample and after the last, (samples + 1, n, n)."""
@@ -287,16 +311,13 @@ class KalmanFilter(NamedTuple):
         return np.minimum(np.arange(samples), len(self.gains) - 1)
 
     @may_overflow
-    def filter(self, initial_state: Array, forcing: Array, measurements: Array) -> ArrayPair:
+    def filter(self, initial_state: Array, forcing: Array, measurements: Array) -> FilteredSegments:
         """Runs the filter over segments of T samples each.
 
         Args:
             initial_state: (…, n) mean of the state at the first sample; leading axes are independent segments.
             forcing: (…, T, n) known terms g that are added to the next state.
             measurements: (…, T, m) measured outputs y.
-
-        Returns:
-            The predicted states (…, T + 1, n), before each sample and after the last, and the innovations (…, T, m).
         """
         samples = measurements.shape[-2]
         rows = self.gain_rows(samples)
@@ -308,7 +329,8 @@ class KalmanFilter(NamedTuple):
         driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
         for t, row in enumerate(rows):
             states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving[..., t, :]
-        return states, measurements - states[..., :-1, :] @ self.C.T
+        innovations = measurements - states[..., :-1, :] @ self.C.T
+        return FilteredSegments(states, innovations)
 
     def smooth(self, states: Array, innovations: Array) -> SmoothingResult:
         """Smooths the states over each segment, by the disturbance smoother.

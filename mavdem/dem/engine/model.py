@@ -1,7 +1,7 @@
 """The continuous linear state-space model: its parameter vector θ, its discretization, and its recursion in time."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 import scipy
@@ -53,12 +53,25 @@ def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[
     return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
 
 
+class ModelMatrices(NamedTuple, Generic[Scalar]):
+    """What θ has of a model with n states, r inputs and m outputs, arranged like its matrices."""
+
+    A: NDArray[Scalar]
+    """(n, n) of the states."""
+
+    B: NDArray[Scalar]
+    """(n, r) of the inputs."""
+
+    C: NDArray[Scalar]
+    """(m, n) of the outputs."""
+
+
 def unpack(
     theta: NDArray[Scalar],
     n: int,
     r: int,
     m: int,
-) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
+) -> ModelMatrices[Scalar]:
     """Unpacks θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] into the matrices of the model.
 
     Args:
@@ -68,14 +81,14 @@ def unpack(
         m: number of outputs.
 
     Returns:
-        A (n, n), B (n, r) and C (m, n), views of ``theta``.
+        The matrices, views of ``theta``.
     """
     end_of_A = n * n
     end_of_B = n * n + n * r
-    return (
-        theta[:end_of_A].reshape(n, n),
-        theta[end_of_A:end_of_B].reshape(n, r),
-        theta[end_of_B:].reshape(m, n),
+    return ModelMatrices(
+        A=theta[:end_of_A].reshape(n, n),
+        B=theta[end_of_A:end_of_B].reshape(n, r),
+        C=theta[end_of_B:].reshape(m, n),
     )
 
 

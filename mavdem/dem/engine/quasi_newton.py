@@ -82,9 +82,8 @@ class _Search:
         posterior = start.posterior
         self.best = start
         self.origin = np.concatenate([posterior.theta, posterior.lambda_])
-        _, lambda_precision = FreeEnergyOfLambda.from_posterior(posterior).gradient(
-            posterior.lambda_
-        )
+        free_energy_of_lambda = FreeEnergyOfLambda.from_posterior(posterior)
+        lambda_precision = free_energy_of_lambda.derivatives(posterior.lambda_).precision
         self._root = scipy.linalg.block_diag(
             np.linalg.cholesky(inverse(theta_precision(posterior))),
             np.linalg.cholesky(inverse(lambda_precision)),
@@ -108,7 +107,8 @@ class _Search:
             with raise_on_overflow():
                 iterate = iterate_at(theta, lambda_, self.best.posterior)
                 posterior = iterate.posterior
-                lambda_gradient, _ = FreeEnergyOfLambda.from_posterior(posterior).gradient(lambda_)
+                free_energy_of_lambda = FreeEnergyOfLambda.from_posterior(posterior)
+                lambda_gradient = free_energy_of_lambda.derivatives(lambda_).gradient
                 gradient = np.concatenate([theta_gradient(posterior), lambda_gradient])
         except LinAlgError:
             return self._breakdown_value, np.zeros_like(coordinates)

@@ -289,6 +289,6 @@ def filter_gain(
     # their variance.
     R = np.diag(measurement_variances) * max(power_density / dt, 1.0)
     # Over one step the white process noise adds its power density times dt to the covariance of the states.
-    _, P = steady_state_gain(Phi, C, process_covariance * power_density * dt, R)
+    P = steady_state_gain(Phi, C, process_covariance * power_density * dt, R).covariance
     # P Cᵀ (C P Cᵀ + R)⁻¹, by solving in place of inverting.
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array
 from mavdem.dem.engine.free_energy import (
     Posterior,
     expected_noise_precisions,
@@ -54,7 +54,17 @@ def d_step(posterior: Posterior) -> Array:
     return solve(precision, data_effect)
 
 
-def state_gradient(posterior: Posterior) -> ArrayPair:
+class StateGradient(NamedTuple):
+    """The gradient of F by the states X of a sample, ∂F/∂X = G [ỹ; η̃] − P X."""
+
+    data_effect: Array
+    """(dim X, dim [ỹ; η̃]) G."""
+
+    precision: Array
+    """(dim X, dim X) P."""
+
+
+def state_gradient(posterior: Posterior) -> StateGradient:
     """Returns the gradient of F by the states of a sample, as the matrices of a linear function.
 
     The prediction errors are linear in the data and in X, ε̃ = E_data [ỹ; η̃] + E_X X, and F has −½ ε̃ᵀ Π̃ ε̃. So the
@@ -63,9 +73,6 @@ def state_gradient(posterior: Posterior) -> ArrayPair:
 
     Args:
         posterior: the posterior of θ and λ; its states are not used.
-
-    Returns:
-        G (dim X, dim [ỹ; η̃]) and P (dim X, dim X), with ∂F/∂X = G [ỹ; η̃] − P X.
     """
     model = posterior.model
     E = model.error_operator(posterior.theta)
@@ -76,7 +83,7 @@ def state_gradient(posterior: Posterior) -> ArrayPair:
     mean_field_curvature = model.mean_field_curvature_in_states(
         np.exp(posterior.lambda_), posterior.theta_covariance
     )
-    return -weighted @ E_data, weighted @ E_X + mean_field_curvature
+    return StateGradient(-weighted @ E_data, weighted @ E_X + mean_field_curvature)
 
 
 def e_step(posterior: Posterior) -> Array:
@@ -166,7 +173,7 @@ def m_step(posterior: Posterior) -> Array:
     lambda_ = posterior.lambda_
     value = free_energy.value(lambda_)
     for _ in range(MAX_NEWTON_STEPS):
-        gradient, precision = free_energy.gradient(lambda_)
+        gradient, precision = free_energy.derivatives(lambda_)
         step = np.clip(solve(precision, gradient), -MAX_LAMBDA_STEP, MAX_LAMBDA_STEP)
         next_value = free_energy.value(lambda_ + step)
         while next_value < value and abs(step).max() > MIN_LAMBDA_STEP:
@@ -180,6 +187,16 @@ def m_step(posterior: Posterior) -> Array:
         if abs(step).max() <= MIN_LAMBDA_STEP:
             break
     return lambda_
+
+
+class LambdaDerivatives(NamedTuple):
+    """Derivatives of F̄ by the g log noise precisions λ."""
+
+    gradient: Array
+    """(g,) ∂F̄/∂λ."""
+
+    precision: Array
+    """(g, g) −∂²F̄/∂λ²."""
 
 
 class FreeEnergyOfLambda(NamedTuple):
@@ -240,12 +257,12 @@ class FreeEnergyOfLambda(NamedTuple):
             -0.5 * self.c @ np.exp(lambda_) + self.b @ lambda_ - 0.5 * error @ self.P @ error
         )
 
-    def gradient(self, lambda_: Array) -> ArrayPair:
-        """Returns ∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g) at λ (g,)."""
+    def derivatives(self, lambda_: Array) -> LambdaDerivatives:
+        """Returns the first and second derivatives of F̄ at λ (g,)."""
         weighted_squares = 0.5 * self.c * np.exp(lambda_)
         gradient = self.b - weighted_squares - self.P @ (lambda_ - self.eta)
         precision = np.diag(weighted_squares) + self.P
-        return gradient, precision
+        return LambdaDerivatives(gradient, precision)
 
 
 def with_optimal_covariances(posterior: Posterior) -> Posterior:

@@ -30,7 +30,7 @@ from mavdem.dem.engine.model import discretize, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.joint import axis_mixer
 from mavdem.dem.priors import KINEMATIC_PRECISION
-from mavdem.dem.record import Record, Segments
+from mavdem.dem.record import Record, Segments, SegmentSamples
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 
@@ -77,13 +77,12 @@ def models_for_parameters(
         The models, with a leading axis of length b in all matrices but C, which they share.
     """
     matrices = [unpack(theta, *sizes) for theta in thetas]
-    A = np.stack([A for A, _, _ in matrices])
-    B = np.stack([B for _, B, _ in matrices])
-    _, _, C = matrices[0]
+    A = np.stack([model.A for model in matrices])
+    B = np.stack([model.B for model in matrices])
     transition = discretize(A, B, dt)
     # Models with large eigenvalues overflow; their errors are then infinite.
     with np.errstate(over="ignore", invalid="ignore"):
-        return StateSpace.from_transition(transition, C, gain)
+        return StateSpace.from_transition(transition, matrices[0].C, gain)
 
 
 @may_overflow
@@ -151,15 +150,15 @@ class SimulationPieces(NamedTuple):
         """
         # The filter and the simulation take a horizon each; one more sample sets the filter's first state.
         piece_length = 2 * horizon + 1
-        all_pieces = []
+        all_pieces: list[SegmentSamples] = []
         for inputs, outputs in segments:
             for start in _piece_starts(len(outputs), horizon):
                 end = start + piece_length
-                all_pieces.append((inputs[start:end], outputs[start:end]))
+                all_pieces.append(SegmentSamples(inputs[start:end], outputs[start:end]))
         # If there are fewer pieces than MAX_PIECES, each is selected once.
         selection = np.unique(np.linspace(0, len(all_pieces) - 1, MAX_PIECES).astype(int))
-        input_pieces = [all_pieces[index][0] for index in selection]
-        output_pieces = [all_pieces[index][1] for index in selection]
+        input_pieces = [all_pieces[index].inputs for index in selection]
+        output_pieces = [all_pieces[index].outputs for index in selection]
         return cls(
             np.stack(input_pieces, axis=2),
             np.stack(output_pieces, axis=2),

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair, Indices
+from mavdem.arrays import Array, Indices
 from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import ROUNDING_TOLERANCE, may_overflow
 from mavdem.dem.forecast.lag_regression import (
@@ -41,6 +41,16 @@ class Forecast(NamedTuple):
 
     variance: Array
     """Expected squared errors of the mean (…, H, m)."""
+
+
+class AffineMap(NamedTuple):
+    """A linear function of samples, with a constant: constant + weights @ samples."""
+
+    weights: Array
+    """(…, k, w) factors of the w numbers of the samples."""
+
+    constant: Array
+    """(…, k) constant."""
 
 
 class VectorAutoregression(NamedTuple):
@@ -178,7 +188,7 @@ class VectorAutoregression(NamedTuple):
         return self._physical_forecast(mean, added_variances.cumsum(axis=0))
 
     @may_overflow
-    def prediction_maps(self, steps: int) -> ArrayPair:
+    def prediction_maps(self, steps: int) -> AffineMap:
         """Returns the expected next samples as linear functions of the past, for scaled channels.
 
         Args:
@@ -198,9 +208,9 @@ class VectorAutoregression(NamedTuple):
             latest = np.concatenate([prediction, latest[:-k]])
             predictions.append(prediction)
         maps = np.array(predictions)
-        return np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1]
+        return AffineMap(np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1])
 
-    def output_map(self, m: int) -> ArrayPair:
+    def output_map(self, m: int) -> AffineMap:
         """Returns the expected outputs of a sample as a linear function of its own inputs and of the past.
 
         The inputs u of the sample help to predict its outputs y, since their innovations are correlated:
@@ -221,7 +231,7 @@ class VectorAutoregression(NamedTuple):
         coefficients = self.stacked_coefficients
         past_map = coefficients[:m] - gain @ coefficients[m:]
         weights = np.hstack([np.zeros((m, m)), gain, past_map])
-        return weights, self.offset[:m] - gain @ self.offset[m:]
+        return AffineMap(weights, self.offset[:m] - gain @ self.offset[m:])
 
     def output_filter(self, m: int, steps: int) -> KalmanFilter:
         """Returns the Kalman filter that estimates the outputs from the inputs, after a known past.

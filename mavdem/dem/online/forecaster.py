@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from mavdem.arrays import Array, ArrayPair
+from mavdem.arrays import Array
 from mavdem.dem.engine.linalg import may_overflow, one_thread
 from mavdem.dem.forecast.joint import (
     HYPERPARAMETER_GRID,
@@ -79,6 +79,16 @@ class PredictionMaps(NamedTuple):
         return predictions.reshape(-1, outputs.shape[1])
 
 
+class NextPredictions(NamedTuple):
+    """What is predicted when the latest sample of a stream has come."""
+
+    expected: Array
+    """(m,) the latest sample as predicted from those before it and from its own inputs; NaN without a prediction."""
+
+    ahead: Array
+    """(H, m) predictions at each horizon."""
+
+
 class OnlineForecaster:
     """Predicts a stream at H horizons by a vector autoregression, which learns from each new block of samples.
 
@@ -142,21 +152,17 @@ class OnlineForecaster:
         """Ends a segment, as a gap follows: no sample after it is compared with predictions before it."""
         self.errors.forget_predictions()
 
-    def predict(self, memory: SampleMemory) -> ArrayPair:
+    def predict(self, memory: SampleMemory) -> NextPredictions:
         """Compares the latest sample with its predictions, and predicts the next ones.
 
         The order matters: the sample is compared with its predictions before its own predictions are stored.
 
         Args:
             memory: Memory to which the latest sample has been added.
-
-        Returns:
-            (m,) the latest sample as predicted from those before it and from its own inputs, NaN where there is no
-            prediction; and (H, m) predictions at each horizon.
         """
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
-        latest = outputs[-1]
-        self.errors.compare(latest)
+        latest_outputs = outputs[-1]
+        self.errors.compare(latest_outputs)
         expected = np.full(self._outputs, np.nan)
         ahead: Array | None = None
         if self._maps is not None:
@@ -169,11 +175,11 @@ class OnlineForecaster:
                 ahead = predictions[:-1]
                 is_finite = np.isfinite(ahead)
                 if not is_finite.all():
-                    ahead = np.where(is_finite, ahead, latest)
+                    ahead = np.where(is_finite, ahead, latest_outputs)
         if ahead is None:
-            ahead = np.tile(latest, (len(self._horizons), 1))
-        self.errors.store(ahead, latest)
-        return expected, ahead
+            ahead = np.tile(latest_outputs, (len(self._horizons), 1))
+        self.errors.store(ahead, latest_outputs)
+        return NextPredictions(expected, ahead)
 
     def add_block(self, block: MemoryBlock, *, may_fit: bool = True) -> None:
         """Learns from a block of samples that has just been completed.

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, ArrayPair
-from mavdem.dem.record import Record
+from mavdem.arrays import Array
+from mavdem.dem.record import Record, SegmentSamples
 
 
 class MemoryBlock(NamedTuple):
@@ -49,7 +49,9 @@ def record_from_blocks(
         lengths[-1] += len(block.outputs)
     inputs = np.concatenate([block.inputs for block in blocks])
     outputs = np.concatenate([block.outputs for block in blocks])
-    return Record(inputs, outputs, dt, tuple(lengths), effect_directions)
+    return Record(
+        inputs, outputs=outputs, dt=dt, lengths=tuple(lengths), effect_directions=effect_directions
+    )
 
 
 def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
@@ -153,19 +155,18 @@ class SampleMemory:
         """Returns the samples of all blocks, of which there must be at least one, as a record for a fit."""
         return record_from_blocks(self.blocks, self.dt, self.effect_directions)
 
-    def latest_samples(self, number: int) -> ArrayPair:
+    def latest_samples(self, number: int) -> SegmentSamples:
         """Returns the latest samples since the last gap, also those that belong to no block yet.
 
         Args:
             number: Number of samples; fewer are returned where there are fewer since the gap.
 
         Returns:
-            Inputs and outputs in the order of time, (number, r) and (number, m): views, which hold until the next
-            sample is added.
+            The samples in the order of time: views, which hold until the next sample is added.
         """
         end = self._samples_since_gap
         start = max(end - min(number, self._max_samples), 0)
-        return self._inputs[start:end], self._outputs[start:end]
+        return SegmentSamples(self._inputs[start:end], self._outputs[start:end])
 
     def _make_room(self, inputs: int, outputs: int) -> int:
         """Makes tables for the samples if there are none yet; otherwise moves the latest samples to their beginning.

@@ -245,7 +245,16 @@ def em_fit(segments: Segments, order: int) -> NormalizedFit:
         K = innovation_gain(A, C, Q, R, S=np.zeros((order, m)))
     except LinAlgError:
         raise NotLearnable(ForecastFact.EM_BROKE_DOWN, order=order) from None
-    model = StateSpace(A, B, C, np.zeros((m, k)), K, offset, np.zeros(k), output_trim)
+    model = StateSpace(
+        A,
+        B=B,
+        C=C,
+        D=np.zeros((m, k)),
+        K=K,
+        offset=offset,
+        input_trim=np.zeros(k),
+        output_trim=output_trim,
+    )
     has_converged = len(fit.log_likelihoods) < MAX_ITERATIONS
     return NormalizedFit(model, fit.starts, None if has_converged else MAX_ITERATIONS)
 
@@ -319,7 +328,9 @@ def model_with_noise(fit: NormalizedFit, segments: Segments) -> LinearGaussianMo
     R = innovations.T @ innovations / len(innovations)
     Q = model.K @ R @ model.K.T + INITIAL_PROCESS_VARIANCE * np.eye(len(model.A))
     R += ROUNDING_TOLERANCE * np.eye(len(R))
-    return LinearGaussianModel(model.A, model.B, model.offset, model.C, model.output_trim, Q, R)
+    return LinearGaussianModel(
+        model.A, B=model.B, offset=model.offset, C=model.C, trim=model.output_trim, Q=Q, R=R
+    )
 
 
 def maximize_expected_likelihood(

@@ -98,7 +98,13 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
             with suppress(NotLearnable):
                 controller = recorded_controller(record, mixer[:, 0])
         posterior = LoopPosterior(data, controller)
-        return ClosedLoop(record, mixer, angle_and_rate, posterior, fit_closed_loop(posterior))
+        return ClosedLoop(
+            record,
+            mixer=mixer,
+            angle_and_rate=angle_and_rate,
+            posterior=posterior,
+            maximum=fit_closed_loop(posterior),
+        )
 
 
 def turning_sense(record: Record, mixer: Array) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, Segments
+from mavdem.dem.record import Record, Segments, SegmentSamples
 
 DEPENDENCE_TOLERANCE = 1e-6
 """A combination of inputs, each in units of its own standard deviation, counts as dependent on others if it varies by
@@ -77,7 +77,7 @@ class NormalizedUnits(NamedTuple):
         for inputs, outputs in record.segments:
             normalized_inputs = (inputs - self.input_trim) @ self.input_map
             normalized_outputs = (outputs - self.output_trim) / self.output_scale
-            segments.append((normalized_inputs, normalized_outputs))
+            segments.append(SegmentSamples(normalized_inputs, normalized_outputs))
         return segments
 
     def physical_model(self, model: StateSpace) -> StateSpace:

@@ -110,7 +110,16 @@ def subspace_fit(segments: Segments, order: int) -> NormalizedFit:
         K = innovation_gain(A, C, Q, R, S)
     except LinAlgError:
         raise NotLearnable(ForecastFact.NOT_OBSERVABLE, order=order) from None
-    model = StateSpace(A, B, C, np.zeros((m, k)), K, offset[:, 0], np.zeros(k), output_trim[:, 0])
+    model = StateSpace(
+        A,
+        B=B,
+        C=C,
+        D=np.zeros((m, k)),
+        K=K,
+        offset=offset[:, 0],
+        input_trim=np.zeros(k),
+        output_trim=output_trim[:, 0],
+    )
     starts = [initial_state(model, inputs, outputs) for inputs, outputs in segments]
     return NormalizedFit(model, np.array(starts))
 
@@ -265,7 +274,7 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
         with suppress(LinAlgError):
             process = Q + variance * np.eye(len(A))
             measurement = R + variance * np.eye(len(C))
-            return steady_state_gain(A, C, process, measurement, S)[0]
+            return steady_state_gain(A, C, process, measurement, S).gain
     raise LinAlgError("no noise makes a steady filter")
 
 

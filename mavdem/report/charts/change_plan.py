@@ -74,10 +74,10 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
         drawn_changes.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
-                OUTCOME_LEVELS[change.outcome],
-                position(relative.difference - relative.half_width),
-                position(relative.difference),
-                position(relative.difference + relative.half_width),
+                level=OUTCOME_LEVELS[change.outcome],
+                low=position(relative.difference - relative.half_width),
+                middle=position(relative.difference),
+                high=position(relative.difference + relative.half_width),
             )
         )
     svg = svg_of("changes", rows=drawn_changes, limit=percent_per_limit)

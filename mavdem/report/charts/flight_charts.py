@@ -104,8 +104,10 @@ def step_charts(
             if isinstance(response.measured, StepResponse):
                 title = f"{axis.capitalize()} {loop_name}"
                 advised_step = advised.get(axis, {}).get(loop_name)
-                of_loop = [*_response_charts(title, response, response.measured, advised_step)]
-                charts += of_loop if has_gain else of_loop[:1]
+                charts_of_loop = [
+                    *_response_charts(title, response, response.measured, advised_step)
+                ]
+                charts += charts_of_loop if has_gain else charts_of_loop[:1]
         if charts:
             charts_of_axes[axis] = tuple(charts)
     return charts_of_axes

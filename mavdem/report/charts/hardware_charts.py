@@ -256,11 +256,11 @@ def _lines(
     lines = []
     start, end = timeline.span
     for (name, series), colour in zip(series_by_name.items(), cycle(colours), strict=False):
-        of_boot = None if series is None else series_of_boot(series, timeline.boot)
-        if of_boot is None:
+        samples = None if series is None else series_of_boot(series, timeline.boot)
+        if samples is None:
             continue
-        is_shown = (of_boot.time >= start) & (of_boot.time <= end)
+        is_shown = (samples.time >= start) & (samples.time <= end)
         if np.count_nonzero(is_shown) >= MIN_SAMPLES:
-            values: Array = of_boot.values[is_shown]
-            lines.append(Line(name, colour, of_boot.time[is_shown], values))
+            values: Array = samples.values[is_shown]
+            lines.append(Line(name, colour, samples.time[is_shown], values))
     return tuple(lines)

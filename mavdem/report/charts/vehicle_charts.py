@@ -8,7 +8,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.fleet.flights import AxisRows, worst_health
+from mavdem.fleet.flights import AxisRows, log_row, worst_health
 from mavdem.report.charts.chart import Axis, Chart, Group, Line, LineStyle, Mark
 from mavdem.report.numbers import TORQUE_UNIT, without_remark
 from mavdem.report.palette import BAD, LIMITED, distinct
@@ -83,7 +83,9 @@ def vehicle_group(flights: Sequence[AxisRows]) -> Group | None:
 
 def _flight_axis(flights: Sequence[AxisRows]) -> Axis:
     """Returns an axis that counts the flights and has the dates of the first and the last one."""
-    dates = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
+    dates = [
+        f"{log_row(flight).date:%Y-%m-%d}" if log_row(flight).date else "" for flight in flights
+    ]
     unlabelled = [""] * (len(flights) - 2)
     return Axis("flight", names=(dates[0] or "first", *unlabelled, dates[-1] or "last"))
 
@@ -160,8 +162,8 @@ def _estimates_by_axis(
     """
     estimates = {}
     for axis in TILT_AXES:
-        (of_axis,) = _estimates(flights, quantity.column, 1, axis, input_unit)
-        estimates[axis] = quantity.scale * of_axis
+        (estimates_of_axis,) = _estimates(flights, quantity.column, 1, axis, input_unit)
+        estimates[axis] = quantity.scale * estimates_of_axis
     return estimates
 
 

@@ -173,10 +173,10 @@ def log_page(
         chapters = [*opened_where_not_good(chapters, assessment.lights, assessment.headline)]
         head = Head(
             assessment.headline.level,
-            lights_with_reason_once(assessment.lights),
-            events,
-            timeline,
-            assessment.analysis,
+            lights=lights_with_reason_once(assessment.lights),
+            events=events,
+            timeline=timeline,
+            analysis=assessment.analysis,
             light_anchors=_anchors_of_lights(chapters),
             path=flown_path(timeline, assessment.drawn_wind),
             changes=changes,
@@ -206,17 +206,17 @@ def opened_where_not_good(
         headline: the headline, which is the fact of a light, or of an event.
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
-    worst = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
+    worst_level = Level.BAD if Level.BAD in vehicle_levels else Level.WATCH
     judged_chapters = []
     titles_to_open = []
     for chapter in chapters:
         levels = _levels_of_chapter(chapter, lights)
-        if worst in levels and chapter.title != LOG_TITLE:
+        if worst_level in levels and chapter.title != LOG_TITLE:
             titles_to_open.append(chapter.title)
         if levels:
             chapter = chapter._replace(level=min(levels, key=CHAPTER_LEVELS.index))
         judged_chapters.append(chapter)
-    if worst is Level.WATCH:
+    if worst_level is Level.WATCH:
         titles_of_headline = {
             title
             for light, title in CHAPTER_OF_LIGHT.items()

@@ -57,12 +57,12 @@ def _chapter(
             Section(capitalize_first(part), fact, groups.get(part, ()), blocks.get(part, ()))
         )
     levels = {fact.level for fact in facts.values()}
-    worst = None
+    worst_level = None
     for level in (Level.BAD, Level.WATCH, Level.GOOD):
         if level in levels:
-            worst = level
+            worst_level = level
             break
-    return Chapter(title, level=worst, folded=True, sections=sections)
+    return Chapter(title, level=worst_level, folded=True, sections=sections)
 
 
 def _sensor_table(evidence: Evidence) -> Table:

@@ -76,7 +76,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
     n = len(Phi)
     Q = np.diag(record.process_variances)
     # The method needs any gain that makes the filter stable. This one is optimal if both noises are equally large.
-    K, _ = steady_state_gain(Phi, np.eye(n), Q, Q)
+    K = steady_state_gain(Phi, np.eye(n), Q, Q).gain
     L = Phi - K
     state = record.outputs[0]
     innovations = np.zeros_like(record.outputs)

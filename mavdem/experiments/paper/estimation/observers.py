@@ -111,10 +111,10 @@ def with_noise_states(model: DiscreteModel, noise: Array, order: int) -> Discret
     Q[n : 2 * n, n : 2 * n] = np.diag([fit.variance for fit in fits])
     return DiscreteModel(
         Phi,
-        np.vstack([model.Gamma, np.zeros((noise_count, r))]),
-        np.hstack([model.C, np.zeros((len(model.C), noise_count))]),
-        Q,
-        model.R,
+        Gamma=np.vstack([model.Gamma, np.zeros((noise_count, r))]),
+        C=np.hstack([model.C, np.zeros((len(model.C), noise_count))]),
+        Q=Q,
+        R=model.R,
     )
 
 
@@ -138,10 +138,10 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
     Phi[n + kept_states :, n : n + past_count - kept_states] = np.eye(past_count - kept_states)
     return DiscreteModel(
         Phi,
-        np.vstack([model.Gamma, np.zeros((past_count, r))]),
-        np.hstack([model.C, np.zeros((len(model.C), past_count))]),
-        block_diag(model.Q, np.zeros((past_count, past_count))),
-        model.R,
+        Gamma=np.vstack([model.Gamma, np.zeros((past_count, r))]),
+        C=np.hstack([model.C, np.zeros((len(model.C), past_count))]),
+        Q=block_diag(model.Q, np.zeros((past_count, past_count))),
+        R=model.R,
     )
 
 
