@@ -143,7 +143,12 @@ def control_group(share: float) -> Iterator[Path | None]:
 
 @contextmanager
 def load_beside(core: int, share: float) -> Iterator[None]:
-    """Keeps a core busy with as many processes as leave a share of it to one more process."""
+    """Keeps a core busy, within the block, with as many processes as leave a share of it to one more process.
+
+    Args:
+        core: number of the core.
+        share: share of it that is left, above 0 to 1.
+    """
     busy_loop = f"import os; os.sched_setaffinity(0, {{{core}}})\nwhile True: pass"
     processes = []
     for _ in range(round(1 / share) - 1):
@@ -258,6 +263,10 @@ def row_of(run: LiveRun, rate: float) -> dict[str, object]:
     """Returns the figures of a run by the headers of the table.
 
     The processor time is that of all processes of the session together, from the first message to the last.
+
+    Args:
+        run: the live session, with its document, the lines that it printed, and its use of the machine over time.
+        rate: rate of attitude and motors, Hz.
     """
     during = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
     seconds = during[-1].time - during[0].time

@@ -316,7 +316,17 @@ def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
 
 
 def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list[str]:
-    """Makes a fleet of so many logs, adds a log to it, compares two weeks of a vehicle and opens its page."""
+    """Makes a fleet of so many logs, adds a log to it, compares two weeks of a vehicle and opens its page.
+
+    Args:
+        fleet: folder of the fleet, which is made.
+        rows: rows of real logs, which the fleet's logs are copies of.
+        size: number of the fleet's logs.
+        log: path of the log that is added.
+
+    Returns:
+        The cells of ``GROWTH_HEADER`` after the number of logs.
+    """
     with open_store(fleet) as store:
         fill_store(store, rows, size)
         write_stand_in_pages(fleet)
@@ -342,7 +352,12 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
 
 
 def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
-    """Draws the times of a fleet's growth over its number of logs, both logarithmic."""
+    """Draws the times of a fleet's growth over its number of logs, both logarithmic.
+
+    Args:
+        table: rows of the table of ``growth``, with a cell for each of ``GROWTH_HEADER``.
+        path: the picture.
+    """
     import matplotlib as mpl
     import matplotlib.pyplot as plt
 

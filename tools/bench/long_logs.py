@@ -166,7 +166,12 @@ def write_long_log(flight: Flight, path: Path, size: int) -> None:
 
 
 def info_cost(path: Path, checkout: Path) -> Cost:
-    """Runs `mavdem info` of a checkout on a log, and returns what it cost."""
+    """Runs `mavdem info` on a log, and returns what it cost.
+
+    Args:
+        path: the log.
+        checkout: the checkout of the repository whose command is run.
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", "mavdem", "info", str(path)],
         cwd=checkout,

@@ -63,7 +63,12 @@ class StageClock:
         self._last_change = time.process_time()
 
     def measured(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Returns a function that adds its time to a stage."""
+        """Returns a function that does the same as another, and adds the time that it takes to a stage.
+
+        Args:
+            stage: name of the stage.
+            function: the function to measure.
+        """
 
         @functools.wraps(function)
         def measured_function(*arguments: Any, **keywords: Any) -> Any:
@@ -116,7 +121,12 @@ def measure(log: str) -> dict[str, float]:
 
 
 def stage_seconds(log: Path, checkout: Path) -> dict[str, float]:
-    """Measures the stages with the code of a checkout, in a process of their own."""
+    """Returns the processor seconds of each stage of a review, measured in a process of its own.
+
+    Args:
+        log: the log to review.
+        checkout: the checkout of the repository whose code is measured.
+    """
     with TemporaryDirectory() as folder:
         result = Path(folder) / "stages.json"
         environment = {"PYTHONPATH": str(checkout), MEASURED_LOG: str(log), "RESULT": str(result)}

@@ -78,7 +78,7 @@ class Served(NamedTuple):
 
     def wait_for(self, done: int) -> None:
         """Waits until a number of logs are read."""
-        until(lambda: self.flights("stage:done")["total"] == done)
+        wait_until(lambda: self.flights("stage:done")["total"] == done)
 
     @property
     def processor_seconds(self) -> float:
@@ -102,14 +102,14 @@ def running_server(folder: str) -> Iterator[Served]:
     process = subprocess.Popen([sys.executable, *words, folder], stderr=subprocess.DEVNULL)
     server = Served(process, f"http://127.0.0.1:{port}")
     try:
-        until(lambda: get(f"{server.address}/static/serve.js").ok)
+        wait_until(lambda: get(f"{server.address}/static/serve.js").ok)
         yield server
     finally:
         process.terminate()
         process.wait()
 
 
-def until(holds: Callable[[], bool]) -> None:
+def wait_until(condition: Callable[[], bool]) -> None:
     """Waits until a condition holds; a server that does not answer yet counts as not.
 
     Raises:
@@ -118,7 +118,7 @@ def until(holds: Callable[[], bool]) -> None:
     began = time.perf_counter()
     while time.perf_counter() - began < PATIENCE_SECONDS:
         with suppress(requests.RequestException):
-            if holds():
+            if condition():
                 return
         time.sleep(0.05)
     raise TimeoutError

@@ -187,14 +187,14 @@ def fleet(logs: tuple[Path, ...]) -> None:
         began = time.process_time()
         kind = f"{path.suffix.lower()}, no flight"
         with suppress(Unreadable):
-            tier = best_tier(rows_of_log(path, path.name, flight_page)[0])
+            tier = best_tier(rows_of_log(path, path.name, flight_page).rows)
             if tier:
                 kind = f"{path.suffix.lower()}, tier {tier}"
         rows.append({"logs": kind, "CPU s": time.process_time() - began})
     table = pd.DataFrame(rows)
-    both = pd.concat([table, table.assign(logs="all")])
-    spent = both.groupby("logs")["CPU s"]
-    show(spent.agg(["size", "mean", "median", "max"]).reset_index())
+    with_all_logs = pd.concat([table, table.assign(logs="all")])
+    seconds_by_kind = with_all_logs.groupby("logs")["CPU s"]
+    show(seconds_by_kind.agg(["size", "mean", "median", "max"]).reset_index())
 
 
 LINK = "127.0.0.1:14598"
@@ -208,19 +208,27 @@ rates = {{ ATTITUDE = {rate}, SERVO_OUTPUT_RAW = {rate} }}
 
 
 def udp_speed(rate: float, folder: Path) -> JsonValues:
-    """A row of half a minute at a rate, Hz."""
+    """Returns the row of a live session that receives a simulated flight of half a minute over UDP.
+
+    Args:
+        rate: rate of the messages, Hz.
+        folder: folder for the files of the session.
+
+    Returns:
+        Rate, rows, lost messages, latencies, ms, and processor time, s, by the header of the table.
+    """
     scenario = folder / "hover.toml"
     scenario.write_text(HOVER.format(rate=rate))
     mavdem = [sys.executable, "-m", "mavdem"]
     words = [*mavdem, *f"live udpin:{LINK} --duration 50 --json".split()]
     words += [f"--rrd={folder}/live.rrd", f"--record={folder}/live.tlog"]
-    with (folder / "live.json").open("w+") as said:
-        session = subprocess.Popen(words, stdout=said)
+    with (folder / "live.json").open("w+") as output:
+        session = subprocess.Popen(words, stdout=output)
         time.sleep(10.0)  # until it listens
         subprocess.run([*mavdem, "fly", str(scenario), "--udp", LINK], check=True)
         usage = os.wait4(session.pid, 0)[2]
-        said.seek(0)
-        account = json.load(said)
+        output.seek(0)
+        account = json.load(output)
     row = {"Hz": rate, "rows": sum(account["samples"].values()), "lost": account["lost"]}
     row |= {f"{name}, ms": 1e3 * seconds for name, seconds in account["latency"].items()}
     return row | {"CPU s": usage.ru_utime + usage.ru_stime}
@@ -283,7 +291,12 @@ def review(logs: tuple[Path, ...], before: Path | None) -> None:
 
 
 def review_cost(log: Path, checkout: Path) -> ReviewCost:
-    """Returns what a review by the code of a checkout costs, on a terminal."""
+    """Returns what a review costs on a terminal.
+
+    Args:
+        log: the log to review.
+        checkout: the checkout of the repository whose code is measured.
+    """
     with TemporaryDirectory() as folder:
         # Only a terminal gets the first lines before the rest.
         terminal, terminal_of_process = os.openpty()

@@ -191,7 +191,15 @@ class Attempt(NamedTuple):
 
 
 def attempt(path: Path, command: str) -> Attempt:
-    """Runs a reader or a command on a file."""
+    """Runs the reader or a command on a file, and notes what came of it.
+
+    Args:
+        path: path of the file.
+        command: "read" for the reader alone, otherwise a command of mavdem.
+
+    Returns:
+        Processor time, what went wrong, and for "read" the figures of the log, if it could be read.
+    """
     failure = ""
     figures = None
     start = time.process_time()

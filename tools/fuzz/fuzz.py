@@ -47,7 +47,12 @@ def pieces() -> Iterator[bytes]:
 
 
 def check(kind: str, content: bytes) -> None:
-    """Reads a file of the content, and asserts what is above."""
+    """Reads a file, and asserts what the module's docstring states.
+
+    Args:
+        kind: ending of the file, such as "tlog", by which its format is known.
+        content: bytes of the file; frames of a "tlog" get checksums that match.
+    """
     if kind == "tlog":
         content = with_checksums(bytearray(content))
     folder = MEMORY if MEMORY.exists() else None

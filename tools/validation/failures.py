@@ -75,7 +75,12 @@ VERDICTS = ("right", "none", "wrong")
 
 
 def scenario(kind: str, number: int) -> Scenario:
-    """Returns the flight of a kind and number."""
+    """Returns the scenario of a flight that goes wrong in some way, or of a sound one.
+
+    Args:
+        kind: what goes wrong, a key of ``KINDS``; "sound" for nothing.
+        number: number of the flight within its kind, which seeds its random numbers.
+    """
     rng = default_rng([sorted(KINDS).index(kind), number])
     values = draw_values(TABLES["flight"], rng) | {"seed": number}
     if kind == "flip" and values["vehicle"]["frame"] in LARGE_FRAMES:
@@ -203,7 +208,12 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
 
 
 def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
-    """Returns a row: what the review says of the flight of a kind and number."""
+    """Flies a scenario, reviews its log, and returns what the review says, as one row of results.
+
+    Args:
+        case: kind and number of the flight, as for :func:`scenario`.
+        folder: folder that keeps the logs of the flights; None to keep none.
+    """
     kind, number = case
     row: Values = {"kind": kind, "half": ("even", "odd")[number % 2], "number": number}
     flight = scenario(kind, number)

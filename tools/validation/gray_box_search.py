@@ -72,7 +72,12 @@ def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
 
 
 def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean."""
+    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean.
+
+    Args:
+        windows: windows of the flight.
+        directions: relative effect of each input (r,), or None.
+    """
 
     def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
         return gauss_newton(*arguments)
@@ -87,8 +92,12 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
         return counted_search(windows, directions)
 
 
-def compared(path: Path) -> Iterator[dict[str, object]]:
-    """Yields a row for each axis of a log of which parameters can be estimated."""
+def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
+    """Yields a row for each axis of a log of which parameters can be estimated: the cost and gain of both searches.
+
+    Args:
+        path: a telemetry log, whose name decides to which half of all logs it belongs.
+    """
     log = read_log(path)
     half = "AB"[hashlib.sha256(path.name.encode()).digest()[0] % 2]
     signals = Signals(log.vehicles[0])
@@ -121,7 +130,7 @@ def main(folders: tuple[Path, ...]) -> None:
         folders: folders with telemetry logs; those at less than 40 Hz have no rows.
     """
     logs = [path for folder in folders for path in sorted(folder.glob("*.tlog"))]
-    rows = pd.DataFrame([row for path in logs for row in compared(path)])
+    rows = pd.DataFrame([row for path in logs for row in rows_of_log(path)])
     table = []
     for half, axes in rows.groupby("half"):
         gain = axes["gain"]

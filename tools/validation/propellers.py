@@ -45,7 +45,12 @@ def health_figures(path: Path) -> HealthFigures:
 
 
 def health_row(flight: HealthFigures, assessment: HealthAssessment) -> Values:
-    """Returns the row of a flight: health, probabilities, and the weak motor with its rise in percent."""
+    """Returns the row of a flight: health, probabilities, and the weak motor with its rise in percent.
+
+    Args:
+        flight: figures of the flight.
+        assessment: health of its motors, compared with that of healthy flights.
+    """
     motor = ""
     if assessment.suspect_motor is not None:
         rise, low, high = 100 * np.asarray(assessment.fact.figures["rise"], float)

@@ -73,7 +73,12 @@ def random_vehicle(seed: int, number: int) -> Scenario:
 
 
 def with_gains(scenario: Scenario, factor: float) -> Scenario:
-    """Returns the scenario with the gains of roll and pitch multiplied by a factor."""
+    """Returns a scenario whose rate controllers of roll and pitch have other gains.
+
+    Args:
+        scenario: the scenario.
+        factor: factor on all their gains.
+    """
     parameters = control_parameters(scenario)
     raised = [
         f"{name}={factor * value}"
@@ -149,7 +154,12 @@ def comparison_row(name: str, log: str, truth: tuple[float, float]) -> list[Valu
 
 
 def evaluate_vehicle(number: int, seed: int) -> list[Values]:
-    """Returns the row of a simulated vehicle, by its number."""
+    """Returns the row of a simulated vehicle: its oscillation, and that of its twin.
+
+    Args:
+        number: number of the vehicle.
+        seed: seed of all vehicles.
+    """
     scenario = random_vehicle(seed, number)
     lag = 1e3 * (scenario.vehicle.lag_up or 0.0)
     name = f"{scenario.stream.autopilot}, {lag:.0f} ms, {scenario.stream.rate:.0f} Hz"
