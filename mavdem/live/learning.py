@@ -161,7 +161,8 @@ class FlightLearning:
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Updates the learner with a row of free flight, and keeps its model if that is new.
 
-        A row that the learner refuses, for example with values that are not finite, is reported and skipped.
+        A row that the learner refuses, for example with values that are not finite, is reported and skipped. Its segment
+        must have begun (:meth:`begin`), which makes the learner.
 
         Args:
             row: the row.
@@ -206,7 +207,8 @@ class FlightLearning:
     def count_row(self, estimate: Estimate | None) -> None:
         """Counts a row, and reports unexpected motion and gusts that its estimate shows.
 
-        Unexpected motion is reported when it begins, not with each of its samples.
+        Unexpected motion is reported when it begins, not with each of its samples. As for :meth:`learn_row`, the segment
+        must have begun.
 
         Args:
             estimate: estimate of the row; None if it was not learned from.
@@ -229,7 +231,8 @@ class FlightLearning:
         """Forgets samples and models since the beginning of a landing, of which they were.
 
         Ground contact and ground effect would spoil the model. The learner starts a fit to the samples before; until it
-        has ended, the last model from before the landing is the final one (``has_landed``).
+        has ended, the last model from before the landing is the final one (``has_landed``). There must be a learner,
+        without which there is nothing to forget.
 
         Args:
             landing_time: time when the landing began, s of the boot clock.

@@ -217,7 +217,8 @@ class RowGrid:
 
         A point is complete when no later sample can change any stream's value at it. Samples that come for an earlier
         time afterwards are late, and dropped (``completed_time``). The segment ends where one stream is so far ahead of
-        another that its samples at the next point were dropped already.
+        another that its samples at the next point were dropped already. A segment must be running, since its beginning
+        decides the step.
         """
         assert self.dt is not None
         points: list[GridPoint] = []

@@ -242,7 +242,7 @@ class Watchdog:
             review.facts[WatchedQuantity.VIBRATION] = vibration_light(evidence)
 
     def finish_review(self, motion: RecentMotion | None) -> list[Fact]:
-        """Ends a review: judges the motion in flight, and compares all findings with the alarms that are active.
+        """Ends the review that has begun: judges the motion in flight, and compares all findings with active alarms.
 
         Args:
             motion: attitude and motor outputs of the last seconds; None if they do not come.

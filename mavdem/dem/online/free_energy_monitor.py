@@ -61,7 +61,7 @@ class FreeEnergyMonitor(NamedTuple):
         """Returns the monitor of a learned model, with F(t) of its latest training samples as the past.
 
         Args:
-            learned: The model, as ``learn`` returns it.
+            learned: The model, as ``learn`` returns it, with its ``sample_free_energy``.
             end_time: Time of the last sample that it was learned from, s.
         """
         assert learned.sample_free_energy is not None
