@@ -161,8 +161,8 @@ class FlightLearning:
     def learn_row(self, row: AlignedRow, weak_since: float | None) -> Estimate | None:
         """Updates the learner with a row of free flight, and keeps its model if that is new.
 
-        A row that the learner refuses, for example with values that are not finite, is reported and skipped. Its segment
-        must have begun (:meth:`begin`), which makes the learner.
+        A row that the learner refuses, for example with values that are not finite, is reported and skipped. The row's
+        segment must have begun (:meth:`begin`), which makes the learner.
 
         Args:
             row: the row.
@@ -207,8 +207,8 @@ class FlightLearning:
     def count_row(self, estimate: Estimate | None) -> None:
         """Counts a row, and reports unexpected motion and gusts that its estimate shows.
 
-        Unexpected motion is reported when it begins, not with each of its samples. As for :meth:`learn_row`, the segment
-        must have begun.
+        Unexpected motion is reported when it begins, not with each of its samples. The row's segment must have begun,
+        as for :meth:`learn_row`.
 
         Args:
             estimate: estimate of the row; None if it was not learned from.

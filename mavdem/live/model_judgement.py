@@ -80,7 +80,7 @@ def judge_model(
     angle, body_rate = outputs.T
     attitude = attitude_from_samples(row_format.attitude_message, time, 0, angle, body_rate)
     telemetry = Telemetry(
-        1,
+        system=1,
         component=1,
         vehicle=UNNAMED,
         autopilot="",

@@ -148,8 +148,8 @@ class RowBuilder:
 
         First the segment of rows ends if this sample follows a gap, or shows that a rate has changed. Then, if no
         segment is running, one begins as soon as the flight and the streams allow it. Finally every point of the time
-        grid that all streams have passed becomes a row. Inputs must have been chosen (:meth:`choose_inputs`), as they are
-        whenever a stream is one that rows are made of.
+        grid that all streams have passed becomes a row. Inputs must have been chosen (:meth:`choose_inputs`): before
+        that, no stream is one that rows are made of.
 
         Args:
             name: name of the stream's message, for the reported facts.

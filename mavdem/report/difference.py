@@ -195,7 +195,7 @@ def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None)
     date = "" if latest_row.date is None else f" ({latest_row.date:%Y-%m-%d})"
     baseline_count = counted(difference.flights.before, "flight")
     file = PurePath(latest_row.file).name
-    text = f"the latest_row flight, {file}{date}, compared with {baseline_count}."
+    text = f"the latest flight, {file}{date}, compared with {baseline_count}."
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 

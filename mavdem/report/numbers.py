@@ -81,7 +81,7 @@ def abbreviated_list(names: Sequence[str]) -> str:
     left_out_count = len(names) - MAX_LISTED_NAMES
     if left_out_count <= 1:
         return listed(names)
-    return listed([*names[:MAX_LISTED_NAMES], f"{left_out_count} left_out_count"])
+    return listed([*names[:MAX_LISTED_NAMES], f"{left_out_count} more"])
 
 
 def counted(number: int, noun: str) -> str:

@@ -103,8 +103,8 @@ def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
         for loop_name in STEP_SECONDS:
             response = responses[axis].get(loop_name)
             if response is not None and isinstance(response.measured, StepResponse):
-                charts_of_loop = {axis: {loop_name: response}}
-                panels[axis][loop_name] = step_charts(charts_of_loop, steps, has_gain=False)[axis]
+                response_of_loop = {axis: {loop_name: response}}
+                panels[axis][loop_name] = step_charts(response_of_loop, steps, has_gain=False)[axis]
             elif isinstance(advice, Advice):
                 panels[axis][loop_name] = [predicted_step_chart(compared_loops(advice), loop_name)]
     groups = _groups(panels, assessment, STEP_CAPTION)
