@@ -45,6 +45,8 @@ class DrawnChange(NamedTuple):
     """Position of the estimate."""
     high: float
     """Position of the upper end of the interval."""
+    beyond: int
+    """1 or -1 where the estimate lies to the right or to the left of the drawing, which an arrow shows; 0 inside."""
 
 
 def change_plan(difference: VehicleDifference) -> Plan | None:
@@ -78,6 +80,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
                 low=position(relative.difference - relative.half_width),
                 middle=position(relative.difference),
                 high=position(relative.difference + relative.half_width),
+                beyond=int(relative.difference > extent) - int(relative.difference < -extent),
             )
         )
     svg = svg_of("changes", rows=drawn_changes, limit=percent_per_limit)

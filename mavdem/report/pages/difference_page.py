@@ -52,7 +52,7 @@ ISO_DATE_LENGTH = len("2026-01-31")
 
 CHANGES_CAPTION = """\
 Each change from A to B with its 90 % interval, relative to the largest one that is called the same (shaded). Squares \
-changed, rings are not known, dots stayed the same. All are tested together."""
+changed, rings are not known, dots stayed the same; an arrow points to what has no room. All are tested together."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\

@@ -6,6 +6,7 @@ from fleet_rows import flight_row
 from numpy.testing import assert_allclose
 
 from mavdem.fleet.difference import vehicle_difference
+from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import Axis, Chart, Line
 from mavdem.report.pages.difference_page import _trim_chart, _wind_rows, _with_single_side
 
@@ -60,3 +61,11 @@ def test_still_air_comes_from_nowhere():
     calm, windy = {"wind": wind | {"calm": True}}, {"wind": wind | {"calm": False}}
     _, directions = _wind_rows({"A": calm, "B": windy})
     assert directions[1:] == ["-", "110 ± 12"]
+
+
+def test_a_change_that_has_no_room_in_the_drawing_is_an_arrow_at_its_edge(difference):
+    (largest, *_) = sorted(difference.changes, key=lambda change: -abs(change.difference))
+    far = difference._replace(changes=(largest._replace(difference=5.0, half_width=0.01),))
+    plan = change_plan(far)
+    assert plan.svg.count('d="M-11 -6') == 1 and "<rect class" not in plan.svg
+    assert 'd="M-11 -6' not in change_plan(difference).svg
