@@ -1,7 +1,7 @@
 """Statistical confidence: the level of all intervals and bands, their half widths, and thresholds of significance."""
 
 from numbers import Real
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -9,6 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 Interval = tuple[float, float]
 """Lower and upper end of an interval, in the unit of the figure."""
+
+
+class EstimateWithHalfWidth(NamedTuple):
+    """An estimate, and how far its interval reaches to either side; NaN where either is not known."""
+
+    value: float
+    """The estimate."""
+
+    half_width: float
+    """Half width of its interval, in the unit of the estimate."""
+
 
 CONFIDENCE_LEVEL = 0.9
 """Probability of the intervals and bands that are shown, unless another level is asked for; a choice."""

@@ -7,10 +7,9 @@ import numpy as np
 import scipy
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 from mavdem.dataset.axes import PITCH, TILT_COLUMNS
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.phases import MAX_TILT
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
@@ -47,7 +46,7 @@ class LargestError(NamedTuple):
     """when it was so large, s since boot"""
 
 
-def largest_error(error: AttitudeError, interval: Interval) -> LargestError | None:
+def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError | None:
     """Returns the largest error of roll and pitch in an interval.
 
     Args:

@@ -13,9 +13,8 @@ import numpy as np
 from mavdem.assessment.attitude_error import AttitudeError, LargestError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
 from mavdem.assessment.motor_events import lasting_runs
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import Intervals, in_intervals, union
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, union
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -59,7 +58,7 @@ A gyro logged at 10 Hz misses a part of a tumble, but not most of it.
 
 
 def attitude_losses(
-    sensors: BootSensors, error: AttitudeError, flight_interval: Interval
+    sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval
 ) -> list[Fact]:
     """Returns the losses of attitude in one flight, in time order.
 
@@ -87,7 +86,7 @@ def attitude_losses(
 
 
 def _loss_intervals(
-    sensors: BootSensors, error: AttitudeError, flight_interval: Interval
+    sensors: BootSensors, error: AttitudeError, flight_interval: TimeInterval
 ) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
@@ -148,7 +147,7 @@ class _AttitudeLoss(NamedTuple):
 
     sensors: BootSensors
     """Sensors of the boot, with the take-off of this flight."""
-    flight: Interval
+    flight: TimeInterval
     """Start and end of the flight, s since boot."""
     error: AttitudeError
     """Error of the attitude in this boot."""
@@ -420,7 +419,7 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     return stopped_at(sensors.signals, sensors.boot, time) is not False
 
 
-def has_risen_by(sensors: BootSensors, flight_interval: Interval, time: float) -> bool:
+def has_risen_by(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
     Without a height, a vehicle that has flown for ``RECOVERY_SECONDS`` has risen.

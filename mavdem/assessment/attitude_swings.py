@@ -10,10 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import mode_intervals
-from mavdem.dataset.intervals import in_intervals, intersection
+from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.facts import Fact
@@ -35,7 +34,7 @@ MIN_SWINGS = 4
 """Number of leans to alternate sides that are swings; to stop and to fly back takes two."""
 
 
-def attitude_swings(signals: Signals, boot: int, flight_interval: Interval) -> Iterator[Fact]:
+def attitude_swings(signals: Signals, boot: int, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event for each time in which roll or pitch swung to and fro in an autonomous mode.
 
     Args:

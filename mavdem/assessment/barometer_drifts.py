@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from math import isfinite
 
-from mavdem.confidence import Interval
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import WitnessFact
@@ -33,7 +33,7 @@ MAX_DISTANCE = 20.0
 """Distance, m, of landing and take-off up to which they count as one place: twice the error of a poor fix."""
 
 
-def barometer_drifts(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
+def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the barometer drifted in a flight.
 
     The reading on the ground must have changed by more than noise and weather change it, the altitude by satellites

@@ -8,9 +8,8 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.attitude_losses import knock_is_contact
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.witnesses import Side
@@ -93,8 +92,7 @@ class ContactSearch:
         min_knock = accelerometer.knock_size
         vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, search_start))
         if vibration is not None:
-            _, largest_vibration = vibration
-            min_knock = max(min_knock, largest_vibration)
+            min_knock = max(min_knock, vibration.size)
         is_knock = accelerometer.magnitude >= min_knock
         is_in_search = (accelerometer.time >= search_start) & (accelerometer.time <= latest)
         rows = np.flatnonzero(is_knock & is_in_search)
@@ -104,8 +102,7 @@ class ContactSearch:
         peak = accelerometer.peak((knock_start, min(knock_start + KNOCK_SECONDS, latest)))
         if peak is None:
             return knock_start
-        peak_time, _ = peak
-        return peak_time
+        return peak.time
 
     def time_of_low_loss(self) -> float | None:
         """Returns the time at which the attitude was lost, s, if that was near the ground; None otherwise."""
@@ -115,7 +112,7 @@ class ContactSearch:
         is_low = height is not None and height < TOPPLE_HEIGHT_CLOSED
         return self.loss.time if is_low else None
 
-    def time_of_sudden_stop(self, interval: Interval) -> float | None:
+    def time_of_sudden_stop(self, interval: TimeInterval) -> float | None:
         """Returns the time at which the estimated speed downward was suddenly lost.
 
         A candidate is a sample from which on the speed downward decreases by more than ``IMPACT_SPEED_CHANGE`` within
@@ -178,5 +175,4 @@ class ContactSearch:
         vibration = accelerometer.peak((self.flight_start + MAX_SETPOINT_DELAY, start))
         if vibration is None:
             return True
-        _, largest_vibration = vibration
-        return bool(knock.figures["acceleration"] > largest_vibration)
+        return bool(knock.figures["acceleration"] > vibration.size)

@@ -7,9 +7,8 @@ import numpy as np
 from mavdem.arrays import Flags
 from mavdem.assessment.attitude_losses import FALL_SPEED
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
-from mavdem.dataset.intervals import in_intervals, true_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -34,7 +33,7 @@ DIVE_COLLECTIVE_RATIO = 0.5
 recorded."""
 
 
-def falls(sensors: BootSensors, interval: Interval) -> Iterator[Fact]:
+def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the vehicle fell faster than ``FALL_SPEED`` and all height sensors confirm that.
 
     An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
@@ -75,7 +74,9 @@ def falls(sensors: BootSensors, interval: Interval) -> Iterator[Fact]:
     )
 
 
-def _height_contradicts_fall(sensors: BootSensors, fall: Interval, mean_climb_rate: float) -> bool:
+def _height_contradicts_fall(
+    sensors: BootSensors, fall: TimeInterval, mean_climb_rate: float
+) -> bool:
     """Returns whether the vehicle lost less height than a fall takes; false if no height was recorded.
 
     Args:
@@ -93,7 +94,7 @@ def _height_contradicts_fall(sensors: BootSensors, fall: Interval, mean_climb_ra
     return bool(end_height - start_height > expected_change)
 
 
-def dives(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
+def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields the dives of a flight: the throttle was closed, the vehicle sank fast, and it flew on afterwards.
 
     A dive is intended and therefore good, but it explains high speeds and full throttle at its end. It must last for
@@ -136,7 +137,7 @@ def dives(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
         )
 
 
-def _throttle_closed(sensors: BootSensors, flight_interval: Interval) -> TimeSeries | None:
+def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> TimeSeries | None:
     """Returns whether the throttle was closed, at the samples of the motors' mean output.
 
     The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. If the pilot's stick was
@@ -165,7 +166,7 @@ def _throttle_closed(sensors: BootSensors, flight_interval: Interval) -> TimeSer
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 
 
-def _flies_on(sensors: BootSensors, flight_interval: Interval, time: float) -> bool:
+def _flies_on(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
 
     Flight and record must last so long, and the vehicle be above ``MAX_GROUND_HEIGHT``, if its height is known.

@@ -6,8 +6,7 @@ from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.first_failure import CAUSES_OF_ALL_MOTORS, first_failure
 from mavdem.assessment.flights import loss_onset
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Code, Fact, Facts
@@ -140,7 +139,7 @@ REPORT_DELAY = 10.0
 the vehicle to lie still."""
 
 
-def _interval_of_crash(report: Fact) -> Interval:
+def _interval_of_crash(report: Fact) -> TimeInterval:
     """Returns the interval in which a crash that the autopilot reports can have happened, s since boot.
 
     ArduPilot's crash check reports a crash up to ``REPORT_DELAY`` after it. One second more is allowed at the end.

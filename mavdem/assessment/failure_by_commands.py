@@ -18,9 +18,8 @@ from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import LASTING_SECONDS
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import min_running_command
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.quality import samples_at_limits
 from mavdem.dataset.signals import Signals
@@ -61,7 +60,7 @@ OFF_RATIO = 0.5
 class Trouble(NamedTuple):
     """The time just before a vehicle was lost, in which the commands of the motors are examined."""
 
-    interval: Interval
+    interval: TimeInterval
     """Start and end, s since boot."""
     names_at_limit: Sequence[str] = ()
     """Names of the motors that were at their limit before an impact."""
@@ -149,7 +148,7 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
     return _failure_of_motor(commands, trouble, weak)
 
 
-def _commands_around(signals: Signals, boot: int, interval: Interval) -> _LossCommands | None:
+def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
     """Selects the commands of the motors in the time of trouble, just before it, and in usual flight.
 
     Args:
@@ -294,7 +293,8 @@ def _sinking_at_full_throttle(
     Returns:
         The fact; None if it did not.
     """
-    interval = (time - SINKING_SECONDS, time)
+    start = time - SINKING_SECONDS
+    interval = (start, time)
     stick = BootSensors(signals, boot).stick
     climb = BootSensors(signals, boot).climb_estimate
     if stick is None or climb is None:
@@ -317,7 +317,7 @@ def _sinking_at_full_throttle(
             limited_names.append(name)
     return Fact(
         FailedFirst.THRUST_SPENT_FIRST,
-        time=interval[0],
+        time=start,
         share=commands.values[is_in_interval].mean() / motors.scale.stop,
         names=tuple(limited_names),
     )

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series
@@ -48,7 +48,7 @@ class PositionJumps:
     distance: Array
     """(N,) how far the position jumped beyond the motion of the vehicle, m."""
 
-    def largest_in(self, boot: int, interval: Interval) -> float | None:
+    def largest_in(self, boot: int, interval: TimeInterval) -> float | None:
         """Returns the largest jump in an interval of a boot or up to ``FLAG_DELAY`` before it.
 
         Args:

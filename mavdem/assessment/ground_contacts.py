@@ -14,9 +14,8 @@ from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.attitude_losses import has_risen_by
 from mavdem.assessment.contact_time import MIN_FALL_SECONDS, TOPPLE_HEIGHT_CLOSED, ContactSearch
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts
 from mavdem.facts.ending import MotionEvent
@@ -83,7 +82,7 @@ more: what follows the contact does not change how the vehicle came to it."""
 def ground_contact(
     sensors: BootSensors,
     error: AttitudeError,
-    flight_interval: Interval,
+    flight_interval: TimeInterval,
     loss: Fact | None,
     reports: Sequence[Fact] = (),
 ) -> Fact | None:
@@ -114,7 +113,7 @@ class _Contact:
     """Sensors of the boot, with the take-off of this flight."""
     error: AttitudeError
     """Error of the attitude in this boot."""
-    flight: Interval
+    flight: TimeInterval
     """Start and end of the flight, s since boot."""
     loss: Fact | None
     """The loss of attitude that the flight did not recover from; None if there was none."""
@@ -294,7 +293,7 @@ class _Contact:
             return ()
         return supporting_statements(self.sensors.sinking(interval))
 
-    def _largest_error(self, interval: Interval) -> float:
+    def _largest_error(self, interval: TimeInterval) -> float:
         """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
         is_in_interval = in_intervals(self.error.time, [interval])
         return float(self.error.magnitude[is_in_interval].max(initial=0.0))
@@ -513,7 +512,7 @@ class _Contact:
                     return True
         return False
 
-    def _asks_for_climb(self, interval: Interval) -> bool:
+    def _asks_for_climb(self, interval: TimeInterval) -> bool:
         """Returns whether the pilot's throttle asked for a climb at any time of an interval."""
         stick = self.sensors.stick
         if stick is None:

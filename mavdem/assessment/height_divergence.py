@@ -12,10 +12,9 @@ import numpy as np
 
 from mavdem.assessment.ground_contacts import CLIMB_STICK
 from mavdem.assessment.lights.vibration import vibration_limits
-from mavdem.confidence import Interval
 from mavdem.dataset.attitude import down_in_body
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, mode_intervals
-from mavdem.dataset.intervals import Intervals, complement, in_intervals, intersection
+from mavdem.dataset.intervals import Intervals, TimeInterval, complement, in_intervals, intersection
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
 from mavdem.facts.ending import MotionEvent
@@ -51,7 +50,7 @@ FULL_THROTTLE_COMMAND = 0.9
 """Largest command of all motors, as a share of the range, from which on they work at full throttle; a choice."""
 
 
-def height_divergences(sensors: BootSensors, flight_interval: Interval) -> Iterator[Fact]:
+def height_divergences(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
 
     If the pilot sets the throttle, the autopilot does not control the height, so an error does no harm.
@@ -77,7 +76,7 @@ def _lasting_intervals(intervals: Intervals) -> Intervals:
     return [(start, end) for start, end in intervals if end - start >= shortest]
 
 
-def _divergence(sensors: BootSensors, interval: Interval) -> Fact | None:
+def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns the divergence of the height in an interval in which barometer and estimate contradict each other.
 
     It is one only where the barometer and the estimate move in opposite directions, and the pilot's stick does not ask
@@ -144,7 +143,7 @@ class _ClimbRates(NamedTuple):
     """By the estimator, m/s."""
 
 
-def _opposite_climb_rates(sensors: BootSensors, interval: Interval) -> _ClimbRates | None:
+def _opposite_climb_rates(sensors: BootSensors, interval: TimeInterval) -> _ClimbRates | None:
     """Returns the mean climb rates of an interval if barometer and estimate clearly move in opposite directions.
 
     Args:
@@ -168,7 +167,7 @@ def _opposite_climb_rates(sensors: BootSensors, interval: Interval) -> _ClimbRat
     return _ClimbRates(true_climb, false_climb) if is_opposite and is_clear else None
 
 
-def _median_stick_travel(sensors: BootSensors, interval: Interval) -> float | None:
+def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float | None:
     """Returns the median travel of the throttle stick in an interval, 0 to 1; None if it was not recorded there."""
     stick = sensors.stick
     if stick is None:
@@ -177,7 +176,7 @@ def _median_stick_travel(sensors: BootSensors, interval: Interval) -> float | No
     return float(np.median(travel)) if len(travel) else None
 
 
-def _accelerometer_error(sensors: BootSensors, interval: Interval) -> Fact | None:
+def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns the fact that the accelerometer measures a wrong force, at rest or in flight.
 
     An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
@@ -216,7 +215,7 @@ def _accelerometer_error(sensors: BootSensors, interval: Interval) -> Fact | Non
 
 
 def _force_error(
-    sensors: BootSensors, accelerometer: AccelerometerWitness, interval: Interval
+    sensors: BootSensors, accelerometer: AccelerometerWitness, interval: TimeInterval
 ) -> float | None:
     """Returns the error of the mean upward specific force that the accelerometer measured around a divergence.
 
@@ -252,7 +251,7 @@ def _force_error(
     return measured_force - expected_force
 
 
-def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:
+def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns clipping, or vibration beyond the autopilot's limit, as a witness for the cause of a diverged height.
 
     Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
@@ -284,7 +283,7 @@ def _vibration(sensors: BootSensors, interval: Interval) -> Fact | None:
     return supporting_statement(WitnessFact.VIBRATED, time=time, vibration=largest_level)
 
 
-def _full_throttle(sensors: BootSensors, interval: Interval) -> Fact | None:
+def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns a witness if a motor worked near its upper limit in an interval; None otherwise.
 
     Args:

@@ -28,9 +28,8 @@ from mavdem.assessment.motor_events import LASTING_SECONDS, motor_events
 from mavdem.assessment.motor_speeds import standing_motors
 from mavdem.assessment.motor_witnesses import with_motor_witnesses
 from mavdem.assessment.position_losses import position_losses
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
@@ -192,7 +191,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
 
 
 def _intervals_out_of_control(
-    flight_events: Sequence[Fact], flight_interval: Interval
+    flight_events: Sequence[Fact], flight_interval: TimeInterval
 ) -> Intervals:
     """Returns the intervals from each event that takes the vehicle out of control to the flight's end.
 
@@ -218,7 +217,10 @@ def _intervals_out_of_control(
 
 
 def _events_of_flight(
-    sensors: BootSensors, error: AttitudeError, flight_interval: Interval, reports: Sequence[Fact]
+    sensors: BootSensors,
+    error: AttitudeError,
+    flight_interval: TimeInterval,
+    reports: Sequence[Fact],
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
@@ -262,7 +264,7 @@ def _events_of_flight(
 def _standing_motors(
     sensors: BootSensors,
     error: AttitudeError,
-    flight_interval: Interval,
+    flight_interval: TimeInterval,
     loss: Fact | None,
     contact: Fact | None,
     reports: Sequence[Fact],
@@ -290,7 +292,7 @@ def _standing_motors(
             yield event
 
 
-def _until(flight_interval: Interval, *events: Fact | None) -> Interval:
+def _until(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
     """Returns the part of a flight before the first of some events, s since boot; events that are None do not count."""
     start, end = flight_interval
     for event in events:
@@ -300,7 +302,7 @@ def _until(flight_interval: Interval, *events: Fact | None) -> Interval:
 
 
 def _falls_of_flight(
-    sensors: BootSensors, flight_interval: Interval, loss: Fact | None, contact: Fact | None
+    sensors: BootSensors, flight_interval: TimeInterval, loss: Fact | None, contact: Fact | None
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
@@ -340,7 +342,11 @@ def _falls_of_flight(
 
 
 def _end_in_air(
-    signals: Signals, boot: int, flight_interval: Interval, end_time: float, events: Sequence[Fact]
+    signals: Signals,
+    boot: int,
+    flight_interval: TimeInterval,
+    end_time: float,
+    events: Sequence[Fact],
 ) -> Iterator[Fact]:
     """Yields one event if the log ends while the vehicle was still in the air, for no reason that the log shows.
 

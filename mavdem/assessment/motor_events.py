@@ -8,10 +8,15 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS, merge_close
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import MANUAL_THROTTLE_MODES, min_running_command, mode_intervals
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
+from mavdem.dataset.intervals import (
+    Intervals,
+    TimeInterval,
+    in_intervals,
+    intersection,
+    true_intervals,
+)
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
@@ -127,7 +132,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
                 yield event
 
 
-def _rated_by_throttle(signals: Signals, boot: int, interval: Interval, limit: Fact) -> Fact:
+def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limit: Fact) -> Fact:
     """Returns the event of a motor at its limit, marked where the pilot gave full throttle for most of the time.
 
     Then all thrust is in use, and whichever motor the attitude needs most is at its limit. While the vehicle climbs,

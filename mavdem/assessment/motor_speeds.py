@@ -15,10 +15,9 @@ from mavdem.arrays import Array, Flags
 from mavdem.assessment.attitude_error import AttitudeError, largest_error
 from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.motor_events import lasting_runs
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import min_airborne_collective
 from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.speed_controllers import SpeedController, speed_controllers
@@ -83,7 +82,10 @@ class CommandChange(NamedTuple):
 
 
 def standing_motors(
-    sensors: BootSensors, error: AttitudeError, flight_interval: Interval, reports: Sequence[Fact]
+    sensors: BootSensors,
+    error: AttitudeError,
+    flight_interval: TimeInterval,
+    reports: Sequence[Fact],
 ) -> Iterator[Fact]:
     """Yields the motors of a flight that stood still while they were commanded to turn.
 
@@ -127,7 +129,9 @@ def _commands_at(motors: MotorOutputs, boot: int, motor: int, time: Array) -> Ti
     return TimeSeries(time, np.full(len(time), boot), values)
 
 
-def _standstills(signals: Signals, speed: TimeSeries, command: TimeSeries) -> Iterator[Interval]:
+def _standstills(
+    signals: Signals, speed: TimeSeries, command: TimeSeries
+) -> Iterator[TimeInterval]:
     """Yields the intervals in which a motor stood still although it was commanded to turn, s since boot.
 
     It must have turned in this flight before, so that its controller measures. Its usual speed is the median of that.
@@ -172,7 +176,7 @@ def _standstill(
     reports: Sequence[Fact],
     controller: SpeedController,
     motor: int,
-    interval: Interval,
+    interval: TimeInterval,
 ) -> Fact:
     """Returns the event that a motor stood still, which is bad if a second witness confirms it.
 
@@ -221,7 +225,7 @@ def _standstill(
     return weighed_event(event, witnesses)
 
 
-def _reaction_of_command(command: TimeSeries, interval: Interval) -> Facts:
+def _reaction_of_command(command: TimeSeries, interval: TimeInterval) -> Facts:
     """Returns whether the command of a motor rose while its measured speed was zero.
 
     If the motor really stood still, its thrust was missing, and the flight controller raised the command to make up for
@@ -249,7 +253,7 @@ def _reaction_of_command(command: TimeSeries, interval: Interval) -> Facts:
 
 
 def command_change(
-    time: Array, commands: Array, interval: Interval, later_quantile: float
+    time: Array, commands: Array, interval: TimeInterval, later_quantile: float
 ) -> CommandChange | None:
     """Compares the commands of a motor in an interval with those before.
 
@@ -268,7 +272,7 @@ def command_change(
     return CommandChange(float(np.median(before)), float(np.quantile(after, later_quantile)))
 
 
-def rise_statement(change: CommandChange, interval: Interval) -> Fact:
+def rise_statement(change: CommandChange, interval: TimeInterval) -> Fact:
     """Returns the fact that the command of a motor rose, which supports that the motor lost thrust.
 
     Args:
@@ -285,7 +289,7 @@ def rise_statement(change: CommandChange, interval: Interval) -> Fact:
     )
 
 
-def _reaction_of_attitude(error: AttitudeError, interval: Interval) -> Facts:
+def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts:
     """Returns whether the attitude left its setpoint while the measured speed of a motor was zero.
 
     If the motor really stood still, the vehicle leans to the side of the missing thrust. If the attitude stayed at its
@@ -317,7 +321,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: Interval) -> Facts:
     return (held,)
 
 
-def _counted_errors(controller: SpeedController, boot: int, interval: Interval) -> Facts:
+def _counted_errors(controller: SpeedController, boot: int, interval: TimeInterval) -> Facts:
     """Returns the errors that a motor's controller counted in an interval or a second before, which support a fault.
 
     Args:
@@ -349,7 +353,7 @@ def _counted_errors(controller: SpeedController, boot: int, interval: Interval) 
 
 
 def reports_on_motor(
-    reports: Sequence[Fact], boot: int, name: str, interval: Interval
+    reports: Sequence[Fact], boot: int, name: str, interval: TimeInterval
 ) -> list[Fact]:
     """Collects the autopilot's reports on a motor around an interval.
 
@@ -430,7 +434,7 @@ class _SpeedChange(NamedTuple):
         return self.later < (1 - MIN_SPEED_CHANGE) * self.before
 
 
-def _speed_change(speed: TimeSeries | None, interval: Interval) -> _SpeedChange | None:
+def _speed_change(speed: TimeSeries | None, interval: TimeInterval) -> _SpeedChange | None:
     """Compares the speeds of a motor in an interval with those before.
 
     Args:
@@ -450,7 +454,7 @@ def _speed_change(speed: TimeSeries | None, interval: Interval) -> _SpeedChange 
     return change if change.before > 0 else None
 
 
-def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAround:
+def samples_around(time: Array, values: Array, interval: TimeInterval) -> SamplesAround:
     """Selects the samples before and in an interval.
 
     Args:
@@ -468,7 +472,7 @@ def samples_around(time: Array, values: Array, interval: Interval) -> SamplesAro
     )
 
 
-def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: Interval) -> bool:
+def _command_fell(motors: MotorOutputs, boot: int, motor: int, interval: TimeInterval) -> bool:
     """Returns whether the median command of a motor fell at a loss of thrust, by the share ``MIN_SPEED_CHANGE``.
 
     Args:

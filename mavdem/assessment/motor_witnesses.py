@@ -15,8 +15,7 @@ from mavdem.assessment.motor_speeds import (
     rise_statement,
     speed_statements,
 )
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact, Facts
 from mavdem.facts.witnesses import WitnessFact
@@ -76,7 +75,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
     )
 
 
-def _rise_of_command(signals: Signals, loss: Fact, interval: Interval) -> Facts:
+def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Facts:
     """Returns by how much the command of a motor rose, which supports that the motor lost thrust.
 
     The controller raises the command to make up for the lost thrust. Where the loss was found by the command's excess
@@ -106,7 +105,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: Interval) -> Facts:
     return (rise_statement(change, interval),)
 
 
-def _loss_of_attitude(signals: Signals, boot: int, interval: Interval) -> Facts:
+def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
     """Returns how far the attitude left its setpoint, which supports that a motor was lost.
 
     If it did not, that proves nothing, since other motors may hold the attitude. Without a recorded setpoint, half of
@@ -130,7 +129,7 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: Interval) -> Facts:
     return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 
 
-def _fast_descent(signals: Signals, boot: int, interval: Interval) -> Facts:
+def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
     """Returns the height sensors by which the vehicle sank fast, which supports that a motor was lost.
 
     Args:

@@ -6,8 +6,7 @@ PX4's validity flags of vehicle_local_position, or the flags of the estimator st
 
 from collections.abc import Iterator, Sequence
 
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import in_intervals, true_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals, true_intervals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
@@ -34,7 +33,7 @@ REACTION_SECONDS = 3.0
 
 
 def position_losses(
-    sensors: BootSensors, flight_interval: Interval, reports: Sequence[Fact] = ()
+    sensors: BootSensors, flight_interval: TimeInterval, reports: Sequence[Fact] = ()
 ) -> Iterator[Fact]:
     """Yields an event for each time in a flight in which the estimator lost the horizontal position for long.
 
@@ -75,7 +74,7 @@ def position_losses(
         )
 
 
-def _long_losses(has_position: TimeSeries, flight_interval: Interval) -> Iterator[Interval]:
+def _long_losses(has_position: TimeSeries, flight_interval: TimeInterval) -> Iterator[TimeInterval]:
     """Yields the intervals of a flight, s since boot, in which a position that had been there was missing for long.
 
     Args:
@@ -101,7 +100,7 @@ def _long_losses(has_position: TimeSeries, flight_interval: Interval) -> Iterato
 
 
 def _autopilot_reactions(
-    sensors: BootSensors, interval: Interval, reports: Sequence[Fact]
+    sensors: BootSensors, interval: TimeInterval, reports: Sequence[Fact]
 ) -> Facts:
     """Returns the reactions of the autopilot to a lost position: failsafes, and changes to modes that need no position.
 
@@ -142,7 +141,7 @@ def _is_reaction(report: Fact) -> bool:
     return report.code in FAILSAFE_REPORTS
 
 
-def _missing_fix(fix: TimeSeries | None, interval: Interval) -> Facts:
+def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
     """Returns the fact that no GPS receiver had a fix in an interval, which supports that the position was lost.
 
     Args:

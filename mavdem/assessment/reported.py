@@ -16,10 +16,15 @@ from mavdem.assessment.autopilot_messages import (
 from mavdem.assessment.fault_signals import FaultSignal, fault_signals
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot
 from mavdem.assessment.restarts import restarts
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import SURFACE_VEHICLES, armed_intervals
 from mavdem.dataset.grounded import without_grounded
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection, true_intervals
+from mavdem.dataset.intervals import (
+    Intervals,
+    TimeInterval,
+    in_intervals,
+    intersection,
+    true_intervals,
+)
 from mavdem.dataset.motor_outputs import DEMAND_MESSAGE
 from mavdem.dataset.position_fix import has_position_fix
 from mavdem.dataset.segments import Segment, recorded_spans
@@ -370,7 +375,7 @@ def _detected_changes(signals: Signals, boot: int) -> Array:
     return landed_state.time[is_defined][is_change]
 
 
-def _is_high(signals: Signals, boot: int, flight_interval: Interval) -> bool:
+def _is_high(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
     """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
 
     Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. If the record ends within a second, its height above the

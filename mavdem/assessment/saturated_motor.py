@@ -14,9 +14,8 @@ from mavdem.arrays import Array
 from mavdem.assessment.attitude_error import attitude_error
 from mavdem.assessment.flights import RECOVERY_SECONDS, flights_in_boot, loss_onset
 from mavdem.assessment.motor_events import LASTING_SECONDS
-from mavdem.confidence import Interval
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import samples_at_limits
@@ -233,7 +232,7 @@ def _saturation_loss(
 
 
 def _outstanding_excess(
-    signals: Signals, motors: MotorOutputs, event: Fact, interval: Interval
+    signals: Signals, motors: MotorOutputs, event: Fact, interval: TimeInterval
 ) -> float | None:
     """Returns the excess of a limited motor's command over those of the other motors, if it is conspicuous.
 
@@ -298,7 +297,7 @@ def _excess(commands: Array, number: int) -> Array:
 
 
 def _leans_towards(
-    signals: Signals, motors: MotorOutputs, number: int, boot: int, interval: Interval
+    signals: Signals, motors: MotorOutputs, number: int, boot: int, interval: TimeInterval
 ) -> bool:
     """Returns whether the vehicle leans to the side of a motor, against its setpoint.
 

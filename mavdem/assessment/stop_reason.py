@@ -7,8 +7,7 @@ import numpy as np
 
 from mavdem.assessment.battery_levels import cell_count, voltage_levels
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact
@@ -83,7 +82,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
     return cause
 
 
-def _is_reported_in(event: Fact, interval: Interval) -> bool:
+def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """Returns whether the autopilot reported an event in an interval, s since boot.
 
     Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.

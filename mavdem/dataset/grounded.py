@@ -6,11 +6,11 @@ The autopilot's landed state may report flight all the same: on a test stand, in
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 from mavdem.dataset.axes import TILT_AXES
 from mavdem.dataset.flight_states import landed_state_intervals
 from mavdem.dataset.intervals import (
     Intervals,
+    TimeInterval,
     complement,
     in_intervals,
     intersection,
@@ -92,7 +92,7 @@ def without_grounded(flights: Intervals, signals: Signals, boot: int) -> Interva
     return intersection(flights, complement(sorted(excluded_intervals)))
 
 
-def _has_vertical_speed(flight_interval: Interval, speed: TimeSeries) -> bool:
+def _has_vertical_speed(flight_interval: TimeInterval, speed: TimeSeries) -> bool:
     """Returns whether the vertical speed shows that a flight left the ground, or was not recorded from its start.
 
     All speeds up to the end of the flight count, since a report of the take-off may come late.
@@ -107,7 +107,7 @@ def _has_vertical_speed(flight_interval: Interval, speed: TimeSeries) -> bool:
     return bool(speed.values[speed.time <= end].max() >= MIN_LIFT_OFF_SPEED)
 
 
-def has_risen(signals: Signals, boot: int, flight_interval: Interval) -> bool | None:
+def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool | None:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off in a flight.
 
     Args:
@@ -126,7 +126,7 @@ def has_risen(signals: Signals, boot: int, flight_interval: Interval) -> bool | 
 
 
 def height_above_take_off(
-    signals: Signals, boot: int, flight_interval: Interval
+    signals: Signals, boot: int, flight_interval: TimeInterval
 ) -> TimeSeries | None:
     """Returns the height of a whole boot above the place where a flight began.
 
@@ -148,7 +148,7 @@ def height_above_take_off(
     return TimeSeries(height.time, height.boot, height.values - start_height)
 
 
-def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: Interval) -> bool:
+def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
     """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
 
     That is a vehicle on a test stand, or in somebody's hand. If no height shows whether it rose, it counts as free.

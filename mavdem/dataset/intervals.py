@@ -8,9 +8,11 @@ from math import inf
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 
-Intervals = list[Interval]
+TimeInterval = tuple[float, float]
+"""Start and end of a time, s on the clock of one boot; infinite where it goes on beyond the record."""
+
+Intervals = list[TimeInterval]
 """A set of time intervals: (start, end) pairs in seconds, sorted and disjoint."""
 
 

@@ -9,11 +9,11 @@ from math import isinf
 
 import numpy as np
 
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import airborne_intervals, armed_intervals, landed_state_intervals
 from mavdem.dataset.grounded import without_grounded
 from mavdem.dataset.intervals import (
     Intervals,
+    TimeInterval,
     complement,
     in_intervals,
     intersection,
@@ -103,7 +103,9 @@ def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     return flights
 
 
-def without_transients(flight_interval: Interval, climb_rate: TimeSeries | None) -> Interval | None:
+def without_transients(
+    flight_interval: TimeInterval, climb_rate: TimeSeries | None
+) -> TimeInterval | None:
     """Returns a flight without its climb-out and its landing.
 
     Both last ``TRANSIENT_SECONDS`` at least, and as long as the vehicle still rises, or already sinks, faster than

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Indices
-from mavdem.confidence import STRONG_EVIDENCE_NATS, Interval
+from mavdem.confidence import STRONG_EVIDENCE_NATS
 from mavdem.dem.engine.linalg import one_thread
 from mavdem.dem.order_search import BlackBoxData, fits_by_order
 from mavdem.dem.parallel import parallel_map
@@ -45,6 +45,16 @@ class FlightFreeEnergy(NamedTuple):
     """Why orders are missing."""
 
 
+class FreeEnergyGain(NamedTuple):
+    """By how much the free energy of one order exceeds that of another, nats."""
+
+    mean: float
+    """Mean over the flights; NaN if no flight has both orders."""
+
+    standard_error: float
+    """Standard error of that mean; 0 for a single flight."""
+
+
 @dataclass(frozen=True, eq=False)
 class OrderChoice:
     """The model order that the free energy of one or several flights selects, with the evidence for it."""
@@ -74,7 +84,7 @@ class OrderChoice:
             return np.full(len(self.orders), np.nan)
         return self.free_energy.std(axis=0, ddof=1)
 
-    def gain(self, order: int, reference: int) -> Interval:
+    def gain(self, order: int, reference: int) -> FreeEnergyGain:
         """Compares the free energy of two orders.
 
         Args:
@@ -89,10 +99,11 @@ class OrderChoice:
         gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
         gains = gains[np.isfinite(gains)]
         if not len(gains):
-            return np.nan, 0.0
+            return FreeEnergyGain(np.nan, standard_error=0.0)
         if len(gains) == 1:
-            return gains.mean(), 0.0
-        return gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains))
+            return FreeEnergyGain(gains.mean(), standard_error=0.0)
+        standard_error = gains.std(ddof=1) / np.sqrt(len(gains))
+        return FreeEnergyGain(gains.mean(), standard_error)
 
     @property
     def chosen(self) -> int:

@@ -267,6 +267,7 @@ def _axis_document(advice: Advice | Fact, decision: Fact | None) -> AxisAdvice:
         loop=loop,
         filters=gyro_filters(loop.controller, loop.crossover),
         verdict=advice.rating,
+        sentence=advice.conclusion,
         expected=None if advice.refusals else advice.after,
     )
 

@@ -13,10 +13,9 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
-from mavdem.confidence import Interval
 from mavdem.dataset import flight_states, phases, time_series
 from mavdem.dataset.flight_states import MAX_REPORT_INTERVAL
-from mavdem.dataset.intervals import Intervals, intersection
+from mavdem.dataset.intervals import Intervals, TimeInterval, intersection
 from mavdem.dataset.phases import MAX_LEVEL_FLIGHT_SPEED, TRANSIENT_SECONDS
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS
 from mavdem.dataset.time_series import AVERAGING_SECONDS, TimeSeries, recorded_series
@@ -247,7 +246,7 @@ class FlightPhase:
         self._landing_time = landing_time
 
 
-def _interval_at(time: float, intervals: Intervals) -> Interval | None:
+def _interval_at(time: float, intervals: Intervals) -> TimeInterval | None:
     """The first interval that has begun before ``time`` and has not ended by then, all in s; None without one."""
     for start, end in intervals:
         if start < time <= end:

@@ -200,7 +200,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
                     GainFact.GAINS_ADVISED,
                     subject=axis,
                     changes=[(name, *gain) for name, gain in advice.gains.items()],
-                    because=advice.sentence,
+                    because=advice.conclusion,
                     expected_error=advice.after.lean_in_wind,
                     present_error=advice.before.lean_in_wind,
                 )
@@ -213,7 +213,7 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
         return (*new_gains, *decisions)
     least_certain = min(tuning.advice, key=lambda advice: advice.sure)
     axis = least_certain.before.axis
-    return (Fact(GainFact.GAINS_LEFT, subject=axis, because=least_certain.sentence),)
+    return (Fact(GainFact.GAINS_LEFT, subject=axis, because=least_certain.conclusion),)
 
 
 def _new_stem(recording: Path, endings: list[str]) -> str:

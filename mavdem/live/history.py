@@ -11,8 +11,9 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
+from mavdem.confidence import EstimateWithHalfWidth
 from mavdem.containers import Names
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.setpoints import STAMP_ROUNDING
 from mavdem.dem import Estimate
 from mavdem.facts.event import Event
@@ -159,7 +160,7 @@ class LiveHistory:
         self.timeline_offset = 0.0
         self.motor_names: Names = ()
         self.events: list[Event] = []
-        self.learned_intervals: list[Interval] = []
+        self.learned_intervals: list[TimeInterval] = []
         # Number of the boot whose clock the timeline follows now.
         self._boot = 0
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.

@@ -100,7 +100,7 @@ class Advice(ImmutableResult):
         return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
 
     @property
-    def sentence(self) -> Fact:
+    def conclusion(self) -> Fact:
         """The fact that states what to do with the gains: set them, keep them, or why there is no advice.
 
         New gains are to be set as the final ones of their stage only if both loops have the margins with them in
@@ -123,7 +123,7 @@ class Advice(ImmutableResult):
             code,
             share=self.sure,
             has_room=self.rating.is_good,
-            can_go_on=not reasons_for_no_gains(self.before, raises=True),
+            can_go_on=not reasons_for_no_gains(self.before, for_higher_gains=True),
             stage=int(self.stage or 0),
             flights=self.flights,
             bandwidth=(
@@ -181,7 +181,7 @@ def advise(
     rating = margin_rating(loop, target)
     may_change = raises_sound_gains or rating.is_bad
     refusals = tuple(doubts) or reasons_for_no_gains(
-        loop, raises=raises_sound_gains and not rating.is_bad
+        loop, for_higher_gains=raises_sound_gains and not rating.is_bad
     )
     gains: dict[str, float] = {}
     step = NO_STEP
@@ -244,7 +244,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     return search.step(Stage.ANGLE)
 
 
-def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
+def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts:
     """Returns the reasons why no gains can be advised for a loop.
 
     Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
@@ -254,7 +254,7 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
 
     Args:
         loop: rate and attitude loop of one axis.
-        raises: whether the loop has its margins, and gains are to be raised.
+        for_higher_gains: whether the loop has its margins, and gains are to be raised.
 
     Returns:
         The reasons as facts; empty if gains can be advised.
@@ -270,7 +270,7 @@ def reasons_for_no_gains(loop: Loop, *, raises: bool = False) -> Facts:
         return (Fact(GainFact.LOOP_UNSTABLE),)
     if loop.disagreement:
         return (loop.disagreement,)
-    if raises and not _shows_lag(loop):
+    if for_higher_gains and not _shows_lag(loop):
         return (Fact(GainFact.LAG_UNRESOLVED, time_step=record.dt),)
     return ()
 

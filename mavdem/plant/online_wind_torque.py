@@ -18,7 +18,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import CONFIDENCE_LEVEL, Interval, coverage_factor, half_width
+from mavdem.confidence import (
+    CONFIDENCE_LEVEL,
+    EstimateWithHalfWidth,
+    coverage_factor,
+    half_width,
+)
 from mavdem.dem.engine.kalman import SteadyStateFilter
 from mavdem.dem.engine.model import scalar_recursion
 from mavdem.dem.online.memory import (
@@ -52,7 +57,7 @@ MAX_FIT_PAUSE_SECONDS = 20.0
 FILTER_SECONDS = 1.0
 """Length of samples, beside the delay, over which the filter converges to the state, s: a choice."""
 
-NO_TORQUE = (np.nan, np.nan)
+NO_TORQUE = EstimateWithHalfWidth(np.nan, half_width=np.nan)
 """Torque and half width where there is no estimate."""
 
 
@@ -239,7 +244,7 @@ class OnlineWindTorque:
         memory_blocks = round(MEMORY_SECONDS / memory.dt / memory.block_size)
         self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, memory_blocks))
         # Torques with half widths that the samples of the next block will return.
-        self._upcoming = deque[Interval]()
+        self._upcoming = deque[EstimateWithHalfWidth]()
         # Inputs since the last gap or change of a motor.
         self._smoothed_samples = round(FILTER_SECONDS / memory.dt) + self._delay_samples
         self._inputs: deque[Array] = deque(maxlen=self._smoothed_samples)
@@ -249,7 +254,7 @@ class OnlineWindTorque:
         self._sample_count = 0
         self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
-    def update(self, inputs: Array, weak_since: float | None = None) -> Interval:
+    def update(self, inputs: Array, weak_since: float | None = None) -> EstimateWithHalfWidth:
         """Takes the inputs of the stream's next sample, and returns the wind torque ``delay`` seconds before it.
 
         While a motor is weak there is no estimate, and the samples since its loss of thrust are fitted to nothing.
@@ -366,4 +371,4 @@ class OnlineWindTorque:
         # The first queued torque is ``delay`` old now. Those after it will be as old when they are returned.
         delayed_torques = torques[-self._delay_samples :]
         for torque, band in delayed_torques[: self._memory.block_size]:
-            self._upcoming.append((float(torque), float(band)))
+            self._upcoming.append(EstimateWithHalfWidth(float(torque), half_width=float(band)))

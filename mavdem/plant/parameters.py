@@ -6,7 +6,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import CONFIDENCE_LEVEL, SIGNIFICANT_SIGMAS, Interval, half_width
+from mavdem.confidence import (
+    CONFIDENCE_LEVEL,
+    SIGNIFICANT_SIGMAS,
+    EstimateWithHalfWidth,
+    half_width,
+)
 from mavdem.dem.engine.gauss_newton import FINITE_DIFFERENCE_STEP
 from mavdem.dem.engine.linalg import normal_draws
 from mavdem.facts import Fact
@@ -131,7 +136,7 @@ class Physical(NamedTuple):
         """Standard deviation of the wind torque per moment of inertia, rad/s², without its constant part."""
         return float(np.linalg.norm([component.size for component in self.components]))
 
-    def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> Interval:
+    def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> EstimateWithHalfWidth:
         """Returns the mean magnitude of the motors' effects, and the half width of its interval.
 
         The half width is NaN where the effect is not identifiable. Errors common to all motors are part of it, and
@@ -141,16 +146,16 @@ class Physical(NamedTuple):
             level: probability of the interval.
 
         Returns:
-            Mean and half width, rad/s² per unit of the inputs.
+            The mean, rad/s² per unit of the inputs.
         """
         r = len(self.effect)
         # The mean magnitude is a linear function of the effects.
         weights = np.sign(self.effect) / r
         mean = float(weights @ self.effect)
         if not self.identifiable:
-            return mean, np.nan
+            return EstimateWithHalfWidth(mean, half_width=np.nan)
         variance = weights @ self.covariance[:r, :r] @ weights
-        return mean, float(half_width(variance, level))
+        return EstimateWithHalfWidth(mean, half_width=float(half_width(variance, level)))
 
     @property
     def identifiable(self) -> bool:

@@ -113,7 +113,7 @@ def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[
     """
     axis = axes[0]
     advice = tuning.axes[axis]
-    conclusion = advice if isinstance(advice, Fact) else advice.sentence
+    conclusion = advice if isinstance(advice, Fact) else advice.conclusion
     decision = tuning.judgement.loop_decisions.get(axis)
     sentences = [str(fact) for fact in _facts_on_axis(tuning, axis)]
     for remedy in [conclusion.remedy, *_remedies_besides_tuning(decision)]:
@@ -185,7 +185,7 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
     if isinstance(advice, Fact):
         return [advice]
     decision = tuning.judgement.loop_decisions.get(axis)
-    conclusion = advice.sentence
+    conclusion = advice.conclusion
     if (
         decision is not None
         and decision.action

@@ -1,13 +1,13 @@
 """The accelerometers of a boot: whether they measure gravity at rest, their peaks, and when the vehicle rested."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import min_airborne_collective
-from mavdem.dataset.intervals import Intervals, in_intervals
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, recorded_series, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -51,6 +51,16 @@ IMU_MASK_PARAMETERS = ("EK3_IMU_MASK", "EK2_IMU_MASK")
 """ArduPilot's parameters with a bit for each IMU that has a core of the estimator, the newer first."""
 
 
+class ForcePeak(NamedTuple):
+    """The largest specific force in a time."""
+
+    time: float
+    """When it was measured, s since boot."""
+
+    size: float
+    """Its size, m/s²."""
+
+
 @dataclass(frozen=True, eq=False)
 class AccelerometerWitness:
     """What one accelerometer shows in one boot."""
@@ -87,13 +97,14 @@ class AccelerometerWitness:
         """Whether the samples are close enough together to show a knock."""
         return self.rate >= MIN_PEAK_RATE
 
-    def peak(self, interval: Interval) -> tuple[float, float] | None:
-        """Returns time, s, and size, m/s², of the largest specific force in an interval; None without samples there."""
-        rows = np.flatnonzero((self.time >= interval[0]) & (self.time <= interval[1]))
+    def peak(self, interval: TimeInterval) -> ForcePeak | None:
+        """Returns the largest specific force in an interval; None without samples there."""
+        start, end = interval
+        rows = np.flatnonzero((self.time >= start) & (self.time <= end))
         if not len(rows):
             return None
         row = rows[np.argmax(self.magnitude[rows])]
-        return float(self.time[row]), float(self.magnitude[row])
+        return ForcePeak(float(self.time[row]), float(self.magnitude[row]))
 
     @property
     def knock_size(self) -> float:

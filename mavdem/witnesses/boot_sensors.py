@@ -13,10 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array, Flags
-from mavdem.confidence import Interval
 from mavdem.dataset.attitude import Attitude
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT
-from mavdem.dataset.intervals import in_intervals, intersection
+from mavdem.dataset.intervals import TimeInterval, in_intervals, intersection
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
@@ -229,7 +228,7 @@ class BootSensors:
             return ""
         return self.accelerometer.name
 
-    def knock(self, interval: Interval) -> Fact | None:
+    def knock(self, interval: TimeInterval) -> Fact | None:
         """Returns the largest acceleration of an interval as a witness for or against an impact.
 
         Args:
@@ -244,22 +243,25 @@ class BootSensors:
         peak = accelerometer.peak(interval)
         if peak is None:
             return None
-        time, size = peak
-        if size >= accelerometer.knock_size:
+        if peak.size >= accelerometer.knock_size:
             return supporting_statement(
-                WitnessFact.KNOCKED, time=time, acceleration=size, name=self.name_of_accelerometer
+                WitnessFact.KNOCKED,
+                time=peak.time,
+                acceleration=peak.size,
+                name=self.name_of_accelerometer,
             )
         if not accelerometer.shows_knocks:
             return None
+        start, end = interval
         return contradicting_statement(
             WitnessFact.NO_KNOCK,
-            time=interval[0],
-            until=interval[1],
-            acceleration=size,
+            time=start,
+            until=end,
+            acceleration=peak.size,
             name=self.name_of_accelerometer,
         )
 
-    def fast_rotation(self, interval: Interval) -> Fact | None:
+    def fast_rotation(self, interval: TimeInterval) -> Fact | None:
         """Returns the witness that the vehicle tumbled in an interval.
 
         Args:
@@ -273,7 +275,7 @@ class BootSensors:
             return None
         return supporting_statement(WitnessFact.ROTATED, **fastest._asdict())
 
-    def fastest_rotation(self, attitudes: Iterable[Attitude], interval: Interval) -> Rotation:
+    def fastest_rotation(self, attitudes: Iterable[Attitude], interval: TimeInterval) -> Rotation:
         """Returns the largest body rate in an interval.
 
         Args:
@@ -313,7 +315,7 @@ class BootSensors:
         heights = np.interp(climb_rate.time, height.time, height.values) - start_height
         return climb_rate.select(heights > -MAX_GROUND_HEIGHT)
 
-    def sink_rates(self, interval: Interval) -> dict[str, float]:
+    def sink_rates(self, interval: TimeInterval) -> dict[str, float]:
         """Returns the largest speed downward in an interval, by each height sensor (:meth:`_fastest_descents`).
 
         Args:
@@ -325,7 +327,7 @@ class BootSensors:
         descents = self._fastest_descents(interval)
         return {source: descent.speed for source, descent in descents.items()}
 
-    def _fastest_descents(self, interval: Interval) -> dict[str, _Descent]:
+    def _fastest_descents(self, interval: TimeInterval) -> dict[str, _Descent]:
         """Returns the fastest descent in an interval by each height sensor.
 
         Args:
@@ -337,14 +339,15 @@ class BootSensors:
             climbed throughout.
         """
         descents = {}
-        limit = self._fall_speed_limit(interval[1])
+        start, end = interval
+        limit = self._fall_speed_limit(end)
         for source, climb in (
             ("barometer", self.height.barometer_climb),
             ("estimate", self.climb_estimate),
         ):
             if climb is None:
                 continue
-            is_inside = (climb.time >= interval[0]) & (climb.time <= interval[1])
+            is_inside = (climb.time >= start) & (climb.time <= end)
             if is_inside.any():
                 speeds = -climb.values[is_inside]
                 fastest = int(speeds.argmax())
@@ -378,7 +381,7 @@ class BootSensors:
         drop = max(float(heights.max()) - lowest, 0.0) + FALL_HEIGHT_MARGIN
         return min(float(np.sqrt(2 * GRAVITY * drop)), MAX_FALL_SPEED)
 
-    def sink_rate(self, interval: Interval) -> float | None:
+    def sink_rate(self, interval: TimeInterval) -> float | None:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
 
         The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If the two
@@ -394,10 +397,11 @@ class BootSensors:
         rates = self.sink_rates(interval)
         if not rates:
             return None
-        around = [(interval[0], interval[1] + CONTRADICTION_MARGIN)]
         if "estimate" in rates:
-            is_apart = bool(intersection(self.height.contradictions, around))
-            if not is_apart or self._sank_as_far(interval[1]):
+            start, end = interval
+            search = [(start, end + CONTRADICTION_MARGIN)]
+            is_contradicted = bool(intersection(self.height.contradictions, search))
+            if not is_contradicted or self._sank_as_far(end):
                 return max(0.0, rates["estimate"])
         return max(0.0, min(rates.values()))
 
@@ -422,7 +426,7 @@ class BootSensors:
             return False
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
-    def sinking(self, interval: Interval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
+    def sinking(self, interval: TimeInterval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor, barometer and estimate, on whether the vehicle sank fast.
 
         A sensor whose descent is faster than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, makes no
@@ -436,9 +440,10 @@ class BootSensors:
             Statements that support or contradict a crash, with the largest speed downward, m/s.
         """
         statements = []
-        confirmed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
+        start, end = interval
+        highest_confirmed_speed = (self.sink_rate(interval) or 0.0) + MAX_CLIMB_DIFFERENCE
         for source, descent in self._fastest_descents(interval).items():
-            if descent.speed > max(least, confirmed):
+            if descent.speed > max(least, highest_confirmed_speed):
                 continue
             figures = {"source": source, "speed": descent.speed}
             if descent.speed > least:
@@ -448,12 +453,12 @@ class BootSensors:
             else:
                 statements.append(
                     contradicting_statement(
-                        WitnessFact.DID_NOT_SINK, time=interval[0], until=interval[1], **figures
+                        WitnessFact.DID_NOT_SINK, time=start, until=end, **figures
                     )
                 )
         return tuple(statements)
 
-    def throttle_closed(self, interval: Interval) -> Fact | None:
+    def throttle_closed(self, interval: TimeInterval) -> Fact | None:
         """Returns a witness if the pilot moved the throttle stick from open to closed in an interval.
 
         Args:
@@ -468,10 +473,11 @@ class BootSensors:
         if stick is None:
             return None
         is_closed = stick.values <= CLOSED_STICK
+        start, end = interval
         # The largest travel of the stick so far, at each sample; what it did long before the interval does not count.
-        is_recent = stick.time >= interval[0] - OPEN_BEFORE_SECONDS
+        is_recent = stick.time >= start - OPEN_BEFORE_SECONDS
         largest_travel = np.maximum.accumulate(np.where(is_recent, stick.values, 0.0))
-        is_inside = (stick.time >= interval[0]) & (stick.time <= interval[1])
+        is_inside = (stick.time >= start) & (stick.time <= end)
         rows = np.flatnonzero(is_inside & is_closed & (largest_travel > OPEN_STICK))
         if not len(rows):
             return None

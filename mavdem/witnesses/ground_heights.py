@@ -13,8 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
-from mavdem.dataset.intervals import Intervals, in_intervals, intersection
+from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals, intersection
 from mavdem.dataset.position_fix import RECEIVER_MESSAGES, has_fix_by_row
 from mavdem.dataset.signals import EARTH_RADIUS, Signals, global_positions
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, series_of_boot
@@ -55,7 +54,9 @@ class GroundHeights:
     """Horizontal distance, m, of landing and take-off by satellites."""
 
 
-def ground_heights(signals: Signals, boot: int, flight_interval: Interval) -> GroundHeights | None:
+def ground_heights(
+    signals: Signals, boot: int, flight_interval: TimeInterval
+) -> GroundHeights | None:
     """Compares the heights at rest before a flight and after it.
 
     Args:
@@ -136,14 +137,14 @@ def satellite_position(signals: Signals) -> TimeSeries | None:
 class _RestsAroundFlight(NamedTuple):
     """Times at rest on the ground next to a flight, s since boot; None for one that is missing."""
 
-    before: Interval | None
+    before: TimeInterval | None
     """The last rest before the take-off."""
 
-    after: Interval | None
+    after: TimeInterval | None
     """The first rest after the landing."""
 
 
-def _rests_around(rests: Intervals, flight_interval: Interval) -> _RestsAroundFlight:
+def _rests_around(rests: Intervals, flight_interval: TimeInterval) -> _RestsAroundFlight:
     """Returns the last rest before a flight and the first one after it.
 
     Both must be near the flight (``MAX_WAIT_SECONDS``), and only the ``MAX_REST_SECONDS`` next to it are returned. If
@@ -179,6 +180,6 @@ def _long_enough(rests: Intervals) -> Intervals:
     return [(start, end) for start, end in rests if end - start >= MIN_REST_SECONDS]
 
 
-def _values_in(series: TimeSeries, interval: Interval) -> Array:
+def _values_in(series: TimeSeries, interval: TimeInterval) -> Array:
     """Returns the values of a series in an interval, s since boot."""
     return series.values[in_intervals(series.time, [interval])]

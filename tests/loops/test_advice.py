@@ -93,11 +93,13 @@ def test_steps_lead_to_the_margins_and_end_there():
     scores = [margin_scores(target, loop.rate)[0]]
     advice = advise(loop)
     while advice.parameters:
-        assert advice.stage is Stage.RATE and advice.sentence.code is GainFact.STEP_TOWARDS_MARGINS
+        assert (
+            advice.stage is Stage.RATE and advice.conclusion.code is GainFact.STEP_TOWARDS_MARGINS
+        )
         loop = loop.with_parameters(advice.parameters)
         scores.append(margin_scores(target, loop.rate)[0])
         advice = advise(loop)
-    assert advice.sentence.code is GainFact.KEEP_GAINS
+    assert advice.conclusion.code is GainFact.KEEP_GAINS
     assert len(scores) <= 4 and scores == sorted(scores) and scores[-1] >= 1
 
 
@@ -145,7 +147,7 @@ def test_gains_with_enough_margin_never_lose_a_fifth_of_their_bandwidth():
 def test_more_is_first_the_margins_at_all_effectivenesses():
     # The estimate has the margins, hardly any other model has them.
     advice = advise(made_up(1.7), raises_sound_gains=True)
-    low, high = advice.sentence.figures["bandwidth"][::-1]
+    low, high = advice.conclusion.figures["bandwidth"][::-1]
     assert advice.stage is Stage.RATE and low < high
 
 
@@ -163,7 +165,7 @@ def test_an_unusual_ratio_of_the_log_is_named():
 def test_enough_margin_is_left_alone_unless_more_is_asked(factor):
     advice = advise(loop := made_up(factor))
     assert advice.gains and not advice.parameters
-    assert (advice.sentence.code, advice.sentence.level) == (GainFact.KEEP_GAINS, "good")
+    assert (advice.conclusion.code, advice.conclusion.level) == (GainFact.KEEP_GAINS, "good")
     assert advice.after.controller.parameters == loop.controller.parameters
     (light,) = AxisMargins(loop.axis, loop, None, None).facts
     assert light.sentence.split(":")[0] == advice.rating.sentence.split(":")[0]
@@ -191,10 +193,10 @@ def test_gains_are_not_raised_by_a_lag_that_the_log_without_rate_setpoint_does_n
     loop = made_up(1.0)
     short_lag = loop.dynamics * [1.0, 0.1, 1.0]
     by_motion_alone = replace(loop, dynamics=short_lag, plant=loop.plant._replace(filtered=True))
-    (reason,) = reasons_for_no_gains(by_motion_alone, raises=True)
+    (reason,) = reasons_for_no_gains(by_motion_alone, for_higher_gains=True)
     assert reason.code is GainFact.LAG_UNRESOLVED and not reasons_for_no_gains(by_motion_alone)
     in_loop = replace(by_motion_alone, plant=loop.plant._replace(filtered=False))
-    assert not reasons_for_no_gains(in_loop, raises=True)
+    assert not reasons_for_no_gains(in_loop, for_higher_gains=True)
 
 
 class SearchWithHopelessModels(GainSearch):

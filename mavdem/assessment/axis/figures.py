@@ -18,10 +18,9 @@ from mavdem.assessment.axis.gains import parts_with_one_gain_set
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.identity import Identity
 from mavdem.assessment.tier import Tier
-from mavdem.confidence import Interval
 from mavdem.containers import JsonValues
 from mavdem.dataset.flights import usable_segments
-from mavdem.dataset.intervals import in_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Learned
@@ -108,7 +107,7 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
     return MotorChanges(sorted(set(samples)), np.concatenate(flags))
 
 
-def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[Interval]:
+def _weak_motor_intervals(alarms: Sequence[MotorAlarm]) -> list[TimeInterval]:
     """Finds the intervals in which a motor had lost thrust, from its alarms of loss and recovery.
 
     Args:

@@ -321,7 +321,7 @@ def _decision_on_slow_rate(observations: LoopObservations) -> LoopDecision:
         action = Fact(LoopAction.DO_FIRST, because=_reason_for_no_margins(observations))
         reason = tracking.replace(action=action)
         return LoopDecision(axis, LoopVerdict.FOLLOWS_BADLY, reason, action, doubts=(reason,))
-    doubts = reasons_for_no_gains(loop, raises=True)
+    doubts = reasons_for_no_gains(loop, for_higher_gains=True)
     if doubts:
         action = Fact(LoopAction.DO_FIRST, because=doubts[0])
     else:

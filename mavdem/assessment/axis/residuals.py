@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval, coverage_factor
+from mavdem.confidence import coverage_factor
 from mavdem.dem import Learned
 from mavdem.facts.assessment import BoundTest
 
@@ -20,6 +20,16 @@ FAILED_BOUND_RATIO = 3.0
 small deviations are significant that do no harm."""
 
 
+class LargestCorrelations(NamedTuple):
+    """Largest absolute values of the correlations of residuals."""
+
+    autocorrelation: float
+    """That of the residuals at lags above 0."""
+
+    command: float
+    """That of the residuals with past commands."""
+
+
 class Residuals(NamedTuple):
     """One-step residuals of one output, and their correlations at L + 1 lags with the bounds that chance keeps."""
 
@@ -31,19 +41,19 @@ class Residuals(NamedTuple):
     """(L + 1,) of the residuals."""
     command_correlation: Array
     """(L + 1,) of the residuals with the command a lag before."""
-    bounds: Interval
+    bounds: tuple[float, float]
     """Bounds of the absolute values of both correlations. The second allows for the autocorrelation of both series (L.
     Ljung, System Identification, 2nd ed., sec. 16.6)."""
 
     @property
-    def largest_correlations(self) -> Interval:
+    def largest_correlations(self) -> LargestCorrelations:
         """Largest absolute value of the autocorrelation, and of the correlation with the command.
 
         The autocorrelation at lag 0 is left out: it is always 1.
         """
         largest_autocorrelation = float(abs(self.autocorrelation[1:]).max())
         largest_command_correlation = float(abs(self.command_correlation).max())
-        return largest_autocorrelation, largest_command_correlation
+        return LargestCorrelations(largest_autocorrelation, largest_command_correlation)
 
     @property
     def outcome(self) -> BoundTest:

@@ -56,7 +56,7 @@ class Tuning(NamedTuple):
         """Why no gains are advised; None if some are."""
         if any(advice.gains for advice in self.advice):
             return None
-        return self.advice[0].sentence
+        return self.advice[0].conclusion
 
     def files(self, vehicle: Telemetry) -> dict[str, str]:
         """Returns the parameter files for ground stations, a pair for each stage of tuning.
@@ -256,7 +256,7 @@ def _step_without_gains(
     Returns:
         To tune the other axes; without any, the first advice on the axes that were asked for.
     """
-    sentences = [advice.sentence for advice in advice_on_loops]
+    conclusions = [advice.conclusion for advice in advice_on_loops]
     if other_axes:
         return Fact(
             NextStep.TUNE_OTHER_AXES,
@@ -264,7 +264,8 @@ def _step_without_gains(
             others=tuple(other_axes),
             arguments=tuple(arguments),
         )
-    reason = next((sentence for sentence in sentences if sentence.remedy), sentences[0])
+    with_remedy = [conclusion for conclusion in conclusions if conclusion.remedy]
+    reason = (with_remedy or conclusions)[0]
     return Fact(NextStep.DO_AS_ADVISED, because=reason)
 
 

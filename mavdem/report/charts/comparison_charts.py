@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import Interval
 from mavdem.dataset.flight_states import airborne_intervals
-from mavdem.dataset.intervals import intersection
+from mavdem.dataset.intervals import TimeInterval, intersection
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.report.charts.chart import Axis, Chart, Line
@@ -39,7 +38,7 @@ class FlightInterval(NamedTuple):
     boot: int
     """Number of the boot."""
 
-    interval: Interval
+    interval: TimeInterval
     """Take-off and landing, or the ends of the record, s on the clock of that boot."""
 
 

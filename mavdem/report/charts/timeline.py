@@ -18,9 +18,9 @@ from mavdem.assessment.time_history import (
     TimeHistory,
     WindHistory,
 )
-from mavdem.confidence import Interval
 from mavdem.containers import Names
 from mavdem.dataset.axes import AXES, TILT_AXES
+from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.time_series import TimeSeries
 from mavdem.facts.ending import Ending
 from mavdem.facts.event import Event
@@ -55,13 +55,13 @@ class Timeline(NamedTuple):
     flight_charts: Charts
     """Height, motors and battery; of a live flight all charts."""
 
-    span: Interval
+    span: TimeInterval
     """First and last time shown, s on the boot clock."""
 
     axis_charts: Mapping[str, Charts] = MappingProxyType({})
     """Angle, rate and rate error by axis, those that were recorded in this order."""
 
-    training_intervals: tuple[Interval, ...] = ()
+    training_intervals: tuple[TimeInterval, ...] = ()
     """First and last time, s, of each part of the flight that the model was trained on."""
 
     modes: tuple[Span, ...] = ()
