@@ -188,7 +188,7 @@ class FlightPlan:
         elif isinstance(scenario.excitation, Course):
             lap = [CourseRow(*row) for row in _course_rows(scenario.excitation, self._cycle)]
             excitation_seconds = self._times.landing - self._times.hover - 2 * SETTLE_SECONDS
-            # As many whole laps as the time allows; the tolerance keeps rounding from losing one.
+            # There are as many whole laps as the time allows; the tolerance keeps rounding from losing one.
             laps = int(excitation_seconds / (len(lap) * self._cycle) + 1e-9)
             self._course = lap * laps
         self._demands: list[Vector3] = [tuple(row) for row in demands.tolist()]

@@ -18,7 +18,9 @@ def shortened(text: str, max_length: int = 60) -> str:
 MAX_SECONDS = 7200.0
 """Longest flight, s: a choice, far above the endurance of multirotors."""
 
-Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]  # also of what is no time
+Positive = Annotated[
+    float, Field(gt=0, le=MAX_SECONDS)
+]  # It bounds figures that are no times, too.
 NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Size = Annotated[float, Field(ge=0, le=1000)]  # of what disturbs, in any unit

@@ -380,7 +380,7 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
         evidence: signals, events and measurements of the vehicle.
     """
     vibrations = _vibrations_by_imu(evidence)
-    # By the number of the IMU. Later boots overwrite earlier ones: the last boot in which each was recorded counts.
+    # The keys are numbers of IMUs. Later boots overwrite earlier ones: the last boot with a record of an IMU counts.
     accelerometers: dict[int, AccelerometerWitness] = {}
     shares: dict[int, float | None] = {}
     boots: dict[int, int] = {}

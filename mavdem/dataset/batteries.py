@@ -138,36 +138,38 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
         else:
             batteries[number] = battery
     if sys_status_battery is not None:
-        _add_battery_of_sys_status(batteries, sys_status_battery, telemetry.autopilot)
+        batteries |= _battery_of_sys_status(batteries, sys_status_battery, telemetry.autopilot)
     if second_battery is not None:
         batteries.setdefault(SECOND_BATTERY, second_battery)
     return tuple(batteries[number] for number in sorted(batteries))
 
 
-def _add_battery_of_sys_status(
-    batteries: dict[int, Battery], sys_status: Battery, autopilot: str
-) -> None:
-    """Puts the battery of SYS_STATUS among those of BATTERY_STATUS.
+def _battery_of_sys_status(
+    batteries: Mapping[int, Battery], sys_status: Battery, autopilot: str
+) -> dict[int, Battery]:
+    """Finds out which battery that of SYS_STATUS is among those of BATTERY_STATUS.
 
     Args:
-        batteries: Those of BATTERY_STATUS by number; the battery is added, or replaces the only one.
+        batteries: Those of BATTERY_STATUS by number.
         sys_status: Battery of SYS_STATUS.
         autopilot: MAV_AUTOPILOT without its prefix.
+
+    Returns:
+        The battery by its number, which may be that of the only one of BATTERY_STATUS; empty if it is one of several.
     """
     if not batteries:
-        batteries[FIRST_BATTERY] = sys_status
-        return
+        return {FIRST_BATTERY: sys_status}
     if len(batteries) == 1:
         (only_battery,) = batteries.values()
         volts = np.median(only_battery.voltage.values)
         difference = abs(np.median(sys_status.voltage.values) - volts)
         if difference <= SAME_BATTERY_DIFFERENCE * volts:
             number = only_battery.number
-            batteries[number] = replace(sys_status, number=number, cells=only_battery.cells)
-            return
+            return {number: replace(sys_status, number=number, cells=only_battery.cells)}
     # PX4's SYS_STATUS changes from one battery to another.
-    if autopilot != "PX4":
-        batteries.setdefault(FIRST_BATTERY, sys_status)
+    if autopilot == "PX4" or FIRST_BATTERY in batteries:
+        return {}
+    return {FIRST_BATTERY: sys_status}
 
 
 def _battery(number: int, columns: Columns) -> Battery | None:

@@ -242,7 +242,7 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
                 continue
             sample_time = topic["time"][rows]
             ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
-            # Of each time: the row of the first sample after the time before, and the row after its own last sample.
+            # Each time has the row of the first sample after the time before, and the row after its own last sample.
             ends = np.searchsorted(sample_time, time, side="right")
             starts = np.minimum(np.r_[ends[:1] - 1, ends[:-1]], ends - 1)
             is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)

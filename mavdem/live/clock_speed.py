@@ -55,7 +55,7 @@ class ClockSpeed:
         # Readings from which a measurement can begin, the oldest first, and the latest reading.
         self._readings = deque[_ClockReading]()
         self._latest: _ClockReading | None = None
-        # Since when the clock has been slow, s of this computer's clock; None while it is not.
+        # The time since which the clock has been slow, s of this computer's clock; None while it is not.
         self._slow_since: float | None = None
         self._is_reported = False
 

@@ -65,9 +65,9 @@ class FlightPhase:
         self._airborne_since = -inf
         self._review_time = -inf
         self._landed_state_end = -inf
-        # Since when the flight is settled, s; None while it is not.
+        # The time since which the flight is settled, s; None while it is not.
         self._settled_start: float | None = None
-        # Since when the vehicle flies freely on its way up, s; infinite before it climbs.
+        # The time since which the vehicle flies freely on its way up, s; infinite before it climbs.
         self._free_climb_start = inf
         self._landing_time: float | None = None
 

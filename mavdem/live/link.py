@@ -180,7 +180,8 @@ class Link:
         self.awaits_greeting = self._kind is LinkKind.UDP_OUT
         self.dropped_datagrams = 0
         self._events: list[Fact] = []
-        # By system and component id of an autopilot: the address it is heard from, and another that was refused.
+        # The keys are system and component id of an autopilot, the values the address that it is heard from, and one
+        # that was refused.
         self._sender_addresses: dict[bytes, _SenderAddress] = {}
         self._refused_addresses: dict[bytes, Any] = {}
         self._reported_ids = set[bytes]()

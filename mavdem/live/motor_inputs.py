@@ -70,7 +70,7 @@ class InputSelector:
 
     def __init__(self, boot: int = 0) -> None:
         self._boot = boot
-        # By stream: time, s, and values of the samples in which a channel was lowest or highest so far.
+        # Each stream has time, s, and values of the samples in which a channel was lowest or highest so far.
         self._extremes: dict[StreamKey, list[tuple[float, Numbers]]] = {}
 
     def candidate_messages(

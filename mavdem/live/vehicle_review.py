@@ -235,7 +235,7 @@ class VehicleReview:
             rows: builder of the vehicle's rows.
         """
         now = self._review_time
-        # For how long reviews have followed each other without a pause.
+        # This is the time for which reviews have followed each other without a pause.
         connected_seconds = now - self._connection_start
         if connected_seconds >= DECISION_SECONDS:
             self.obstacle = self._rate_obstacle(rows) or self.phase.obstacle

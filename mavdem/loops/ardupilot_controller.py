@@ -187,7 +187,7 @@ def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, floa
         return throttle_min / 1000, spin_max
     spin_min, spin_max = required_parameters(parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX")
     if _is_frame_compiled_in(parameters):
-        # That the vehicle has four motors says which it is.
+        # The number of motors, four, says which frame it is.
         return spin_min, spin_max
     (frame_class,) = required_parameters(parameters, "FRAME_CLASS")
     if frame_class != QUAD_FRAME_CLASS:

@@ -559,7 +559,7 @@ def _prior_shapes(knots: Numbers) -> _PriorShapes:
         The shapes, and their Cholesky factors R.
     """
     taps = knots[-1]
-    # From 0 to 1, with the duration of the response as the unit.
+    # Times go from 0 to 1, in units of the duration of the response.
     time = np.array(knots[:-1]) / taps
     nodes = len(time) - 1
     tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)

@@ -102,6 +102,9 @@ DRAWS_SEED = 31
 FIGURES = ("overshoot", "rise_time", "settling", "delay", "peak", "peak_frequency")
 """Figures of a :class:`StepResponse`, by the names of its attributes."""
 
+_SETPOINT, _RATE, _ANGLE, _ANGLE_SETPOINT = range(4)
+"""Rows of the signals of a rate loop in a piece of flight, as far as they were recorded."""
+
 
 @dataclass(frozen=True, eq=False)
 class StepResponse(ImmutableResult):
@@ -299,7 +302,7 @@ def _measured_step_response(
     sampling_rate = signals_on_grid.rate
     # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
-    pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[0]) != 0]
+    pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
     if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return setpoint_moves_too_little
@@ -310,7 +313,7 @@ def _measured_step_response(
         angle_gain = DEFAULT_ANGLE_GAIN if controller is None else controller.angle_gain
         pieces = _with_angle_and_correction(sampling_rate, pieces, angle_gain)
     else:
-        _bring_setpoint_within_half_turn(pieces)
+        pieces = [_with_setpoint_within_half_turn(piece) for piece in pieces]
     timing_error = MAX_TIMING_ERROR_STEPS / sampling_rate
     spectra = welch_spectra_of_pieces(sampling_rate, pieces)
     if spectra is None:
@@ -327,17 +330,19 @@ def _measured_step_response(
     )
 
 
-def _bring_setpoint_within_half_turn(pieces: Sequence[Array]) -> None:
-    """Shifts the angle setpoint by whole turns, in place, so that it differs from the angle by at most half a turn.
+def _with_setpoint_within_half_turn(piece: Array) -> Array:
+    """Shifts the angle setpoint by whole turns, so that it differs from the angle by at most half a turn.
 
     Both angles were unwrapped by themselves, so they may be whole turns apart.
 
     Args:
-        pieces: angle setpoint and angle in the rows of each piece (2, N), rad.
+        piece: angle setpoint and angle in its rows (2, N), rad.
+
+    Returns:
+        A piece (2, N) with the shifted setpoint.
     """
-    for piece in pieces:
-        setpoint, angle = piece
-        piece[0] = angle + wrapped_angle(setpoint - angle)
+    setpoint, angle = piece
+    return np.array([angle + wrapped_angle(setpoint - angle), angle])
 
 
 def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
@@ -401,23 +406,25 @@ def _with_angle_and_correction(
     Args:
         sampling_rate: rate of the samples, Hz.
         pieces: rate setpoint, rate and, as far as they were recorded, angle and angle setpoint in the rows of each
-            piece (2 to 4, N). The correction is added in place.
+            piece (2 to 4, N), in the order of ``_SETPOINT`` to ``_ANGLE_SETPOINT``.
         angle_gain: gain of the attitude controller, 1/s.
 
     Returns:
         Pieces (3 or 4, N) of rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint, rad, if it was
         recorded.
     """
-    rows = len(pieces[0])
-    has_angle = rows >= 3
-    has_angle_setpoint = rows > 3
-    if not has_angle:
-        return [np.vstack([piece, np.cumsum(piece[1]) / sampling_rate]) for piece in pieces]
-    if has_angle_setpoint and not _is_corrected(sampling_rate, pieces, angle_gain):
-        for piece in pieces:
-            angle, angle_setpoint = piece[2], piece[3]
-            piece[0] += angle_gain * wrapped_angle(angle_setpoint - angle)
-    return list(pieces)
+    signal_count = len(pieces[0])
+    if signal_count <= _ANGLE:
+        return [np.vstack([piece, np.cumsum(piece[_RATE]) / sampling_rate]) for piece in pieces]
+    has_angle_setpoint = signal_count > _ANGLE_SETPOINT
+    if not has_angle_setpoint or _is_corrected(sampling_rate, pieces, angle_gain):
+        return list(pieces)
+    corrected_pieces = []
+    for piece in pieces:
+        correction = angle_gain * wrapped_angle(piece[_ANGLE_SETPOINT] - piece[_ANGLE])
+        corrected_setpoint = piece[_SETPOINT] + correction
+        corrected_pieces.append(np.vstack([corrected_setpoint, piece[_RATE:]]))
+    return corrected_pieces
 
 
 def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:

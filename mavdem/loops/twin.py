@@ -297,7 +297,7 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
     forward_arm, right_arm = twin.arm
     # PX4 reads the mixer from the motors' positions; ArduPilot from the class of the frame, and here the signs.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
-    # For each motor, the signs (1 or -1) of its torques about roll, pitch and yaw.
+    # Each motor has the signs (1 or -1) of its torques about roll, pitch and yaw.
     motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
     for motor, (roll_sign, pitch_sign, yaw_sign) in enumerate(motor_signs):
         # A motor in front raises the nose, a motor on the right rolls to the left.

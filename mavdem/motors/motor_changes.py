@@ -124,7 +124,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
-    # By boot and name of the motor: the largest loss since the motor last gave its full thrust.
+    # The keys are boot and name of the motor, the values its largest loss since it last gave its full thrust.
     lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
     ended_losses: list[tuple[MotorAlarm, float]] = []
     for change in changes:
@@ -162,7 +162,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
     Returns:
         The remaining changes, in the same order.
     """
-    # By boot and name of the motor: its losses since it last gave its full thrust.
+    # The keys are boot and name of the motor, the values its losses since it last gave its full thrust.
     losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
     removed_alarms: list[MotorAlarm] = []
     for change in changes:

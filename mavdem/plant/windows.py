@@ -269,7 +269,7 @@ def _window_samples(record: Record) -> Indices:
     starts = []
     for segment_start, segment_length in zip(record.segment_starts, record.lengths, strict=True):
         starts.append(segment_start + length * np.arange(segment_length // length))
-    # As many whole strides as fit into a window.
+    # A window has as many whole strides as fit into it.
     offsets = np.arange(0, length - stride + 1, stride)
     return np.asarray(np.concatenate(starts)[:, None] + offsets, int)
 

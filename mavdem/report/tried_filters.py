@@ -193,7 +193,7 @@ def _px4_filter(
     """
     center_name, width_name = pair
     is_on = logged.get(center_name, 0.0) > 0 and logged.get(width_name, 0.0) > 0
-    # With three digits, as parameters are typed.
+    # Parameters are typed with three digits.
     center_on_line = float(f"{peak:.3g}")
     width_on_line = float(f"{RELATIVE_BANDWIDTHS[-1] * center_on_line:.2g}")
     source = logged if is_on else advised

@@ -139,8 +139,8 @@ class LiveWriter:
         self.scene = scene
         # Smallest and largest value that was drawn without clipping so far, by plot.
         self._plot_ranges: dict[str, Interval] = {}
-        # For the plots of the first tab: how many intervals between ticks they have room for, and the ranges of the
-        # batches of rows that are in sight.
+        # Each plot of the first tab has the number of intervals between ticks for which it has room, and the ranges of
+        # the batches of rows that are in sight.
         self._tick_intervals = {}
         for name, path in first_tab_paths(channels.output_names[0]).items():
             self._tick_intervals[path] = PLOTS[name].tick_intervals

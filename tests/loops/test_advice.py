@@ -243,7 +243,7 @@ def test_refusals_say_why():
     }
     for refusal, found in cases.items():
         assert found.refusals == (refusal,) and not found.gains
-        assert found.sentence == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
+        assert found.conclusion == Fact(GainFact.NO_GAINS_ADVISED, reasons=[refusal])
 
 
 def test_the_next_step_is_as_careful_as_the_advice_is_sure():

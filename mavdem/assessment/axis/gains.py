@@ -106,8 +106,8 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     parts_with_gains = tuple(_with_gains(part, longest_flown_gains) for part in parts_of_longest)
     # No caution is needed if nothing was left out.
     if sample_counts[longest_flown_gains] == sum(map(len, flights)):
-        return OneGainSetParts(parts_with_gains, None)
-    # For each other set of gains: how long it was flown, and the gains that differ.
+        return OneGainSetParts(parts_with_gains, caution=None)
+    # Each other set of gains has the time for which it was flown, and the gains that differ.
     other_sets = []
     for gains, parts in parts_by_gains.items():
         changes = sorted(set(gains) - set(longest_flown_gains))
@@ -301,7 +301,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
         if gains_before[name] != value:
             gains_after[name] = value
             is_saved = True
-    # For each changed gain: its name, and its values before and after.
+    # Each changed gain has its name, and its values before and after.
     changes = []
     for name, value in gains_after.items():
         if gains_before.get(name) != value:

@@ -206,7 +206,7 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     exceeding_count += velocity_ratio >= 2 * failsafe_limit
     exceeding_count += position_ratio >= failsafe_limit
     exceeding_count += compass_ratio >= failsafe_limit
-    # For how long each of the four innovations exceeded the filter's own limit without a break, s.
+    # Each of the four innovations has the longest time, s, for which it exceeded the filter's own limit.
     durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
     largest_ratios = ratios.max(axis=0)
     failsafe_duration = longest_true_duration(time, exceeding_count >= 2)

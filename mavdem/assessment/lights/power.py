@@ -395,7 +395,7 @@ def _resistance(volt_deviations: Array, ampere_deviations: Array) -> float | Non
     volt_squares = volt_deviations @ volt_deviations
     ampere_squares = ampere_deviations @ ampere_deviations
     products = volt_deviations @ ampere_deviations
-    # By the Cauchy-Schwarz inequality; the correlation is ``products`` over this.
+    # The Cauchy-Schwarz inequality gives the largest product; the correlation is ``products`` over it.
     largest_product = (volt_squares * ampere_squares) ** 0.5
     if largest_product == 0 or products > MAX_RESISTANCE_CORRELATION * largest_product:
         return None

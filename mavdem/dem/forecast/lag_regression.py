@@ -281,7 +281,7 @@ def regress(
     noise = squared_errors / row_count + noise_floor * np.eye(k)
     noise_precision = np.linalg.inv(noise)
     squared_deviation = np.sum(noise_precision * (deviation.T @ precision @ deviation))
-    # ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
+    # The gain is ln|posterior precision| − ln|prior precision| of the coefficients of one channel.
     precision_gain = (
         2 * (np.log(factor.diagonal()).sum())
         - k * np.linalg.slogdet(prior_precision)[1]

@@ -230,7 +230,7 @@ def simulation_horizon(
         return None
     if not scaling.known or not free_parameters:
         return None
-    # From the horizon of the settings down to the shortest, the first that the record suffices for.
+    # The horizon is the longest for which the record suffices, from that of the settings down to the shortest.
     longest = max(1, round(settings.horizon / record.dt))
     shortest = min(longest, max(1, round(MIN_HORIZON_SECONDS / record.dt)))
     for horizon in range(longest, shortest - 1, -1):

@@ -225,7 +225,7 @@ def _last_and_changed_first_values(
     Returns:
         Both by name.
     """
-    # Of several values under one name a dictionary keeps the last: of the reversed list the first.
+    # A dictionary keeps the last of several values under one name: that of the reversed list is the first.
     last_values = dict(settings)
     first_values = dict(reversed(settings))
     changed_first_values = {

@@ -271,7 +271,7 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         # The first stamp of each second; the stamps ascend.
         begins_second = np.append(True, np.diff(np.floor(stamps)) > 0)
         time = np.union1d(stamps[begins_second[: len(stamps)]], change_time)
-        # For each row the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
+        # Each row has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
         # have one element for each of these numbers; indexing them by ``passed`` gives the value of each row.
         passed_changes = np.searchsorted(change_time, time, side="right")
         state = np.append(before[0], after)[passed_changes]

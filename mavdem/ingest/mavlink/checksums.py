@@ -127,7 +127,7 @@ class BlockChecksums:
         self._bytes = np.zeros(row_count * ROW_BYTES, dtype=np.uint8)
         self._bytes[: len(block)] = block
         words = self._bytes.view("<u2").reshape(row_count, ROW_BYTES // WORD_BYTES)
-        # By number of the words that were taken in, and by row.
+        # The registers are indexed by the number of words that were taken in, then by row.
         self._registers = np.zeros((words.shape[1] + 1, row_count), dtype=np.uint16)
         registers = self._registers[0]
         table = _tables().words

@@ -40,7 +40,7 @@ class DecodedColumns:
         is_mapped = mapping_of(data) is not None
         self._max_bytes = MAX_BYTES_OF_MAPPED_COLUMNS if is_mapped else np.inf
         self._bytes = 0
-        # By message and field, in the order in which they were asked for last.
+        # The keys are message and field; what was asked for last comes last.
         self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
 
     def column(self, message: str, name: str) -> NDArray[Any] | None:

@@ -116,7 +116,7 @@ def _sequence_steps(sequence: Bytes) -> _SequenceSteps:
     """
     irregular = missing = 0
     for first in range(0, len(sequence), ROWS_AT_ONCE):
-        # With the first number of the next part. Signed numbers, so that their differences may be negative.
+        # A part includes the first number of the next one. The numbers are signed: their differences may be negative.
         part = sequence[first : first + ROWS_AT_ONCE + 1].astype(np.int16)
         steps = np.diff(part) & (SEQUENCE_NUMBERS - 1)
         irregular += int(np.count_nonzero((steps == 0) | (steps > MAX_LATE_STEPS)))

@@ -194,7 +194,7 @@ class AttitudeComparison:
     def __init__(self) -> None:
         """Begins without an attitude."""
         self.has_found_two = False
-        # By counter: the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
+        # Each counter has the latest attitude in each interval of ``MAX_COMPARED_SECONDS``, the oldest interval first.
         self._attitudes: list[OrderedDict[int, AttitudeReading]] = [OrderedDict(), OrderedDict()]
         # Whether the latest comparisons contradict.
         self._contradictions = deque[bool](maxlen=COMPARISONS)

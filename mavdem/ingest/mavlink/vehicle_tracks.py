@@ -188,7 +188,8 @@ class VehicleTracks:
         self._position: Reading | None = None
         # The track of the latest reading is the first.
         self._tracks: list[_VehicleTrack] = []
-        # By what contradicts: the number of readings that could show it, and at which a former vehicle came back.
+        # Each contradiction has the number of readings that could show it. Its switches are the numbers of those at
+        # which the vehicle seemed to change.
         self._reading_counts = dict.fromkeys(Contradiction, 0)
         self._switches = {
             contradiction: deque[int](maxlen=limit.switches)

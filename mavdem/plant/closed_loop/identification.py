@@ -169,7 +169,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     for initial in INITIAL_PLANTS:
         start = _initial_parameters(posterior, initial)
         first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
-    # In ascending order of the posterior: the best come last.
+    # The posterior ascends: the best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
     log_odds: tuple[float, ...] = LOG_STEP_TIME_ODDS
@@ -246,7 +246,7 @@ def _mixture_of_modes(
     weights = scipy.special.softmax(log_evidences)
     mode_points = np.array([mode.point for mode in modes])
     mean = weights @ mode_points
-    # By the law of total variance: the mean covariance within the modes, and the covariance of their means.
+    # The law of total variance adds the mean covariance within the modes and the covariance of their means.
     covariance_within = sum(
         weight * _covariance(posterior, mode.curvature)
         for weight, mode in zip(weights, modes, strict=True)
