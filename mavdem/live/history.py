@@ -11,7 +11,6 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.confidence import EstimateWithHalfWidth
 from mavdem.containers import Names
 from mavdem.dataset.intervals import TimeInterval
 from mavdem.dataset.setpoints import STAMP_ROUNDING
