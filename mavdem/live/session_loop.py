@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import monotonic
 
+from mavdem.dem.engine.linalg import load_libraries
 from mavdem.live.session import LiveSession
 
 OLDEST_GENERATION_THRESHOLD = 1000
@@ -35,6 +36,8 @@ def run_session(
         report_period: s between two calls of ``report``.
         report: is called with the session.
     """
+    # Loaded at its first use, a library would hold up samples then.
+    load_libraries()
     with _short_pauses():
         start_time = monotonic()
         report_time = start_time
