@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.motor_events import LASTING_SECONDS
+from mavdem.assessment.motor_events import LASTING_SECONDS, MIN_COMMAND_RANGE
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.dataset.flight_states import min_running_command
 from mavdem.dataset.intervals import TimeInterval, in_intervals
@@ -45,10 +45,6 @@ SINKING_SECONDS = 1.0
 
 LIMITED_SHARE = 0.5
 """Share of that time beyond which a motor must be at its limit; a choice."""
-
-MIN_COMMAND_RANGE = 0.05
-"""Mean range of all motors' commands, as a share of the full range, beside which one that is constant has frozen; also
-the distance from its limit at which it must be constant."""
 
 MIN_FROZEN_SAMPLES = 3
 """Number of equal samples that show a frozen output: two may be equal by chance."""

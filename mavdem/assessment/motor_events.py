@@ -1,4 +1,4 @@
-"""Motors whose output stays at its upper limit in flight, or that are off while the others carry the vehicle."""
+"""Motors whose output stays at its upper limit in flight, stands still, or is off while others carry the vehicle."""
 
 from collections.abc import Iterator
 from math import inf
@@ -21,7 +21,7 @@ from mavdem.dataset.motor_outputs import MotorOutputs
 from mavdem.dataset.phases import MIN_CLIMB_SPEED
 from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import series_of_boot
+from mavdem.dataset.time_series import TimeSeries, series_of_boot
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.witnesses.height import trusted_height
@@ -29,6 +29,16 @@ from mavdem.witnesses.sensors import FULL_STICK, throttle_stick
 
 LASTING_SECONDS = 0.3
 """Seconds that a loss of attitude, or a motor at its limit, must last: longer than one sample of a stream at 4 Hz."""
+
+FROZEN_SECONDS = 2.0
+"""Time, s, for which an output must stand still to have frozen while the vehicle flies on; a choice."""
+
+FROZEN_SAMPLES = 8
+"""Number of samples that must show it: those of that time at 4 Hz."""
+
+MIN_COMMAND_RANGE = 0.05
+"""Mean range of motors' commands, as a share of the full range, beside which one that is constant has frozen; also
+the distance from its limit at which it must be constant."""
 
 FULL_THROTTLE_SHARE = 0.5
 """Share of the time at its limit beyond which the throttle must be full to explain the limit of a motor; a choice."""
@@ -79,7 +89,7 @@ class _MotorCondition(NamedTuple):
 
 
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
-    """Yields an event for each time in flight in which a motor stayed at its upper limit, or was off.
+    """Yields an event for each time in flight in which a motor stayed at its upper limit, was off, or its output froze.
 
     A limit counts only once the vehicle has left the ground: on a bench or a stand, which hold it, the controller
     drives motors to any command. A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer
@@ -100,6 +110,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     if motors is None or boot not in motors.boot:
         return
     commands = motors.range_fractions(boot)
+    yield from _frozen_outputs(motors, boot, commands, flights)
     is_at_limit, _ = samples_at_limits(commands.values, motors.scale)
     is_off = _is_off(signals, motors, boot, commands.values)
     is_in_flight = in_intervals(commands.time, flights)
@@ -130,6 +141,51 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
                 if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
                     event = _rated_by_throttle(signals, boot, recorded, event)
                 yield event
+
+
+def _frozen_outputs(
+    motors: MotorOutputs, boot: int, commands: TimeSeries, flights: Intervals
+) -> Iterator[Fact]:
+    """Yields an event for each time in flight in which the output of one motor stood still while the others worked.
+
+    A vehicle of six or eight motors flies on with a frozen output, whose trim then looks like that of weak motors.
+
+    Args:
+        motors: outputs of the k motors, with their scale.
+        boot: number of the boot.
+        commands: outputs of the motors in this boot (N, k), as shares of their range.
+        flights: start and end of each flight of the boot, s.
+
+    Yields:
+        A fact with the name of the motor as subject, and its constant command as ``share`` of the range.
+    """
+    idle = min_running_command(motors)
+    highest = motors.scale.stop - MIN_COMMAND_RANGE
+    for flight in flights:
+        is_in_flight = in_intervals(commands.time, [flight])
+        time = commands.time[is_in_flight]
+        values = commands.values[is_in_flight]
+        for motor, name in enumerate(motors.geometry.names):
+            # A run of equal commands begins with each change.
+            changes = np.flatnonzero(np.diff(values[:, motor])) + 1
+            edges = np.concatenate([[0], changes, [len(time)]])
+            long_runs = np.flatnonzero(np.diff(edges) >= FROZEN_SAMPLES)
+            for first, end in zip(edges[long_runs], edges[long_runs + 1], strict=True):
+                command = float(values[first, motor])
+                ranges = np.ptp(values[first:end], axis=0)
+                others_worked = np.delete(ranges, motor).min(initial=inf) > 0
+                others_worked &= ranges.mean() >= MIN_COMMAND_RANGE
+                is_between_limits = idle < command < highest
+                lasts = time[end - 1] - time[first] >= FROZEN_SECONDS
+                if lasts and is_between_limits and others_worked:
+                    yield Fact(
+                        MotionEvent.OUTPUT_FROZE,
+                        time=time[first],
+                        until=time[end - 1],
+                        subject=name,
+                        share=command,
+                        boot=boot,
+                    )
 
 
 def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limit: Fact) -> Fact:

@@ -9,6 +9,7 @@ class MotionEvent(Code):
     MOTOR_AT_ITS_STOP = "motor_at_its_stop"
     MOTOR_OFF = "motor_off"
     MOTOR_STOOD_STILL = "motor_stood_still"
+    OUTPUT_FROZE = "output_froze"
     ATTITUDE_LOST = "attitude_lost"
     ATTITUDE_CAUGHT = "attitude_caught"
     ATTITUDE_SWUNG = "attitude_swung"

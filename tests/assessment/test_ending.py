@@ -178,6 +178,21 @@ def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
     assert ending.subject == NAMES[0]
 
 
+@mark.parametrize("seconds, is_frozen", [(1.5, False), (3.0, True)])
+def test_an_output_that_stands_still_in_flight_has_frozen(seconds, is_frozen):
+    """The vehicle flies on, and the other outputs swing."""
+    made = flight(10.0)
+    time = stamps(made, "SERVO_OUTPUT_RAW")
+    outputs = pulses(made) + 100.0 * np.sin(7.0 * time)
+    outputs[2] = np.where((time > FAILS) & (time < FAILS + seconds), 1650.0, outputs[2])
+    events, ending = judged(with_pulses(made, outputs))
+    assert ending is None and (MotionEvent.OUTPUT_FROZE in events) == is_frozen
+    if is_frozen:
+        frozen = events[MotionEvent.OUTPUT_FROZE]
+        assert (frozen.subject, frozen.level) == (NAMES[2], Level.BAD)
+        assert frozen.time == approx(FAILS, abs=0.15)
+
+
 def test_names_a_motor_whose_output_stands_still():
     made = falling(leaning(flight(50.0), QUAD[0], 120.0, 100.0))
     swings = 100.0 * np.sin(40.0 * stamps(made, "SERVO_OUTPUT_RAW"))

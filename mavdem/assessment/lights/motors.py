@@ -159,6 +159,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
         MotorWatchFact.MOTOR_SATURATED,
         MotionEvent.MOTOR_OFF,
         MotionEvent.MOTOR_STOOD_STILL,
+        MotionEvent.OUTPUT_FROZE,
     ]
     names = _motor_names(evidence)
     facts = [fact for fact in evidence.warnings_in_flight(codes) if fact.subject in names]
