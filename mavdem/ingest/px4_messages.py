@@ -82,9 +82,12 @@ def attitude_quaternion(topics: Topics) -> Fields:
     rate_time = angular_velocity["time"]
     is_valid = np.isfinite(quaternions).all(axis=1) & quaternions.any(axis=1)
     valid_rows = np.flatnonzero(is_valid)
-    # Between equal stamps nothing can be interpolated.
-    attitude_time, first_rows = np.unique(attitude["time"][valid_rows], return_index=True)
-    quaternions = quaternions[valid_rows[first_rows]]
+    # Between equal stamps nothing can be interpolated: the first message of each stamp is used. Stamps ascend.
+    valid_time = attitude["time"][valid_rows]
+    is_first = np.ones(len(valid_time), dtype=np.bool_)
+    is_first[1:] = valid_time[1:] > valid_time[:-1]
+    attitude_time = valid_time[is_first]
+    quaternions = quaternions[valid_rows[is_first]]
     if len(quaternions) < 2:
         return {}
     steps = np.diff(attitude_time)
@@ -435,6 +438,13 @@ SETPOINT_TYPE_LAND = 4
 """Values of position_setpoint_triplet.current.type of take-off and landing (PX4 ``PositionSetpoint.msg``)."""
 
 
+def _firsts_of_seconds(time: Array) -> Array:
+    """Returns the first of the stamps (N,), s, ascending, in each second that has any."""
+    is_first = np.ones(len(time), dtype=np.bool_)
+    is_first[1:] = np.diff(np.floor(time)) > 0
+    return time[is_first]
+
+
 def extended_sys_state(topics: Topics) -> Fields:
     """Makes EXTENDED_SYS_STATE (PX4's EXTENDED_SYS_STATE.hpp): on the ground or in the air, by the land detector.
 
@@ -455,11 +465,15 @@ def extended_sys_state(topics: Topics) -> Fields:
     target = first_instance(topics, "position_setpoint_triplet")
     if "landed" not in land_detector:
         return {}
-    all_stamps = [topic["time"] for instances in topics.values() for topic in instances.values()]
-    logged_time = np.unique(np.concatenate(all_stamps))
-    _, second_starts = np.unique(np.floor(logged_time), return_index=True)
+    # The first stamp in a second is the first one of some topic in that second, and these are few.
+    seconds_of_topics = [
+        _firsts_of_seconds(topic["time"])
+        for instances in topics.values()
+        for topic in instances.values()
+    ]
+    second_starts = _firsts_of_seconds(np.sort(np.concatenate(seconds_of_topics)))
     stamps = [topic["time"] for topic in (land_detector, control_mode, target) if topic]
-    time = np.unique(np.concatenate([*stamps, logged_time[second_starts]]))
+    time = np.unique(np.concatenate([*stamps, second_starts]))
     time = time[time >= land_detector["time"].min()]
     is_landed = last_field_values(land_detector, "landed", time)
     state = np.where(is_landed, ON_GROUND, IN_AIR)
