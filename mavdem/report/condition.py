@@ -206,8 +206,8 @@ def _autopilot_wind(evidence: WindEvidence, wind: WindVelocity) -> dict[str, flo
     return {"size": np.hypot(north, east), "origin": meteorological_direction(north, east)}
 
 
-class _WindCourse(NamedTuple):
-    """A course of the mean wind, by time or by height."""
+class _MeanWinds(NamedTuple):
+    """The mean wind of each minute, or of each layer of height."""
 
     header: str
     """Header of the first column."""
@@ -231,21 +231,21 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         max_rows: most rows of a table. Of more minutes or layers, evenly spaced ones are shown; None for all.
     """
     identified = wind.identified_figures
-    courses = (
-        _WindCourse("Minute from (s)", "start", identified.minutes),
-        _WindCourse("Height (m)", "height", identified.profile),
+    mean_winds_by_subject = (
+        _MeanWinds("Minute from (s)", "start", identified.minutes),
+        _MeanWinds("Height (m)", "height", identified.profile),
     )
     tables = []
-    for course in courses:
-        if len(course.rows) < 2:
+    for mean_winds in mean_winds_by_subject:
+        if len(mean_winds.rows) < 2:
             continue
-        header = [course.header, "Wind (m/s)"]
+        header = [mean_winds.header, "Wind (m/s)"]
         if wind.direction_identifiable:
             header.append("From")
         rows = []
-        for index in _evenly_spaced(len(course.rows), max_rows):
-            row = course.rows[index]
-            cells = [f"{row[course.key]:.0f}", f"{row['speed']:.1f}"]
+        for index in _evenly_spaced(len(mean_winds.rows), max_rows):
+            row = mean_winds.rows[index]
+            cells = [f"{row[mean_winds.key]:.0f}", f"{row['speed']:.1f}"]
             if wind.direction_identifiable:
                 cells.append(compass_text(row["direction"]))
             rows.append(cells)

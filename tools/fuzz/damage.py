@@ -16,7 +16,7 @@ import struct
 import time
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -231,7 +231,7 @@ def attempt(path: Path, command: str) -> Attempt:
     return Attempt(time.process_time() - start, failure, figures)
 
 
-def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, is_timeless: bool) -> str:
+def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, *, is_timeless: bool) -> str:
     """Compares what came of a damaged log with what came of the sound one.
 
     Args:
@@ -254,6 +254,42 @@ def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, is_timeles
     return ""
 
 
+class DamagedLog(NamedTuple):
+    """A damaged copy of a log."""
+
+    content: bytes
+    """Bytes of the copy."""
+
+    ending: str
+    """Ending under which it is given, which may be that of another format."""
+
+    name: str
+    """Name of the damage."""
+
+    is_timeless: bool
+    """Whether the damage cannot have brought in stamps of another time."""
+
+
+def damaged_log(log: Path, contents: Mapping[Path, bytes], chance: random.Random) -> DamagedLog:
+    """Damages a log in a random way.
+
+    Args:
+        log: path of the sound log.
+        contents: bytes of all sound logs, parts of which may get into the damaged one.
+        chance: source of random numbers.
+    """
+    damage = chance.choice(DAMAGES)
+    other_content = contents[chance.choice(list(contents))]
+    content = damage(contents[log], chance, other_content)
+    is_timeless = damage in TIMELESS_DAMAGES
+    if log.suffix == ".tlog" and chance.random() < CHECKSUMS_SHARE:
+        content = with_checksums(bytearray(content))
+        is_timeless = False
+    has_other_ending = chance.random() < OTHER_ENDING_SHARE
+    ending = chance.choice(OTHER_ENDINGS) if has_other_ending else log.suffix
+    return DamagedLog(content, ending, damage.__name__, is_timeless)
+
+
 @click.command(help=__doc__)
 @click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True))
 @click.option("--count", default=30)
@@ -264,7 +300,16 @@ def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, is_timeles
 def main(
     logs: tuple[Path, ...], count: int, seed: int, command: str, limit: float, keep: Path
 ) -> None:
-    """Runs the attempts, and prints each failure and their number."""
+    """Damages each log ``count`` times, runs the command on the copies, and prints each failure and their number.
+
+    Args:
+        logs: sound logs.
+        count: number of damaged copies of each log.
+        seed: seed of the random damage.
+        command: "read" for the reader alone, otherwise a command of mavdem.
+        limit: seconds of processor time that damage may cost.
+        keep: folder for the copies; those that made something fail stay in it.
+    """
     warnings.simplefilter("ignore")
     keep.mkdir(parents=True, exist_ok=True)
     keep = keep.resolve()
@@ -277,21 +322,15 @@ def main(
         sound = attempt(sound_copy, command)
         for number in range(count):
             chance = random.Random(f"{seed} {number} {log.name}")
-            damage = chance.choice(DAMAGES)
-            other = contents[chance.choice(logs)]
-            damaged_content = damage(content, chance, other)
-            is_timeless = damage in TIMELESS_DAMAGES
-            if log.suffix == ".tlog" and chance.random() < CHECKSUMS_SHARE:
-                damaged_content = with_checksums(bytearray(damaged_content))
-                is_timeless = False
-            other_ending = chance.random() < OTHER_ENDING_SHARE
-            ending = chance.choice(OTHER_ENDINGS) if other_ending else log.suffix
-            path = keep / f"{log.stem[:20]} {number}{ending}"
-            path.write_bytes(damaged_content)
-            failure = failure_by_damage(attempt(path, command), sound, limit, is_timeless)
+            damaged = damaged_log(log, contents, chance)
+            path = keep / f"{log.stem[:20]} {number}{damaged.ending}"
+            path.write_bytes(damaged.content)
+            failure = failure_by_damage(
+                attempt(path, command), sound, limit, is_timeless=damaged.is_timeless
+            )
             if failure:
                 failures += 1
-                print(f"--- {path}, {damage.__name__}\n{failure[-SHOWN_CHARACTERS:]}", flush=True)
+                print(f"--- {path}, {damaged.name}\n{failure[-SHOWN_CHARACTERS:]}", flush=True)
             else:
                 path.unlink()
     print(f"{failures} failures of {count * len(logs)}")

@@ -206,10 +206,10 @@ def _wind_at(time: Array, wind: WindVelocity | None) -> dict[str, Array]:
     if wind is None or not wind.direction_identifiable:
         return {}
     polar = wind.polar
-    courses = {"direction": polar.direction}
+    known_quantities = {"direction": polar.direction}
     if wind.speed_identifiable:
-        courses["speed"] = polar.speed
+        known_quantities["speed"] = polar.speed
     return {
         name: np.interp(time, wind.time, values, left=np.nan, right=np.nan)
-        for name, values in courses.items()
+        for name, values in known_quantities.items()
     }
