@@ -12,7 +12,7 @@ from mavdem.assessment.inventory import inventory
 from mavdem.assessment.record import Assessment, analysed_contents
 from mavdem.cli.exit_codes import EXIT_UNSUPPORTED
 from mavdem.cli.options import source_options, verbose_option
-from mavdem.cli.output import print_json, print_screen, report_error, report_parts
+from mavdem.cli.output import print_json, print_screen, report_error
 from mavdem.cli.sources import read_source
 from mavdem.cli.streams import print_to_stdout
 from mavdem.containers import JsonValues
@@ -128,12 +128,12 @@ def _print_assessments(document: JsonValues, assessments: Sequence[Assessment]) 
     """
     senders = stream_contents(document)
     for values, assessment in zip(document["vehicles"], assessments, strict=True):
-        parts = report_parts(conclusion(assessment.judgement))
+        flight_conclusion = conclusion(assessment.judgement)
         print_screen(
             review_title(assessment),
             summary=vehicle_contents(values),
-            details=[*parts.body, *instance_blocks(assessment), *senders],
-            conclusion=[parts.headline, parts.next_step],
+            details=[*flight_conclusion.lights, *instance_blocks(assessment), *senders],
+            conclusion=[flight_conclusion.headline, flight_conclusion.next_step],
             verbose=True,
         )
 

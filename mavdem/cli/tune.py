@@ -151,7 +151,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
         verbose: Whether to print all margins and the other lights.
     """
     judgement = tuning.judgement
-    lights = conclusion(judgement)[1:-1] if verbose else []
+    lights = conclusion(judgement).lights if verbose else []
     blocks = tune_blocks(tuning, is_full=verbose)
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))

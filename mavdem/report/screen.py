@@ -8,6 +8,7 @@ parts: ``motor_blocks``, ``torque_blocks``, ``prediction_blocks``, and ``vehicle
 from collections.abc import Callable, Mapping, Sequence
 from operator import attrgetter
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -94,12 +95,15 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
         The report, with the headline first and the next step last.
     """
     analysis = assessment.analysis
-    conclusion_blocks = conclusion(assessment.judgement)
+    flight_conclusion = conclusion(assessment.judgement)
     if analysis is None:
-        return conclusion_blocks
-    next_step = conclusion_blocks.pop()
+        return flight_conclusion.blocks
     has_full_model = analysis.learned is not None and analysis.tier.tier == "a"
-    blocks = [*conclusion_blocks, *_learned_blocks(analysis)]
+    blocks = [
+        flight_conclusion.headline,
+        *flight_conclusion.lights,
+        *_learned_blocks(analysis),
+    ]
     for alarm in analysis.alarms:
         if not alarm.is_weak:
             blocks.append(Sentence(str(alarm.fact), "Motors:"))
@@ -111,7 +115,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
     blocks += air_blocks(assessment)
-    return [*blocks, next_step]
+    return [*blocks, flight_conclusion.next_step]
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:
@@ -186,8 +190,26 @@ def purpose_tables(findings: Findings) -> Blocks:
     return [Table(["purpose", "grade", "because"], rows, words=True)]
 
 
-def conclusion(judgement: Judgement) -> Blocks:
-    """Returns the headline first, then each other light that is bad or to be watched, and the next step last.
+class Conclusion(NamedTuple):
+    """What a pilot must know of a flight, in sentences."""
+
+    headline: Sentence
+    """The one sentence that matters most."""
+
+    lights: list[Sentence]
+    """Each light that is bad or to be watched, except one that is the headline."""
+
+    next_step: Sentence
+    """What to do next."""
+
+    @property
+    def blocks(self) -> Blocks:
+        """All of it, in this order."""
+        return [self.headline, *self.lights, self.next_step]
+
+
+def conclusion(judgement: Judgement) -> Conclusion:
+    """Returns the conclusion of a flight by its judgement.
 
     Args:
         judgement: headline, lights and next step.
@@ -198,7 +220,7 @@ def conclusion(judgement: Judgement) -> Blocks:
         if fact.warns and fact != judgement.headline
     ]
     heading = headline_sentence(headline(judgement.headline))
-    return [heading, *lights, Sentence(str(judgement.next_step), "Next:")]
+    return Conclusion(heading, lights, Sentence(str(judgement.next_step), "Next:"))
 
 
 def warnings_of_lights(judgement: Judgement, names: Sequence[Light]) -> list[Sentence]:
@@ -238,10 +260,8 @@ def assessment_blocks(findings: Findings, judgement: Judgement | None) -> Blocks
     warnings = [warning(fact) for fact in findings.warnings]
     if judgement is None:
         return [*grades, *warnings]
-    conclusion_blocks = conclusion(judgement)
-    # The conclusion ends with the next step, which here comes after the grades.
-    next_step = conclusion_blocks.pop()
-    return [*conclusion_blocks, *grades, next_step, *warnings]
+    headline_of_flight, lights, next_step = conclusion(judgement)
+    return [headline_of_flight, *lights, *grades, next_step, *warnings]
 
 
 def flight_title(flights: Flights, simulated: Fact | None = None) -> Sentence:

@@ -184,9 +184,13 @@ def log_page(
         )
         subtitle = capitalize_first(review_title(assessment).text)
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
-        conclusion_blocks = conclusion(assessment.judgement)
+        flight_conclusion = conclusion(assessment.judgement)
         # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
-        result = [conclusion_blocks[0], *why(assessment.headline), conclusion_blocks[-1]]
+        result = [
+            flight_conclusion.headline,
+            *why(assessment.headline),
+            flight_conclusion.next_step,
+        ]
         return render_document(name, subtitle, result, chapters, back, head, max_points)
 
 
@@ -632,7 +636,7 @@ def live_page(
         findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
-    conclusion_blocks = conclusion(judgement)
-    result = [conclusion_blocks[0], conclusion_blocks[-1]]
+    flight_conclusion = conclusion(judgement)
+    result = [flight_conclusion.headline, flight_conclusion.next_step]
     subtitle = f"What {axis} did, learned and predicted while it flew."
     return render_document(f"Flight over {link}", subtitle, result, chapters, back, head)
