@@ -17,6 +17,7 @@ from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.recordings import RecordingRequests, make_recordings
 from mavdem.serve.recovery import recover
+from mavdem.serve.stored_files import SERIES_FILE
 
 MODEL = "A model."
 """Content of a made-up log of which recordings can be made."""
@@ -202,7 +203,8 @@ def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkey
     recordings.request(entry)
     recordings.finish(recordings.claim(), outcome_of(job, make_recordings))
     results = library.results_folder(entry)
-    assert {path.name for path in results.iterdir()} == set(entry.file_names)
+    # The time series of comparisons are stored beside the files that are offered.
+    assert {path.name for path in results.iterdir()} - {SERIES_FILE} == set(entry.file_names)
     assert recordings.stage(library.entry(entry.id)) == Stage.DONE
     with (results / "flight.mcap").open("rb") as file:
         last = [
