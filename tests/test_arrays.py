@@ -1,4 +1,4 @@
-"""Functions of arrays in place of slow ones of NumPy, and of those of SciPy that take long to import, against theirs."""
+"""Functions of arrays in place of slow ones of NumPy, and of those of SciPy that are slow to import, against theirs."""
 
 import subprocess
 import sys
