@@ -147,7 +147,7 @@ class _AttitudeLoss(NamedTuple):
 
     sensors: BootSensors
     """Sensors of the boot, with the take-off of this flight."""
-    flight: TimeInterval
+    flight_interval: TimeInterval
     """Start and end of the flight, s since boot."""
     error: AttitudeError
     """Error of the attitude in this boot."""
@@ -209,7 +209,7 @@ class _AttitudeLoss(NamedTuple):
         if not largest.has_setpoint:
             event = event.replace(is_lean=True)
         witnesses = self._witnesses(onset)
-        if is_caught and self.end > self.flight[1]:
+        if is_caught and self.end > self.flight_interval[1]:
             # It lay askew on the ground until somebody lifted it: that is not to come back.
             event = event.replace(is_at_landing=True)
         if is_caught:
@@ -261,7 +261,7 @@ class _AttitudeLoss(NamedTuple):
             height: height above the take-off at that time, m; None if it was not recorded.
             knock_time: time of a knock that the accelerometer measured, s since boot; None if there was none.
         """
-        if not has_risen_by(self.sensors, self.flight, onset):
+        if not has_risen_by(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
         has_hit = knock_time is not None and knock_is_contact(self.sensors, knock_time)
         if has_hit or (height is not None and height < MAX_GROUND_HEIGHT):
@@ -297,13 +297,13 @@ class _AttitudeLoss(NamedTuple):
         # Mean command of all motors; a vehicle that lies on the ground has it at idle.
         collective = series_of_boot(self.sensors.signals.collective, self.sensors.boot)
         recovery_end = self.end + RECOVERY_SECONDS
-        _, flight_end = self.flight
+        _, flight_end = self.flight_interval
         if collective is None or min(flight_end, collective.time[-1]) < recovery_end:
             return False
         is_recovery = in_intervals(collective.time, [(self.end, recovery_end)])
         if not is_recovery.any():
             return False
-        is_flight = in_intervals(collective.time, [self.flight])
+        is_flight = in_intervals(collective.time, [self.flight_interval])
         usual_output = np.median(collective.values[is_flight])
         later_output = collective.values[is_recovery].mean()
         motors_carry_vehicle = bool(later_output > CARRYING_OUTPUT_RATIO * usual_output)

@@ -113,7 +113,7 @@ class _Contact:
     """Sensors of the boot, with the take-off of this flight."""
     error: AttitudeError
     """Error of the attitude in this boot."""
-    flight: TimeInterval
+    flight_interval: TimeInterval
     """Start and end of the flight, s since boot."""
     loss: Fact | None
     """The loss of attitude that the flight did not recover from; None if there was none."""
@@ -123,7 +123,7 @@ class _Contact:
     @property
     def _flight_start(self) -> float:
         """Start of the flight, s since boot."""
-        start, _ = self.flight
+        start, _ = self.flight_interval
         return start
 
     @property
@@ -228,7 +228,7 @@ class _Contact:
 
     def _flight_end(self) -> float:
         """Returns the end of the flight, s; that of the record if it goes on until then."""
-        _, flight_end = self.flight
+        _, flight_end = self.flight_interval
         return float(min(flight_end, self.error.time[-1]))
 
     def _ends_soon(self, record_end: float) -> bool:
@@ -386,7 +386,7 @@ class _Contact:
         Returns:
             TIPPED (over, at take-off) if it never rose, TOPPLED if it was about to land, otherwise HIT (the ground).
         """
-        if not has_risen_by(self.sensors, self.flight, onset):
+        if not has_risen_by(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
         if self._was_landing(onset, rest, fall_speed, throttle_closing):
             return MotionEvent.TOPPLED

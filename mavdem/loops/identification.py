@@ -183,10 +183,10 @@ class _LoopMessages(NamedTuple):
     """The quantities of a loop at the stamps of their messages."""
 
     streams: list[Messages]
-    """Rate, rad/s, output as a demand, and then a pair for each candidate of the rate setpoint.
+    """The signals in the order of ``Quantity``, on which :func:`_with_best_setpoint` relies.
 
-    The pair is the setpoint and its reference, both in rad/s: the reference is the setpoint without the feedback of the
-    angle.
+    They are the rate, rad/s, the output as a demand, and then a pair for each candidate of the rate setpoint. The pair
+    is the setpoint and its reference, both in rad/s: the reference is the setpoint without the feedback of the angle.
     """
     at_limit: Messages
     """1 where an output of a motor is at a limit, else 0, at the stamps of the output."""
@@ -417,8 +417,10 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
         power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
         return power.real
 
-    # Setpoints are every second signal, each followed by its reference.
-    candidates = range(Quantity.SETPOINT, len(spectra.stamp_offsets), 2)
+    # From SETPOINT on there are pairs of a candidate and its reference (:attr:`_LoopMessages.streams`).
+    signal_count = len(spectra.stamp_offsets)
+    assert (signal_count - Quantity.SETPOINT) % 2 == 0, "each setpoint needs its reference"
+    candidates = range(Quantity.SETPOINT, signal_count, 2)
     setpoint = min(candidates, key=unexplained_power)
     return spectra.select((Quantity.RATE, Quantity.OUTPUT, setpoint, setpoint + 1))
 
