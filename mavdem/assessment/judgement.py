@@ -47,6 +47,9 @@ URGENT_EVENTS = (
 above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
 below a light that is bad."""
 
+MIN_CHECKED_LIGHTS = 3
+"""Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
+
 
 @dataclass(frozen=True)
 class Judgement(ImmutableResult):
@@ -303,6 +306,22 @@ def _urgent_warnings(evidence: Evidence) -> list[Fact]:
     return sorted(watched, key=lambda fact: URGENT_EVENTS.index(fact.code))
 
 
+def headline_by_lights(lights: NamedFacts) -> Fact:
+    """Returns the headline of a flight without a fault, by its lights alone.
+
+    Args:
+        lights: the lights by name; none of those of the vehicle is bad.
+
+    Returns:
+        The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
+        checked.
+    """
+    for name in VEHICLE_LIGHTS:
+        if lights[name].level is Level.WATCH:
+            return lights[name]
+    return _nothing_wrong(lights)
+
+
 def _nothing_wrong(lights: NamedFacts) -> Fact:
     """Returns the fact that nothing is wrong as far as it was checked, or the reason why nothing could be checked.
 
@@ -310,8 +329,8 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         lights: the lights by name; none of those of the vehicle is bad or to be watched.
 
     Returns:
-        A fact with the lights that are good and those that are unknown. It is good only if the motors were checked. For
-        a vehicle that is not a multirotor it has the ``kind``.
+        A fact with the lights that are good and those that are unknown. It is good only if the motors and at least
+        ``MIN_CHECKED_LIGHTS`` were checked. For a vehicle that is not a multirotor it has the ``kind``.
     """
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
@@ -319,8 +338,9 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
         # The log is the reason, unless it has all that is needed; then the first light says why it is unknown.
         reason = unchecked[0] if lights[Light.LOG].is_good else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
-    # Only the light of the motors shows a motor or propeller that is about to fail.
-    level = Level.GOOD if Light.MOTORS in checked else Level.UNKNOWN
+    # Only the light of the motors shows a motor or propeller that is about to fail, and it alone is too little.
+    is_enough = Light.MOTORS in checked and len(checked) >= MIN_CHECKED_LIGHTS
+    level = Level.GOOD if is_enough else Level.UNKNOWN
     motors = lights[Light.MOTORS]
     kind = motors.figures["kind"] if motors.code is Unjudged.MULTIROTORS_ONLY else None
     return Fact(

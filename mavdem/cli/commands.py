@@ -223,9 +223,9 @@ def mavdem() -> None:
     Any log shows what happened. Models and margins need attitude, and motor outputs or the controller's demand, at
     40 Hz or more, better 100 Hz.
 
-    With --json every command prints one JSON document on standard output. Exit codes: 0 done; 1 the data cannot support
-    the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or a closed pipe (141)
-    may print no document.
+    With --json every command but serve prints one JSON document on standard output. Exit codes: 0 done; 1 the data
+    cannot support the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or a
+    closed pipe (141) may print no document.
     """
 
 
@@ -328,5 +328,8 @@ def _invoke(args: list[str]) -> None:
     # A folder with an empty name would be the current one, whose results would be replaced.
     if "" in args or "--out=" in args:
         raise click.UsageError("An argument is empty: name a file or folder, or leave it out.")
+    if args[:1] == ["--json"]:
+        # All commands but one have this option, which may stand before their name too.
+        args = [*args[1:], "--json"]
     with mavdem.make_context(mavdem.name, list(args)) as context:
         mavdem.invoke(context)

@@ -89,6 +89,8 @@ def motor_geometry(
         return None
     motors = tuple(sorted(channel_of_motor))
     channels = [channel_of_motor[motor] for motor in motors]
+    if not rotors.positions and autopilot != "PX4" and motors == X_QUAD_MOTORS:
+        rotors = _old_quadrotor(vehicle, parameters)
     rotors, position_source = _rotors_or_assumption(rotors, motors)
     drivers = [
         wiring.driver_of_channel[channel]
@@ -265,6 +267,24 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
         positions = {motor: _on_circle(b) for motor, b in TRICOPTER_BEARINGS.items()}
         return _Rotors(positions)
     return _frame_rotors(frame_class, frame_type)
+
+
+def _old_quadrotor(vehicle: str, parameters: Parameters) -> _Rotors:
+    """Looks up the rotors of a vehicle with four motors whose log does not name its kind, by FRAME.
+
+    Logs of ArduCopter before 3.5 may lack the kind of frame, which was compiled in. Quadrotors alone have the motors 1
+    to 4, and FRAME says how these are arranged.
+
+    Args:
+        vehicle: MAV_TYPE without its prefix.
+        parameters: The autopilot's parameters by name.
+
+    Returns:
+        The rotors on a circle of radius 1; none if the kind is known, or the log has no FRAME.
+    """
+    if vehicle in OLD_FRAME_CLASSES or "FRAME" not in parameters:
+        return _Rotors()
+    return _frame_rotors(FRAME_CLASS_QUAD, int(parameters["FRAME"]))
 
 
 def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:

@@ -208,7 +208,8 @@ def facts_of_tuning(tuning: Tuning) -> Facts:
             continue
         decision = tuning.judgement.loop_decisions.get(axis)
         if decision is not None and decision.action is not None:
-            decisions.append(decision.fact)
+            # In a list of events nothing else names the axis.
+            decisions.append(decision.fact.replace(is_named=True))
     if new_gains or decisions:
         return (*new_gains, *decisions)
     least_certain = min(tuning.advice, key=lambda advice: advice.sure)

@@ -35,7 +35,7 @@ GAP_SECONDS = 1.0
 It is also the gap that the timeline shows at a reboot of the vehicle.
 """
 
-COLUMNS_BEFORE_MOTORS = 9
+COLUMNS_BEFORE_MOTORS = 14
 """Columns of a history row before those of the motors: ``LiveHistory.table`` lists them."""
 
 TIME_COLUMN = 1
@@ -197,7 +197,7 @@ class LiveHistory:
         time: float,
         outputs: Array,
         estimate: Estimate | None,
-        wind_and_motors: Sequence[float] = (),
+        further_values: Sequence[float] = (),
     ) -> None:
         """Adds a row, and compares it with the predictions that were made of it.
 
@@ -209,7 +209,8 @@ class LiveHistory:
             time: s of the present boot's clock.
             outputs: (m,) measured angle, rad, and rate, rad/s.
             estimate: the learner's estimate; None of a row that was not learned from.
-            wind_and_motors: wind speed and half width of its band, m/s, then each motor as a share of its range.
+            further_values: wind speed and half width of its band, m/s; roll, pitch and their setpoints, rad; height, m;
+                then each motor as a share of its range.
         """
         time += self.timeline_offset
         is_new_segment = segment != self._segment
@@ -226,7 +227,7 @@ class LiveHistory:
         self._row_count += 1
         if self._row_count % self._stride == 0:
             angle_columns = (segment, time, output_values[0], predicted_angle, predicted_band)
-            self._rows.append(array("d", (*angle_columns, torque, torque_band, *wind_and_motors)))
+            self._rows.append(array("d", (*angle_columns, torque, torque_band, *further_values)))
             # A full history halves its resolution over the whole flight, and keeps it from then on.
             if len(self._rows) > MAX_ROWS:
                 self._rows = self._rows[::2]
@@ -337,12 +338,13 @@ class LiveHistory:
 
     @property
     def table(self) -> Array:
-        """(N, 9 + k) The kept rows of the flight.
+        """(N, 14 + k) The kept rows of the flight.
 
         Columns: number of the segment; time, s of the timeline; the measured angle; the angle predicted
         ``REPORTED_HORIZON`` s before and the half width of its band, rad; wind torque and the half width of its band,
-        rad/s²; wind speed and the half width of its band, m/s; each of the k ``motor_names`` as a share of its range.
-        Columns that a row lacks are NaN.
+        rad/s²; wind speed and the half width of its band, m/s; roll, pitch and their setpoints, rad; height above the
+        autopilot's origin, m; each of the k ``motor_names`` as a share of its range. Columns
+        that a row lacks are NaN.
         """
         width = COLUMNS_BEFORE_MOTORS + len(self.motor_names)
         table = np.full((len(self._rows), width), nan)

@@ -10,6 +10,7 @@ from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillat
 from mavdem.assessment.axis.loops import loop_of_parameters_or_reason
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.judgement import Judgement, judge
+from mavdem.assessment.lights.margins import margins_light
 from mavdem.assessment.lights.motors import motors_light
 from mavdem.dataset.axes import AXES, TILT_AXES
 from mavdem.dataset.motor_outputs import MotorOutputs
@@ -17,6 +18,7 @@ from mavdem.dataset.segments import Segment
 from mavdem.dem import Learned
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
+from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import TrimFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
@@ -112,10 +114,15 @@ def judge_model(
     if motors_fact.code is TrimFact.TRIM_UNKNOWN:
         # The trim needs all axes, and the model has one.
         motors_fact = judged_later
+    margins_fact = margins_light(evidence)
+    if margins_fact.code is MarginsLight.RATE_STANDS_OUT:
+        # Without the setpoint a peak of the rate may be a test signal that is flown.
+        margins_fact = judged_later
     judgement = judge(
         evidence,
         findings.purposes,
         motors=motors_fact,
+        margins=margins_fact,
         tracking=judged_later,
         estimator=judged_later,
     )

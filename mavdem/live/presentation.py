@@ -87,16 +87,19 @@ class Presentation:
         row_format: RowFormat,
         estimate: Estimate | None,
         wind: WindEstimate | None,
+        pose: LatestPose | None = None,
     ) -> None:
-        """Adds a row to the history, with the latest wind and each motor as a share of its range.
+        """Adds a row to the history, with the latest wind and pose, and each motor as a share of its range.
 
-        The wind is kept as speed and half width of its band, m/s; NaN before any estimate.
+        The wind is kept as speed and half width of its band, m/s; NaN before any estimate. Of the pose roll, pitch,
+        their setpoints and the height are kept; NaN where they are not known.
 
         Args:
             row: the row.
             row_format: format of the row, with the boot of its time, and the range of the motors.
             estimate: estimate of the learner; None of a row that was not learned from.
             wind: the latest; None before any.
+            pose: the latest attitude with its setpoint; None before any.
         """
         wind_speed = nan
         wind_band = nan
@@ -104,11 +107,20 @@ class Presentation:
             compass_wind = wind.compass
             wind_speed = compass_wind.speed
             wind_band = compass_wind.speed_high - compass_wind.speed
+        tilts = (nan, nan)
+        tilt_setpoints = (nan, nan)
+        height = nan
+        if pose is not None:
+            roll, pitch, _ = pose.angles
+            tilts = (roll, pitch)
+            roll_setpoint, pitch_setpoint = pose.setpoint
+            tilt_setpoints = (roll_setpoint, pitch_setpoint)
+            if pose.position is not None:
+                height = -pose.position[2]
         motors = row_format.scale.fraction(row.inputs)
         self.history.advance(row.time, row_format.boot)
-        self.history.add_row(
-            row.segment, row.time, row.outputs, estimate, (wind_speed, wind_band, *motors)
-        )
+        further_values = (wind_speed, wind_band, *tilts, *tilt_setpoints, height, *motors)
+        self.history.add_row(row.segment, row.time, row.outputs, estimate, further_values)
 
     def show(
         self,

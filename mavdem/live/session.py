@@ -249,7 +249,7 @@ class LiveSession:
         self._latencies.add(clock.monotonic() - arrival_time)
         learning.count_row(estimate)
         wind = self.stream.wind.latest
-        self._presentation.add_to_history(row, row_format, estimate, wind)
+        self._presentation.add_to_history(row, row_format, estimate, wind, self.stream.pose)
         model = None if learning.learner is None else learning.learner.learned
         self._presentation.show(row, self.stream.pose, estimate, model, wind)
 

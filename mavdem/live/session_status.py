@@ -8,10 +8,12 @@ from math import nan
 from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import Findings
-from mavdem.assessment.judgement import Judgement, next_step_of, unjudged
+from mavdem.assessment.judgement import Judgement, headline_by_lights, next_step_of, unjudged
+from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.limits import worst_fact
 from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
+from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
 from mavdem.facts.session import SessionFact
@@ -142,8 +144,9 @@ class SessionStatus(ImmutableResult):
         """Headline, lights and next step of the flight, from the model and from the checks that need no model.
 
         Before a model is judged, everything that needs one is unknown. Each light is the worse of its two facts. A bad
-        light becomes the headline unless the headline is bad already, and in flight a bad headline makes landing the
-        next step.
+        light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
+        the headline, so that it names those that need no model as well. In flight a bad headline makes landing the next
+        step.
         """
         weak_motors = self._weak_motors
         judgement = self.model_judgement
@@ -165,6 +168,15 @@ class SessionStatus(ImmutableResult):
             # What was asked for in vain is not advised.
             lights[Light.VIBRATION] = vibration.replace(is_asked=True)
             if next_step.figures.get("because") == vibration:
+                next_step = next_step_of(headline, lights, None)
+        has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
+        is_without_fault = isinstance(headline.code, HeadlineCode)
+        if self.model_judgement is None and has_judged_light and not weak_motors:
+            # The next step stays: it says what the model waits for.
+            headline = headline_by_lights(lights)
+        elif is_without_fault and lights != judgement.lights:
+            headline = headline_by_lights(lights)
+            if headline.warns:
                 next_step = next_step_of(headline, lights, None)
         bad_lights = [fact for fact in lights.values() if fact.is_bad]
         if bad_lights and not headline.is_bad:

@@ -59,6 +59,8 @@ class LinkMonitor:
         """
         self.problem: Fact | None = None
         self._page = ""
+        # The recording of the session before, in the library.
+        self._latest_flight: PageLink | None = None
         self._link = Link(link)
         self._library = library
         self._log_added = log_added
@@ -147,7 +149,8 @@ class LinkMonitor:
             if newly_lost > 0:
                 self._warn(Fact(LinkFact.DATAGRAMS_LOST, count=newly_lost))
             if recording.frame_count:
-                self._library.add(path, name)
+                entry = self._library.add(path, name)
+                self._latest_flight = PageLink(f"Latest flight: {entry.name}", f"/f/{entry.id}")
                 self._log_added()
             else:
                 path.unlink()
@@ -184,6 +187,7 @@ class LinkMonitor:
             session.time_account(),
             None,
             PageLink("Flights", "/"),
+            self._latest_flight,
         )
 
 

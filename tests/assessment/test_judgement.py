@@ -161,6 +161,10 @@ def test_nothing_wrong_is_said_of_what_was_checked_only():
     dark = dict.fromkeys(Light, "unknown")
     little = headline(lights(**dark | {"tracking": "good"}))
     assert (little.code, little.level) == (Headline.NOTHING_WRONG, "unknown")
+    # Motors alone, or with one light more, are too little as well.
+    known = dark | {"motors": "good", "margins": "good"}
+    assert headline(lights(**known)).level == "unknown"
+    assert headline(lights(**known | {"power": "good"})).level == "good"
     nothing = headline(lights(**dark | {"log": "good"}))
     assert nothing.code is Headline.NOTHING_CHECKED
     assert nothing.figures["because"].level == "unknown"

@@ -3,7 +3,7 @@
 from pytest import mark
 
 from mavdem.ingest.motor_geometry import motor_geometry
-from mavdem.ingest.motors import position_name
+from mavdem.ingest.motors import PositionSource, position_name
 
 
 def test_a_gimbals_channels_are_no_motors():
@@ -69,3 +69,13 @@ def test_px4s_drivers_get_the_banks_in_which_their_outputs_change():
     geometry = motor_geometry("QUADROTOR", "PX4", parameters | ON_AUX, range(17, 21), 16)
     assert geometry.channels == (17, 18, 19, 20)
     assert {driver.name for driver in geometry.drivers} == {"PWM_MAIN"}
+
+
+@mark.parametrize(
+    "frame, source", [(1.0, PositionSource.PARAMETERS), (None, PositionSource.X_QUAD)]
+)
+def test_four_motors_of_an_old_autopilot_are_arranged_as_frame_says(frame, source):
+    """Its log does not name the kind of frame, but four motors are those of a quadrotor."""
+    parameters = {} if frame is None else {"FRAME": frame}
+    found = motor_geometry("GENERIC_MULTIROTOR", "ARDUPILOTMEGA", parameters, [1, 2, 3, 4], 16)
+    assert found.position_source is source

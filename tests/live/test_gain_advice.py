@@ -7,13 +7,15 @@ from pytest import mark
 from recorded_flights import SLOW
 
 from mavdem.assessment.assess import assess
+from mavdem.assessment.axis.loop_decision import LoopDecision, LoopVerdict
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import unjudged
 from mavdem.dem.online.learner import TOO_FEW_SAMPLES
 from mavdem.dem.parallel import LOW_PRIORITY
+from mavdem.facts import Fact
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.loops import GainFact, TwinFact
+from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
 from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains
@@ -78,6 +80,13 @@ def test_a_flight_without_a_loop_is_left_alone_in_one_sentence(tmp_path):
     assert judgement.lights[Light.MARGINS].code is not MarginsLight.LOOP_MARGINS
     assert left.code is GainFact.GAINS_LEFT and "needs 40 Hz" in left.sentence
     assert [*tmp_path.iterdir()] == [recording], "nothing is written"
+
+
+def test_a_decision_among_the_events_names_its_axis():
+    because = Fact(LoopFact.NO_MARGINS, because=Fact(GainFact.ADVICE_WAITS))
+    decision = LoopDecision("pitch", LoopVerdict.UNKNOWN, because, Fact(GainFact.ADVICE_WAITS))
+    named = decision.fact.replace(is_named=True)
+    assert named.sentence.startswith("Pitch: no margins: ")
 
 
 def test_a_busy_computer_advises_later_and_says_so(tmp_path, monkeypatch):

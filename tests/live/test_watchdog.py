@@ -15,7 +15,7 @@ from pytest import approx, fixture, mark
 from rich.console import Console
 from rich.live import Live
 
-from mavdem.assessment.judgement import Judgement, next_step_of
+from mavdem.assessment.judgement import Judgement, headline_by_lights, next_step_of
 from mavdem.cli.live_status import StatusLines
 from mavdem.dataset.segment_learnability import slow_streams
 from mavdem.facts import Fact, Level
@@ -304,6 +304,22 @@ def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
     assert (
         SessionStatus(is_flying=True).overall_judgement.headline.code is SessionFact.BEING_LEARNED
     )
+
+
+def test_the_headline_counts_lights_that_need_no_model():
+    """The model knows of the margins alone; the watchdog has judged motors, and before any model their light counts."""
+    unknown = Fact(VibrationLight.VIBRATION_UNKNOWN, recorder="")
+    lights = {str(light): unknown for light in Light}
+    lights["margins"] = Fact(LogLight.RECORDED_FAST, Level.GOOD)
+    headline = headline_by_lights(lights)
+    judged = Judgement(headline, next_step_of(headline, lights, None), lights)
+    motors = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
+    status = SessionStatus(model_judgement=judged, worst_lights=motors)
+    headline = status.overall_judgement.headline
+    assert headline.figures["names"] == ("motors", "margins")
+    waiting = replace(status, model_judgement=None, obstacle=Fact(SessionFact.NOT_SETTLED))
+    assert waiting.overall_judgement.headline.code is Headline.NOTHING_WRONG
+    assert waiting.overall_judgement.next_step.figures["because"] == waiting.obstacle
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):

@@ -407,12 +407,27 @@ class _LiveColumns(NamedTuple):
     speed_half_width: Array
     """Half width of the band of the wind speed, m/s."""
 
+    roll: Array
+    """Roll, rad."""
+
+    pitch: Array
+    """Pitch, rad."""
+
+    roll_setpoint: Array
+    """Setpoint of roll, rad."""
+
+    pitch_setpoint: Array
+    """Setpoint of pitch, rad."""
+
+    height: Array
+    """Height above the autopilot's origin, m."""
+
     motors: Array
     """Outputs (k, N) of the k motors, as a share of their range."""
 
     @classmethod
     def from_table(cls, table: Array) -> _LiveColumns:
-        """Names the columns of ``LiveHistory.table``, (N, 9 + k)."""
+        """Names the columns of ``LiveHistory.table``, (N, 14 + k)."""
         # All fields but the motors are one column each.
         motor_column = len(cls._fields) - 1
         columns = table.T
@@ -439,8 +454,10 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     broken_columns = _LiveColumns.from_table(np.insert(table, segment_starts, np.nan, axis=0))
     drawn_charts = []
     for chart in _live_charts(history.motor_names, axis, broken_columns._replace(time=time)):
-        if any(np.isfinite(line.y).any() for line in chart.lines):
-            drawn_charts.append(chart)
+        # A setpoint that does not come has no line, and no entry in the legend.
+        lines = tuple(line for line in chart.lines if np.isfinite(line.y).any())
+        if lines:
+            drawn_charts.append(chart._replace(lines=lines))
     return Timeline(
         flight_charts=tuple(drawn_charts),
         span=(time[0], time[-1]),
@@ -450,7 +467,9 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
 
 
 def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -> Iterator[Chart]:
-    """Yields charts of angle, motors, wind torque and wind speed of a live flight.
+    """Yields charts of roll, pitch, height, motors, wind torque and wind speed of a live flight.
+
+    The axis that was learned comes first, with what was predicted of it.
 
     Args:
         motor_names: names of the motors.
@@ -465,11 +484,21 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
     predicted_angle = ANGLE_UNIT.scale * columns.predicted_angle
     predicted_half_width = ANGLE_UNIT.scale * columns.predicted_half_width
     horizon = f"{REPORTED_HORIZON:g} s ahead"
+    setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
     angle_lines = [
+        Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[axis]),
         Line("measured", MEASURED, time, measured_angle),
         Line.with_band(horizon, PREDICTED, time, predicted_angle, predicted_half_width),
     ]
     yield over_time(axis.capitalize(), ANGLE_UNIT.name, angle_lines)
+    other_axis = "pitch" if axis == "roll" else "roll"
+    other_angle = columns.pitch if axis == "roll" else columns.roll
+    other_lines = [
+        Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[other_axis]),
+        Line("measured", MEASURED, time, ANGLE_UNIT.scale * other_angle),
+    ]
+    yield over_time(other_axis.capitalize(), ANGLE_UNIT.name, other_lines)
+    yield over_time("Height", "m", [Line("height", MEASURED, time, columns.height)])
 
     motor_lines = []
     for name, colour, shares in zip(motor_names, cycle(DISTINCT), columns.motors, strict=False):

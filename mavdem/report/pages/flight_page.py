@@ -106,6 +106,9 @@ CHAPTER_OF_LIGHT = {
 }
 """Title of the chapter with more about each light; a chapter is open where one of its lights is not good."""
 
+GAINS_TITLE = "Gains"
+"""Title of a live page's chapter with the gains that were advised after a landing."""
+
 SECONDS_PER_MINUTE = 60
 """Seconds of a minute."""
 
@@ -592,6 +595,7 @@ def live_page(
     account: Mapping[TimeUse, float],
     learned: Learned | None,
     back: PageLink | None = None,
+    latest_flight: PageLink | None = None,
 ) -> str:
     """Returns the HTML of the page of a live flight.
 
@@ -603,6 +607,7 @@ def live_page(
         account: seconds of the flight by what they were used for.
         learned: the model at the end; None if there was none.
         back: the page that leads here, if any.
+        latest_flight: the page of the flight before, if any.
     """
     # Imported here: a page of a log needs nothing of live sessions.
     from mavdem.report.live import live_report
@@ -610,13 +615,6 @@ def live_page(
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
     events = history.events
-    head = Head(
-        judgement.headline.level,
-        judgement.lights,
-        [PageEvent(event) for event in events],
-        timeline,
-        vehicle=status.vehicle or "",
-    )
     chapters = []
     if learned is not None:
         chapters.append(Chapter("Motors", motor_blocks(learned, None)))
@@ -628,15 +626,41 @@ def live_page(
         and event.fact.code is not GainFact.ADVICE_AWAITED
     ]
     if advised_gains:
-        chapters.append(Chapter("Gains", [Sentence(event.sentence) for event in advised_gains]))
+        chapters.append(Chapter(GAINS_TITLE, [Sentence(event.sentence) for event in advised_gains]))
     seconds = 0.0 if learned is None else len(learned.record) * learned.dt
     report = live_report(history, status, account, axis, seconds)
-    chapters.append(Chapter(f"Prediction of {axis} in flight, and the link", report))
+    title = f"Prediction of {axis} in flight, and the link"
+    chapters.append(Chapter(title, report, folded=True))
     if learned is not None:
         findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
+    head = Head(
+        judgement.headline.level,
+        judgement.lights,
+        [PageEvent(event) for event in events],
+        timeline,
+        vehicle=status.vehicle or "",
+        light_anchors=_live_anchors(timeline, chapters),
+        latest_flight=latest_flight,
+    )
     flight_conclusion = conclusion(judgement)
     result = [flight_conclusion.headline, flight_conclusion.next_step]
     subtitle = f"What {axis} did, learned and predicted while it flew."
     return render_document(f"Flight over {link}", subtitle, result, chapters, back, head)
+
+
+def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
+    """Returns the anchors of what a live page has about its lights: the charts over time, and the advised gains.
+
+    Args:
+        timeline: charts of the motors and the wind; None without any.
+        chapters: chapters of the page.
+    """
+    anchors = {}
+    if timeline is not None:
+        anchors = {str(light): "flight" for light in (Light.MOTORS, Light.WIND)}
+    for chapter in chapters:
+        if chapter.title == GAINS_TITLE:
+            anchors[str(Light.MARGINS)] = chapter.anchor
+    return anchors

@@ -197,6 +197,9 @@ class Head(NamedTuple):
     changes: GainChanges | None = None
     """Gains to set before the next flight; None if none change."""
 
+    latest_flight: PageLink | None = None
+    """The flight before that of a live page, once it is in the library; None without one."""
+
     day_in_name: date | None = None
     """Day in the name of the log's file, which is shown where the log has no date; None without one."""
 

@@ -271,7 +271,10 @@ def test_a_live_flight_has_what_was_trained_on_its_events_and_no_wind_below_0():
     assert len(above.spans) == len(timeline.training_intervals) == 1 and "°/s²" in below.y.label
     assert [mark.x for mark in above.marks] == [12.25]
     for time in (120.0, 121.0):
-        history.add_row(2, time, np.zeros(2), None, (0.5, 2.0))
+        history.add_row(2, time, np.zeros(2), None, (0.5, 2.0, 0.0, 0.1, 0.0, 0.1, 12.0))
+    shown = {chart.title: chart for chart in live_timeline(history, "roll").flight_charts}
+    assert {"Roll", "Pitch", "Height"} <= shown.keys()
+    assert np.nanmax(shown["Height"].lines[0].y) == 12.0
     wind = live_timeline(history, "roll").flight_charts[-1].lines[0]
     assert (np.nanmin(wind.lower_edge), np.nanmax(wind.upper_edge)) == (0.0, 2.5)
 
