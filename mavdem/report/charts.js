@@ -365,10 +365,25 @@
       chart.redraw(false, true);
     }
   };
+  // Charts beside each other begin at one height, though some legends take two lines.
+  const alignHeaders = () => {
+    for (const group of document.querySelectorAll(".charts")) {
+      const columns = [...group.children].map(column => [...column.querySelectorAll("figure.chart > header")]);
+      const rows = Math.max(0, ...columns.map(column => column.length));
+      for (let row = 0; row < rows; row++) {
+        const headers = columns.map(column => column[row]).filter(Boolean);
+        for (const header of headers) header.style.minHeight = "";
+        const isStacked = new Set([...group.children].map(column => column.offsetTop)).size > 1;
+        const most = Math.max(...headers.map(header => header.offsetHeight));
+        if (!isStacked && headers.some(header => header.offsetHeight < most)) for (const header of headers) header.style.minHeight = `${most}px`;
+      }
+    }
+  };
   root.classList.add("plotted");
   let isFirst = true;
   const observer = new ResizeObserver(entries => requestAnimationFrame(() => {
     entries.forEach(entry => fit(entry.target));
+    alignHeaders();
     if (isFirst) root.dispatchEvent(new Event("drawn"));
     isFirst = false;
   }));
