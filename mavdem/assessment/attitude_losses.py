@@ -209,7 +209,8 @@ class _AttitudeLoss(NamedTuple):
         if not largest.has_setpoint:
             event = event.replace(is_lean=True)
         witnesses = self._witnesses(onset)
-        if is_caught and self.end > self.flight_interval[1]:
+        _, flight_end = self.flight_interval
+        if is_caught and self.end > flight_end:
             # It lay askew on the ground until somebody lifted it: that is not to come back.
             event = event.replace(is_at_landing=True)
         if is_caught:

@@ -80,11 +80,12 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
     """
     merged: Intervals = []
     for start, end in intervals:
-        if merged and start - merged[-1][1] < gap:
-            earlier_start, _ = merged.pop()
-            merged.append((earlier_start, end))
-        else:
-            merged.append((start, end))
+        if merged:
+            earlier_start, earlier_end = merged[-1]
+            if start - earlier_end < gap:
+                merged[-1] = (earlier_start, end)
+                continue
+        merged.append((start, end))
     return merged
 
 

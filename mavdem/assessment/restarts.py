@@ -135,7 +135,10 @@ def _is_watchdog_text(message: StatusText) -> bool:
 def _ends_in_air(signals: Signals, boot: int) -> bool:
     """Returns whether the record of a boot ends in flight."""
     flights = flights_in_boot(signals, boot)
-    return bool(flights) and flights[-1][1] == np.inf
+    if not flights:
+        return False
+    _, last_landing = flights[-1]
+    return last_landing == np.inf
 
 
 def _begins_in_flight(signals: Signals, span: Segment) -> bool:
@@ -149,13 +152,11 @@ def _begins_in_flight(signals: Signals, span: Segment) -> bool:
     """
     armed = armed_intervals(signals, span.boot)
     flights = flights_in_boot(signals, span.boot)
-    latest_start = span.start + MAX_LATE_TAKE_OFF
-    return (
-        bool(armed)
-        and bool(flights)
-        and armed[0][0] <= latest_start
-        and flights[0][0] <= latest_start
-    )
+    if not armed or not flights:
+        return False
+    first_arming, _ = armed[0]
+    first_take_off, _ = flights[0]
+    return max(first_arming, first_take_off) <= span.start + MAX_LATE_TAKE_OFF
 
 
 class FallAtStart(NamedTuple):

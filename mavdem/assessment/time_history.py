@@ -173,10 +173,10 @@ def _segment_of_flight(signals: Signals, settled: Segments) -> Segment | None:
     if len(time) < 2:
         return None
     armed = flight_states.armed_intervals(signals, boot) or [(-np.inf, np.inf)]
-    first_armed = armed[0][0]
-    last_armed = armed[-1][1]
-    start = max(time[0], first_armed - SECONDS_AROUND_FLIGHT)
-    end = min(time[-1], last_armed + SECONDS_AROUND_FLIGHT)
+    first_arming, _ = armed[0]
+    _, last_disarming = armed[-1]
+    start = max(time[0], first_arming - SECONDS_AROUND_FLIGHT)
+    end = min(time[-1], last_disarming + SECONDS_AROUND_FLIGHT)
     return Segment(boot, start, end)
 
 

@@ -141,9 +141,12 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
     # The times at which a report holds: between two defined reports that are not too far apart. Elsewhere the
     # collective decides.
     covered_intervals = split_at_gaps(reports.time, is_gap | is_undefined[1:] | is_undefined[:-1])
-    if covered_intervals and covered_intervals[0][0] == reports.time[0] <= collective.time[0]:
-        # Nothing was recorded before the first report: its state holds there too.
-        covered_intervals[0] = (-inf, covered_intervals[0][1])
+    begins_with_report = reports.time[0] <= collective.time[0]
+    if covered_intervals and begins_with_report:
+        first_start, first_end = covered_intervals[0]
+        if first_start == reports.time[0]:
+            # Nothing was recorded before the first report: its state holds there too.
+            covered_intervals[0] = (-inf, first_end)
     flights = union(
         intersection(reported_intervals, covered_intervals),
         intersection(intervals_by_collective, complement(covered_intervals)),

@@ -97,9 +97,8 @@ def measured_rate_response(
     if best_comparison is None:
         return None
     compared_gain = nan if is_controller_identified else best_comparison.controller_gain
-    reason = _reason_of_disagreement(
-        compared_gain, best_comparison.band[1], best_comparison.agreement
-    )
+    _, highest_frequency = best_comparison.band
+    reason = _reason_of_disagreement(compared_gain, highest_frequency, best_comparison.agreement)
     if reason is not None and limited_share > MIN_AT_LIMIT_SHARE:
         reason = Fact(ResponseFact.RESPONSE_LIMITED, share=limited_share)
     return best_comparison._replace(reason=reason)
