@@ -47,6 +47,8 @@ def read_made_up(path, key, page):
     names = "flight.mcap,flight.rrd" if "model" in said else ""
     lights = {f"light_{light}": "good" for light in Light} | {"light_motors": "bad"}
     known = {"vehicle": "quad 7", "headline": said, "headline_level": "bad", "date": "2026-11-20"}
+    if "by id" in said:
+        known |= {"vehicle": "ardupilotmega-1", "vehicle_basis": "system id"}
     if "weak" in said:
         known |= {"health": "fault", "health_reason": "Motor 3 lost thrust."}
     rows = [
