@@ -5,7 +5,7 @@ No other module has prose about a flight. Two folders beside this module hold th
 - ``sentences/*.toml`` has a table for each code of a fact, with its ``sentence`` and, where there is something to do,
   its ``remedy``. A ``headline`` is a shorter sentence. A table with ``advises_flight`` advises to fly: that part is
   left out for a fact with the figure ``is_grounded``, whose vehicle must not fly. Further keys: ``forbids_flight``
-  (:func:`forbids_flight`) and ``names_margins`` (:func:`_reason_for_no_margins`).
+  (:func:`forbids_flight`) and ``names_margins`` (:func:`_names_margins`).
 - ``sections/*.toml`` has the paragraphs of a section, each with a ``text``, a ``lead`` or both.
 
 A number that stands in a template is shown as it is, and a fact as its sentence without the full stop. Filters format
@@ -478,15 +478,25 @@ def forbids_flight(fact: Fact) -> bool:
 def _reason_for_no_margins(reason: Fact, lead: str) -> str:
     """Returns a reason why there are no margins, after a lead that says so unless the reason's own sentence does.
 
-    The table of a fact whose sentence names the margins has the key ``names_margins``.
-
     Args:
         reason: the reason.
         lead: such as "No margins:".
     """
-    if "names_margins" in sentence_templates()[reason.code]:
+    if _names_margins(reason):
         return reason.sentence
     return f"{lead} {as_clause(reason)}."
+
+
+def _names_margins(fact: Fact) -> bool:
+    """Returns whether the sentence of a fact begins by naming the margins.
+
+    The table of such a fact has the key ``names_margins``: "always", or "reasons" where the sentence consists of those
+    of its "reasons", behind the names of loops if it has any.
+    """
+    rule = sentence_templates()[fact.code].get("names_margins", "never")
+    if rule == "reasons":
+        return "names" not in fact.figures and _names_margins(fact.figures["reasons"][0])
+    return rule == "always"
 
 
 def _further_clauses(facts: Iterable[Fact]) -> str:

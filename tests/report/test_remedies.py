@@ -1,9 +1,10 @@
-"""Remedies that forbid to fly are known by their facts, not by their words."""
+"""Remedies that forbid to fly, and sentences that name the margins, are known by their facts, not by their words."""
 
 from pytest import mark
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst
+from mavdem.facts.loops import LoopFact
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.vibration import VibrationLight
 from mavdem.report.templates import forbids_flight
@@ -41,3 +42,10 @@ def vibration(level):
 )
 def test_a_fact_forbids_flight_where_its_remedy_says_so(fact):
     assert forbids_flight(fact) == fact.remedy.startswith("Do not fly")
+
+
+def test_the_margins_are_named_once_in_a_reason_for_none():
+    no_setpoint = Fact(LoopFact.NO_RATE_SETPOINT, is_logged=False, least_rate=8.0)
+    no_loop = Fact(LoopFact.NO_LOOP, reasons=(no_setpoint,))
+    assert Fact(LoopFact.NO_MARGINS, because=no_setpoint).sentence == no_setpoint.sentence
+    assert Fact(LoopFact.NO_MARGINS, because=no_loop).sentence == no_setpoint.sentence
