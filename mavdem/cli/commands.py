@@ -184,7 +184,8 @@ def _announce(activity: str, args: Sequence[str]) -> None:
     """
     previous = ""
     for argument in args:
-        if looks_like_log_name(argument) and not previous.startswith("-"):
+        # A log that is missing is not going to be read.
+        if os.path.exists(argument) and not previous.startswith("-"):
             print_to_stderr(f"{activity} {argument} …")
         previous = argument
 

@@ -222,9 +222,10 @@ class _MeanWinds(NamedTuple):
 def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
     """Returns a table of the mean wind of each minute, and one of the mean wind in each layer of height.
 
-    Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s), and the direction
-    that the wind comes from, if that is identifiable. A table with a single row is left out, since it would only repeat
-    the mean of the flight. There is no table where the data does not determine the wind speed.
+    Each row has the start of the minute (s) or the height of the layer (m), the wind speed (m/s; of a minute with its
+    90 % interval), and the direction that the wind comes from, if that is identifiable. A table with a single row is
+    left out, since it would only repeat the mean of the flight. There is no table where the data does not
+    determine the wind speed.
 
     Args:
         wind: estimated wind of a flight.
@@ -245,7 +246,10 @@ def wind_tables(wind: WindVelocity, max_rows: int | None = None) -> list[Table]:
         rows = []
         for index in _evenly_spaced(len(mean_winds.rows), max_rows):
             row = mean_winds.rows[index]
-            cells = [f"{row[mean_winds.key]:.0f}", f"{row['speed']:.1f}"]
+            speed = f"{row['speed']:.1f}"
+            if "low" in row:
+                speed += f" ({row['low']:.1f} to {row['high']:.1f})"
+            cells = [f"{row[mean_winds.key]:.0f}", speed]
             if wind.direction_identifiable:
                 cells.append(compass_text(row["direction"]))
             rows.append(cells)

@@ -212,12 +212,16 @@ def test_calm_air_is_below_a_speed():
     of_other_boot = replace(own, boot=own.boot + 1)
     shown = wind_blocks(WindEvidence(wind, of_other_boot, None))
     assert not any("own estimate" in block.text for block in shown)
-    course = tuple({"start": 60.0 * i, "speed": i, "direction": 90.0} for i in range(10))
+    course = tuple(
+        {"start": 60.0 * i, "speed": i, "low": i / 2, "high": 2.0 * i, "direction": 90.0}
+        for i in range(10)
+    )
     (table,) = wind_tables(replace(wind, minutes=course, profile=()), max_rows=4)
     # The direction of a wind that may be still air is not shown, and the mounting is no reason for that.
     assert "Still air" in wind.reasons["direction"].sentence
     assert table.header == ["Minute from (s)", "Wind (m/s)"]
     assert [row[0] for row in table.rows] == ["0", "180", "360", "540"]
+    assert table.rows[1][1] == "3.0 (1.5 to 6.0)"
 
 
 def test_what_is_no_free_flight_is_refused():
