@@ -1,5 +1,6 @@
 """Time series of a flight, kept beside its results: a comparison of two flights draws them over each other."""
 
+import zlib
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -31,10 +32,10 @@ def read_series(folder: Path) -> FlightSeries | None:
         folder: folder of the results.
 
     Returns:
-        The time series; None if there are none, as of flights that an earlier version has read.
+        The time series; None if there are none, as of flights that an earlier version has read, or if the file is damaged.
     """
     try:
         with np.load(Path(folder, SERIES_FILE), allow_pickle=False) as file:
             return {title: file[title].astype(float) for title in file.files}
-    except (OSError, ValueError, BadZipFile):
+    except (OSError, ValueError, EOFError, BadZipFile, zlib.error):
         return None

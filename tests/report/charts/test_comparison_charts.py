@@ -17,6 +17,7 @@ from mavdem.report.charts.comparison_charts import (
     flight_series_charts,
 )
 from mavdem.report.pages.page import Chapter, render_document
+from mavdem.serve.stored_files import SERIES_FILE
 from mavdem.serve.stored_series import read_series, write_series
 
 FLOWN = Hover(sway=0.2).telemetry(20.0, 20.0)
@@ -53,8 +54,14 @@ def test_stored_series_are_drawn_as_those_of_the_log(tmp_path):
     assert charts[-1].title == VIBRATION and charts[-1].lines[0].y.max() > 9.0
 
 
-def test_a_flight_without_stored_series_has_none(tmp_path):
+def test_a_flight_without_stored_series_or_with_damaged_ones_has_none(tmp_path):
     assert read_series(tmp_path) is None
+    write_series(tmp_path, flight_series(Signals(FLOWN)))
+    file = tmp_path / SERIES_FILE
+    content = file.read_bytes()
+    for damaged in (b"", content[:-30], content[:200] + bytes(60) + content[260:]):
+        file.write_bytes(damaged)
+        assert read_series(tmp_path) is None
 
 
 SPAN = """new Promise(done => {
