@@ -2,7 +2,7 @@
 
 import zlib
 from pathlib import Path
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -32,10 +32,17 @@ def read_series(folder: Path) -> FlightSeries | None:
         folder: folder of the results.
 
     Returns:
-        The time series; None if there are none, as of flights that an earlier version has read, or if the file is damaged.
+        The time series; None if there are none, as of flights that an earlier version has read, or if the file is
+        damaged.
     """
+    path = Path(folder, SERIES_FILE)
     try:
-        with np.load(Path(folder, SERIES_FILE), allow_pickle=False) as file:
-            return {title: file[title].astype(float) for title in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile, zlib.error):
+        # The checksums tell damage first: NumPy raises errors of many kinds where the head of an array is damaged.
+        with ZipFile(path) as archive:
+            is_damaged = archive.testzip() is not None
+    except (OSError, BadZipFile, zlib.error):
+        is_damaged = True
+    if is_damaged:
         return None
+    with np.load(path, allow_pickle=False) as file:
+        return {title: file[title].astype(float) for title in file.files}
