@@ -263,15 +263,22 @@ class Evidence:
                 yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:
-        """Returns the part of a boot before the vehicle was lost.
+        """Returns the part of a boot before the vehicle lost its attitude, fell or crashed, if it did.
 
         Args:
-            boot: number of the boot.
+            boot: number of the boot, from 0.
 
         Returns:
-            The intervals, s; all time if it was not lost in this boot.
+            One interval, s on the clock of the boot. It is unbounded if the flight had no such ending, if that was in
+            another boot, or if its time is not known.
         """
+        all_time = [(-inf, inf)]
         ending = self.ending
-        if ending is None or ending.figures.get("boot", boot) != boot:
-            return [(-inf, inf)]
-        return [(-inf, loss_onset(ending) or inf)]
+        if ending is None:
+            return all_time
+        # An ending that does not state its boot counts for each.
+        is_of_boot = ending.figures.get("boot", boot) == boot
+        onset = loss_onset(ending)
+        if not is_of_boot or not onset:
+            return all_time
+        return [(-inf, onset)]

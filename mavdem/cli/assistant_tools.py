@@ -60,9 +60,18 @@ def make_server() -> MCPServer:
 def review(log: str, parts: list[str] | None = None) -> JsonValues:
     """Says what happened in a flight, its headline, eight lights, what can be trusted, and the next step.
 
+    A light is the level of one part of the vehicle or the flight, such as motors or power: good, watch, bad or unknown.
+
     Args:
         log: Path of a flight log: .tlog, .bin, .log, .ulg, .mcap.
         parts: Keys of the document to return, such as ["model"]; by default all but the large "model" and "spectra".
+
+    Returns:
+        The document of `mavdem review --json`, or the chosen parts of it. By default "left_out" lists the parts that
+        are not returned.
+
+    Raises:
+        ToolError: The log cannot be read or judged, or the document has no such part.
     """
     document = _command_document("review", [log])
     if parts is None:
@@ -81,6 +90,12 @@ def tune(log: str, axis: str = "all", more: bool = False) -> JsonValues:
         log: Path of a flight log with the autopilot's parameters.
         axis: roll, pitch, yaw or all.
         more: Also raise gains of loops that have more margin than they need.
+
+    Returns:
+        The document of `mavdem tune --json`.
+
+    Raises:
+        ToolError: The log cannot be read, or no loop of it can be judged.
     """
     options = ["--axis", axis, *(["--more"] if more else [])]
     return _command_document("tune", [log], options, has_folder=False)
@@ -91,6 +106,12 @@ def wind(log: str) -> JsonValues:
 
     Args:
         log: Path of a flight log with attitude and velocity.
+
+    Returns:
+        The document of `mavdem wind --json`.
+
+    Raises:
+        ToolError: The log cannot be read, or does not show the wind.
     """
     return _command_document("wind", [log], has_folder=False)
 
@@ -101,6 +122,12 @@ def diff(before: str, after: str) -> JsonValues:
     Args:
         before: Path of the log of the earlier flight.
         after: Path of the log of the later flight.
+
+    Returns:
+        The document of `mavdem diff --json`.
+
+    Raises:
+        ToolError: One of the logs cannot be read, or the two cannot be compared.
     """
     return _command_document("diff", [before, after])
 
@@ -114,6 +141,12 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
         log: Path of a flight log.
         name: Only messages whose name contains this text, such as "gps".
         vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
+
+    Returns:
+        The "messages", and as "messages_left_out" how many were not looked at.
+
+    Raises:
+        ToolError: The log cannot be read, or has several vehicles and none was chosen.
     """
     telemetry = with_all_messages(_telemetry(log, vehicle), log)
     listed: list[JsonValues] = []
@@ -152,6 +185,12 @@ def samples(
         end: Last time, s; without it the end.
         boot: After which boot of the autopilot, from 0.
         vehicle: SYSTEM:COMPONENT, where the log has several vehicles.
+
+    Returns:
+        The values with their times, s: of all samples, every n-th one, n being "every". "count" is the number of all.
+
+    Raises:
+        ToolError: The log cannot be read, or has no such field, or no values of it in that time.
     """
     telemetry = _telemetry(log, vehicle)
     time, values = _samples(telemetry, log, message, field, instance, boot)

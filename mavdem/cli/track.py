@@ -17,9 +17,9 @@ from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.judgement import judgement_lock
 from mavdem.fleet.names import (
     content_hash,
-    name_flight,
-    name_vehicle,
     plain_name,
+    store_flight_name,
+    store_vehicle_name,
 )
 from mavdem.fleet.row import UNKNOWN, FlightRows
 from mavdem.fleet.sources import find_logs
@@ -348,10 +348,10 @@ def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
     subject, _, typed_name = given_name.partition("=")
     name = plain_name(typed_name)
     if _is_vehicle(rows, subject):
-        name_vehicle(store.db, subject, name)
+        store_vehicle_name(store.db, subject, name)
         return
     for content in _contents_of_log(rows, subject):
-        name_flight(store.db, content, name)
+        store_flight_name(store.db, content, name)
 
 
 def _is_vehicle(rows: FlightRows, subject: str) -> bool:

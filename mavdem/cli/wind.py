@@ -66,19 +66,19 @@ def wind_command(
         raise NotLearnable(evidence.wind.obstacle)
     assert wind is not None
     signals = evidence.signals
-    shown_wind = evidence.wind
+    wind_evidence = evidence.wind
     if prior is not None:
         # The estimate is made anew with the earlier drag as its prior. A hover in one place does not show the drag that
         # relates tilt to wind speed; an earlier flight may.
         wind = wind_of_signals(signals, earlier_drag(prior, wind.speed))
-        shown_wind = shown_wind._replace(estimate=wind)
-        assessment = with_wind(assessment, shown_wind)
+        wind_evidence = wind_evidence._replace(estimate=wind)
+        assessment = with_wind(assessment, wind_evidence)
     parameters_to_set = drag_settings(wind.drag, signals.telemetry)
     document = Wind.from_results(
         assessment.judgement, wind.identified_figures, parameters=parameters_to_set
     )
     if out:
-        page = wind_page(Path(source).name, shown_wind, assessment, parameters_to_set)
+        page = wind_page(Path(source).name, wind_evidence, assessment, parameters_to_set)
         with replaced_files(out, [PAGE_FILE, DOCUMENT_FILE]) as (page_path, document_path):
             document_path.write_text(json_text(document), "utf-8")
             # The page may contain the name of a file, which need not be valid Unicode.
@@ -94,7 +94,7 @@ def wind_command(
         summary=[],
         details=[],
         conclusion=[
-            *wind_blocks(shown_wind, tables),
+            *wind_blocks(wind_evidence, tables),
             *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
             *([Sentence(str(out / PAGE_FILE), "Page:")] if out else []),
         ],

@@ -77,8 +77,8 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns Euler angle and body rate of an axis from the fastest source that covers the flight.
 
     Logs of ArduPilot can have the body rate of PID_TUNING far more often than the attitude. Then the samples are those
-    of PID_TUNING, with an angle that is the integral of the rate, held to the attitude that was sent. PID_TUNING of a
-    telemetry stream is not used: it has no stamp of its own.
+    of PID_TUNING. Their angle is the integral of the rate, corrected by the attitudes that were sent in between. A
+    telemetry stream's PID_TUNING is not used: it has no stamp of its own.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -88,7 +88,9 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
         The attitude; None if no attitude was recorded.
     """
     sent_attitude = attitude_from_messages(telemetry, axis)
-    if sent_attitude is None or telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE:
+    # A DataFlash log calls the message RATE; under its MAVLink name it was sent over a telemetry link.
+    is_from_link = telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE
+    if sent_attitude is None or is_from_link:
         return sent_attitude
     tuning = tuning_rates(telemetry, axis, sent_attitude)
     if tuning is None:
@@ -97,7 +99,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     if preferred_message(counts) == sent_attitude.message:
         return sent_attitude
     integrated_rates = _integrated_rates(sent_attitude, tuning)
-    # What was flown without these rates must not be lost.
+    # A flight of which these rates cover only a part must not be lost for the rest.
     if integrated_rates.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
         return sent_attitude
     is_selected = np.isfinite(integrated_rates.angle)

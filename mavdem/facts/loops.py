@@ -71,7 +71,7 @@ class GainFact(Code):
     LOWER_GAINS = "lower_gains"
     GAINS_ADVISED = "gains_advised"
     GAINS_LEFT = "gains_left"
-    TWIN_FLIES = "twin_flies"
+    TWIN_ANGLE_ERROR = "twin_flies"
     GAINS_WRITTEN = "gains_written"
     ADVICE_WAITS = "advice_waits"
     ADVICE_AWAITED = "advice_awaited"

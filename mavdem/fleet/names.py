@@ -108,26 +108,26 @@ def read_names(db: sqlite3.Connection) -> GivenNames:
     return GivenNames(vehicles, flights, frozenset(vehicle for (vehicle,) in logged))
 
 
-def name_vehicle(db: sqlite3.Connection, vehicle: str, name: str) -> None:
-    """Gives a name to a vehicle, or takes it away.
+def store_vehicle_name(db: sqlite3.Connection, vehicle: str, name: str) -> None:
+    """Stores the name given to a vehicle, or deletes it.
 
     Args:
         db: the connection to the store of a fleet.
         vehicle: name of the vehicle in its logs.
-        name: the name, as :func:`plain_name` returns it; empty for none.
+        name: the name, as :func:`plain_name` returns it; empty to delete it.
     """
     db.execute("delete from vehicle_names where vehicle = ?", [vehicle])
     if name:
         db.execute("insert into vehicle_names values (?, ?)", [vehicle, name])
 
 
-def name_flight(db: sqlite3.Connection, content: str, name: str) -> None:
-    """Gives a name to a flight, or takes it away.
+def store_flight_name(db: sqlite3.Connection, content: str, name: str) -> None:
+    """Stores the name given to a flight, or deletes it.
 
     Args:
         db: the connection to the store of a fleet.
         content: hash of the content of its log.
-        name: the name, as :func:`plain_name` returns it; empty for none.
+        name: the name, as :func:`plain_name` returns it; empty to delete it.
     """
     db.execute("delete from flight_names where content = ?", [content])
     if name:

@@ -48,29 +48,29 @@ class RateCheck:
         Args:
             vehicle_type: name of the MAV_TYPE.
             attitude_message: name of the message that attitude is read from; None if none comes.
-            motor_message: name of the message of the model's inputs; None if they are not chosen.
-            rates: Hz by message name.
+            motor_message: name of the message of the model's inputs; None if they are not chosen yet.
+            rates: rates, Hz, of all messages of attitude and motor outputs that come, by name.
 
         Returns:
-            The reason why there are no rows; None if nothing is missing.
+            The reason why no samples of the model can be formed from the messages; None if nothing is missing.
         """
-        obstacle = self._obstacle(vehicle_type, attitude_message, motor_message, rates)
-        is_sufficient = obstacle is None
-        if obstacle is not None and self._was_sufficient:
-            self._report(obstacle)
+        reason = self._insufficiency(vehicle_type, attitude_message, motor_message, rates)
+        is_sufficient = reason is None
+        if reason is not None and self._was_sufficient:
+            self._report(reason)
         elif is_sufficient and not self._was_sufficient:
             self._report(Fact(RowsFact.LIVE_RATES_ENOUGH))
         self._was_sufficient = is_sufficient
-        return obstacle
+        return reason
 
-    def _obstacle(
+    def _insufficiency(
         self,
         vehicle_type: str,
         attitude_message: str | None,
         motor_message: str | None,
         rates: Mapping[str, float],
     ) -> Fact | None:
-        """Returns the reason why there are no rows, without reporting it.
+        """Returns the reason why no samples of the model can be formed from the messages, without reporting it.
 
         The first of these that applies is returned: the vehicle is not a multirotor; no attitude comes; no motor
         outputs come; or one of the two comes too slowly.

@@ -118,7 +118,7 @@ def build_twin(
     *,
     px4: bool,
     hover: float,
-    air: WindVelocity | None,
+    wind: WindVelocity | None,
     drag: Drag,
     mass: float | None,
 ) -> Twin:
@@ -131,7 +131,7 @@ def build_twin(
         loops: identified loops by axis, "roll" among them.
         px4: whether the autopilot is PX4; otherwise it is ArduPilot.
         hover: mean output of the motors in hover, as a share of their range.
-        air: the wind of the flight; ``None`` where it is not known.
+        wind: the wind of the flight; None where it is not known. It is used if both its speed and its direction are.
         drag: drag of the vehicle, or of typical ones.
         mass: mass, kg; ``None`` for an assumed one.
 
@@ -146,9 +146,8 @@ def build_twin(
     spin_min, spin_max = controller.spin_range
     if not max(MIN_HOVER, spin_min) < hover < spin_max:
         raise NotLearnable(TwinFact.NO_HOVER, share=hover)
-    wind = None
-    if air is not None and air.speed_identifiable and air.direction_identifiable:
-        wind = air
+    if wind is not None and not (wind.speed_identifiable and wind.direction_identifiable):
+        wind = None
     mass_or_typical = mass or TYPICAL_MASS
     arm = _arm(controller.parameters, mass_or_typical)
     autopilot = "px4" if px4 else "ardupilot"

@@ -47,7 +47,7 @@ from mavdem.plant.parameters import (
 )
 from mavdem.plant.sampled_plant import WindComponent
 from mavdem.plant.windows import (
-    MAX_JUMP_LEAD,
+    MAX_JUMP_ADVANCE,
     REFINEMENT_CHANNEL,
     REFINEMENTS,
     FlightWindows,
@@ -208,10 +208,10 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
 
 
 def _is_possible(fit: GrayBoxFit) -> bool:
-    """Returns whether the refinements of a fit are physically possible: jumps come at most ``MAX_JUMP_LEAD`` early."""
+    """Returns whether the refinements of a fit are possible: jumps come early, by at most ``MAX_JUMP_ADVANCE``."""
     values = fit.model.refinement_values(fit.theta).tolist()
     refinements = dict(zip(fit.model.refinements, values, strict=True))
-    return 0 <= refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_LEAD
+    return 0 <= refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_ADVANCE
 
 
 def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
@@ -417,7 +417,7 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 
     def power(rate: ComplexArray) -> float:
         """Returns the mean power of the torque that makes a rate, but for a factor, which cancels in the ratio."""
-        squared_torque = abs(torque_per_rate * _tapered(rate)) ** 2
+        squared_torque = abs(torque_per_rate * _hann_tapered(rate)) ** 2
         return float(np.mean(np.sum(squared_torque, axis=1) / fit.levels**2))
 
     rate_by_motors = fit.model.rate_by_motors(fit.theta[None], windows)[0]
@@ -432,21 +432,23 @@ def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     Commands that fast have parts beyond the Nyquist frequency too, which the samples miss.
 
     Args:
-        fit: the fit, whose effects turn the inputs into torque.
-        windows: windows of the flight.
+        fit: the fit, whose effects turn the r inputs into torque.
+        windows: W windows of the flight, with F frequencies up to the Nyquist frequency.
 
     Returns:
         The share, 0 to 1.
     """
-    # The inputs' transforms are split into channels. The first two add up to the inputs; later ones serve refinements.
-    whole_inputs = windows.inputs[:REFINEMENT_CHANNEL]
-    commands = np.einsum("crwf,r->wf", whole_inputs, fit.model.effect(fit.theta))
-    power = abs(_tapered(commands)) ** 2
+    # The transform of each input is the sum of two channels: the part that is interpolated between samples, and the one
+    # that is held from a sample on. Later channels are not parts of it, but what refinements of the model would add.
+    inputs = windows.inputs[:REFINEMENT_CHANNEL].sum(axis=0)
+    # The torque (W, F) is the sum over the r inputs (r, W, F), each times its effect.
+    commanded_torque = np.tensordot(fit.model.effect(fit.theta), inputs, axes=1)
+    power = abs(_hann_tapered(commanded_torque)) ** 2
     half_nyquist = power.shape[1] // 2
     return power[:, half_nyquist:].sum() / power.sum()
 
 
-def _tapered(transform: ComplexArray) -> ComplexArray:
+def _hann_tapered(transform: ComplexArray) -> ComplexArray:
     """Returns twice the transform (W, F − 2) of Hann-tapered windows, from their transform (W, F) without a taper.
 
     The Hann taper is (1 − cos) / 2 of the time in the window, and the cosine moves a transform by one frequency up and

@@ -185,13 +185,13 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
         raise ValueError(fitted_parameters.reason)
     column = rate_column(record)
     dt = record.dt
-    jump_lead = fitted_parameters.refinements.get(Refinement.JUMPS, 0.0)
+    jump_advance = fitted_parameters.refinements.get(Refinement.JUMPS, 0.0)
     plant = sampled_plant(
         fitted_parameters.damping,
         fitted_parameters.lag,
         fitted_parameters.components,
         dt,
-        jump_lead,
+        jump_advance,
     )
     trim = record.inputs.mean(axis=0)
     # The balanced torque is linear in the effects, so unit effects give its derivatives.

@@ -144,20 +144,21 @@ Four states are enough for the part of the spectrum that has power.
 """
 
 
-def with_early_jumps(inputs: Array, lead: float) -> Array:
-    """Changes inputs so that their linear interpolation acts like inputs that jump early in a sampling step.
+def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
+    """Advances the jumps of sampled inputs by a fraction of a sampling step.
 
-    An input may change at once, somewhere in the step between two samples. Linear interpolation makes a ramp over the
-    step of that jump, as if it came in the middle of the step. A jump that comes earlier by ``lead`` of a
-    step adds an impulse, of ``lead`` · jump · step. The same impulse is added by raising the sample at the end of the
-    step by ``lead`` · jump, since the interpolation of one raised sample is a triangle two steps wide.
+    An input may change at once, somewhere between two samples. Linear interpolation makes a ramp of that jump, which
+    acts as if the jump came in the middle of the sampling step. The inputs are changed so that their interpolation acts
+    like jumps that come earlier. An advance by a fraction a of a step adds an impulse, of a · jump · step. The same
+    impulse is added by raising the sample at the end of the step by a · jump, since the interpolation of one raised
+    sample is a triangle two steps wide.
 
     A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
     the direction reverses, all of the change is a jump.
 
     Args:
         inputs: W windows of r inputs (W, N, r).
-        lead: time by which a jump comes before the middle of its step, as a fraction of the step.
+        jump_advance: time by which each jump comes before the middle of its step, as a fraction of the step.
 
     Returns:
         Changed inputs (W, N, r).
@@ -168,7 +169,7 @@ def with_early_jumps(inputs: Array, lead: float) -> Array:
     lower = np.minimum(changes, 0.0)
     upper = np.maximum(changes, 0.0)
     jumps = changes - np.clip(previous, lower, upper)
-    return inputs + lead * jumps
+    return inputs + jump_advance * jumps
 
 
 def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
@@ -206,7 +207,7 @@ class SampledPlant(NamedTuple):
     wind_output: Array
     """Row (n,) that gives the wind torque, rad/s², from the state."""
 
-    jump_lead: float
+    jump_advance: float
     """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
 
     def input_contributions(self, commanded_torque: Array, delay_steps: float) -> Array:
@@ -219,7 +220,10 @@ class SampledPlant(NamedTuple):
         Returns:
             Additions to the n states at the second sample and those after it (T − 1, n).
         """
-        commands = with_early_jumps(commanded_torque[None, :, None], self.jump_lead)[0]
+        # The torque as one window (1, T, 1) of one input.
+        window = commanded_torque.reshape(1, -1, 1)
+        commands = with_advanced_jumps(window, self.jump_advance)[0]
+        # Commands (T − 1, 1) at the beginning and at the end of each sampling step.
         commands_at_start, commands_at_end = delayed_inputs(commands, delay_steps)
         return (
             commands_at_start * self.transition.Gamma0[:, 0]
@@ -272,7 +276,7 @@ def sampled_plant(
     lag: Array | float,
     components: Sequence[WindComponent | tuple[ColouredNoise, Array | float, Array | float]],
     dt: float,
-    jump_lead: float = 0.0,
+    jump_advance: float = 0.0,
 ) -> SampledPlant:
     """Discretizes one axis, or several side by side (…), exactly for commands that run linearly between samples.
 
@@ -284,7 +288,7 @@ def sampled_plant(
         lag: motor time constant (…), s.
         components: components of the wind torque: spectrum, standard deviation (…) in rad/s² and time (…) in s of each.
         dt: time step, s.
-        jump_lead: time by which jumps of commands come before the middle of a step, as a fraction of the step.
+        jump_advance: time by which jumps of commands come before the middle of a step, as a fraction of the step.
 
     Returns:
         The discrete model, of one axis or of several.
@@ -313,4 +317,4 @@ def sampled_plant(
     Q = process_covariance(A, intensity, dt)
     # Rounding leaves it slightly unsymmetric.
     Q = (Q + Q.mT) / 2
-    return SampledPlant(discretize(A, B, dt), Q, wind_output, jump_lead)
+    return SampledPlant(discretize(A, B, dt), Q, wind_output, jump_advance)

@@ -450,8 +450,8 @@ def _smoother_variance(physical: Physical, record: Record) -> Array:
 
 def _sampled_plant(damping: float, lag: float, physical: Physical, record: Record) -> SampledPlant:
     """Returns the discretised plant with these damping, 1/s, and motor lag, s, and all else of ``physical``."""
-    jump_lead = physical.refinements.get(Refinement.JUMPS, 0.0)
-    return sampled_plant(damping, lag, physical.components, record.dt, jump_lead)
+    jump_advance = physical.refinements.get(Refinement.JUMPS, 0.0)
+    return sampled_plant(damping, lag, physical.components, record.dt, jump_advance)
 
 
 def mean_external_torque(

@@ -13,7 +13,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.facts.model import NoPhysical, Refinement
 from mavdem.plant.closed_loop.spectra import ComplexArray
-from mavdem.plant.sampled_plant import with_early_jumps
+from mavdem.plant.sampled_plant import with_advanced_jumps
 
 WINDOW_SECONDS = 7.0
 """Usual length of a window, s: a choice."""
@@ -55,7 +55,7 @@ JUMPS: by what fraction of a step inputs that jump between two samples did so be
 THRUST_CURVE: the relative change of the effect for one standard deviation of the inputs.
 """
 
-MAX_JUMP_LEAD = 0.5
+MAX_JUMP_ADVANCE = 0.5
 """Largest time by which a jump comes before the middle of a step, as a fraction of the step: it is then at its start.
 
 The least is 0. Commands that answer the sample at the end of a step act later, but they have a channel of their own. A
@@ -105,7 +105,7 @@ class FlightWindows(NamedTuple):
             Transforms of W windows.
         """
         refined = {
-            Refinement.JUMPS: with_early_jumps(inputs, 1.0) - inputs,
+            Refinement.JUMPS: with_advanced_jumps(inputs, 1.0) - inputs,
             # If the effect grows in proportion to the input, the torque grows with the integral, half of the square.
             Refinement.THRUST_CURVE: inputs**2 / 2,
         }

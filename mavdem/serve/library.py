@@ -28,10 +28,10 @@ from mavdem.facts import Fact
 from mavdem.facts.serve import ListingOrder, RefusalReason, Sharing, Stage, StartFailure
 from mavdem.fleet.names import (
     GivenNames,
-    name_flight,
-    name_vehicle,
     plain_name,
     read_names,
+    store_flight_name,
+    store_vehicle_name,
 )
 from mavdem.fleet.row import FlightRows, utf8_text
 from mavdem.fleet.sources import UNKNOWN_SIZE, LogSource, source_of
@@ -416,15 +416,16 @@ class Library:
 
         Args:
             entry: index entry of the flight.
-            name: its new name.
+            name: its new name, as it was typed.
 
         Raises:
-            Refusal: the content of the log is not known, since it is outside the library and was added long ago.
+            Refusal: the entry has no hash of the log's content, by which names are stored. So it is with logs outside
+                the library's folder that an older version added.
         """
         if not entry.content_hash:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         with self.transaction() as db:
-            name_flight(db, entry.content_hash, plain_name(name))
+            store_flight_name(db, entry.content_hash, plain_name(name))
 
     def name_vehicle(self, vehicle: str, name: str) -> str:
         """Gives a name to a vehicle; an empty one takes it away.
@@ -444,7 +445,7 @@ class Library:
             query = "select 1 from entries where vehicle = ? and vehicle <> '' limit 1"
             if db.execute(query, [vehicle]).fetchone() is None:
                 raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
-            name_vehicle(db, vehicle, name)
+            store_vehicle_name(db, vehicle, name)
         return name
 
     def widen_sharing(self, entry: LibraryEntry, sharing: str, note: str) -> LibraryEntry:
@@ -489,7 +490,7 @@ class Library:
         source = source_of(str(self.log_path(entry)))
         with self.transaction() as db:
             db.execute("delete from entries where id = ?", [id])
-            name_flight(db, entry.content_hash, "")
+            store_flight_name(db, entry.content_hash, name="")
             self.store.remove(source)
             self._remove_files_of_deleted_log(db, entry)
         self.table_is_outdated.set()

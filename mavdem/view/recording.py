@@ -255,12 +255,12 @@ class RecordingTabs:
         views = self._draw_charts("vehicle", self._timeline.flight_charts)
         return [rrb.Vertical(*views, name="Vehicle")]
 
-    def wind(self, learned: Learned, clock: Array) -> list[rrb.Container]:
-        """Draws the wind and its torque, with marks where gusts begin.
+    def wind(self, learned: Learned, sample_times: Array) -> list[rrb.Container]:
+        """Draws the wind, m/s, and the torque that it exerts on the vehicle, rad/s², with marks where gusts begin.
 
         Args:
             learned: the learned model.
-            clock: (T,) times of the samples that it was trained on, s.
+            sample_times: (T,) times of the samples that it was trained on, s.
 
         Returns:
             The tab "Wind"; none if neither is known.
@@ -269,8 +269,9 @@ class RecordingTabs:
             return []
         torque = learned.resolved_wind_torque
         gusts = torque.gusts if torque else ()
-        start_times = [float(clock[gust.sample]) for gust in gusts]
-        marks = EventMarks(f"gust ({len(start_times)})", palette.GUST, start_times)
+        gust_starts = [float(sample_times[gust.sample]) for gust in gusts]
+        marks = EventMarks(f"gust ({len(gust_starts)})", palette.GUST, gust_starts)
+        # The charts are stored under the path that the wind of a live session has too.
         views = self._draw_charts("air", self._timeline.wind_charts, marks)
         return [rrb.Vertical(*views, name="Wind")]
 

@@ -179,7 +179,7 @@ def specific_force(signals: Signals) -> TimeSeries | None:
         if "id" in columns:
             # HIGHRES_IMU may be of several IMUs, which it numbers from 0.
             is_first = columns["id"] == 0
-        force = _force(
+        force = _recorded_specific_force(
             columns,
             FORCE_FIELDS.get(message, ACCELERATION_FIELDS),
             FORCE_FACTORS[message],
@@ -205,7 +205,8 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
     messages = signals.telemetry.messages
     forces: dict[int, TimeSeries] = {}
     for number, message in FURTHER_IMU_MESSAGES.items():
-        force = _force(messages.get(message, {}), ACCELERATION_FIELDS, MILLIGRAVITY)
+        columns = messages.get(message, {})
+        force = _recorded_specific_force(columns, ACCELERATION_FIELDS, MILLIGRAVITY)
         if force is not None:
             forces[number] = force
     for message, field in (("HIGHRES_IMU", "id"), (ACCELEROMETERS_MESSAGE, "instance")):
@@ -215,30 +216,32 @@ def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
             if message == "HIGHRES_IMU" and instance == 0:
                 continue
             is_selected = columns[field] == instance
-            force = _force(columns, ACCELERATION_FIELDS, 1.0, is_selected)
+            force = _recorded_specific_force(columns, ACCELERATION_FIELDS, 1.0, is_selected)
             if force is not None:
                 forces[1 + int(instance)] = force
     return forces
 
 
-def _force(
-    columns: Columns, fields: tuple[str, str, str], factor: float, rows: Flags | None = None
+def _recorded_specific_force(
+    columns: Columns, axis_fields: tuple[str, str, str], factor: float, rows: Flags | None = None
 ) -> TimeSeries | None:
-    """Returns the specific force of a message.
+    """Returns the specific force that messages of one type recorded.
 
     Args:
-        columns: fields of the message.
-        fields: those of the three axes.
-        factor: converts them to m/s².
-        rows: flags of the messages to use; None for all.
+        columns: columns of the messages, by the name of the field.
+        axis_fields: names of the fields with the specific force along body x, y and z.
+        factor: m/s² per unit of these fields.
+        rows: flags (M,) of the messages to use, such as those of one sensor; None for all.
 
     Returns:
-        The specific force (N, 3), m/s²; None if it was not measured.
+        The specific force (N, 3), m/s²; None if the fields are missing, or 0 throughout, as for a sensor that is not
+        there.
     """
-    if not all(field in columns for field in fields):
+    if not all(field in columns for field in axis_fields):
         return None
-    force = clean_series(columns, factor * float_columns(columns, fields), rows)
-    return force if len(force.time) and force.values.any() else None
+    force = clean_series(columns, factor * float_columns(columns, axis_fields), rows)
+    is_measured = len(force.time) > 0 and force.values.any()
+    return force if is_measured else None
 
 
 @cached_per_vehicle()

@@ -56,7 +56,7 @@ def test_the_files_beside_a_recording_are_new_and_those_that_tune_writes(tmp_pat
     roll, *_, twin, written = advice.facts
     assert roll.code is GainFact.GAINS_ADVISED and roll.figures["expected_error"] > 0
     assert "ATC_ANG_RLL_P 16 → " in roll.sentence
-    assert (twin.code, twin.subject) == (GainFact.TWIN_FLIES, "roll")
+    assert (twin.code, twin.subject) == (GainFact.TWIN_ANGLE_ERROR, "roll")
     assert 0 < twin.figures["expected_error"] < 6 and 0 < twin.figures["present_error"] < 6
     (refused,) = predicted_errors(assess(read_log(recording)).evidence, {"ATC_ANG_RLL_P": -1.0})
     assert refused.code is TwinFact.CANNOT_FLY

@@ -426,7 +426,7 @@ OF_ALL = Drag.from_parameters()
 
 
 def twin(loop, **known):
-    usual = {"px4": True, "hover": 0.5, "air": None, "drag": OF_ALL, "mass": None}
+    usual = {"px4": True, "hover": 0.5, "wind": None, "drag": OF_ALL, "mass": None}
     return build_twin({"roll": loop}, **usual | known)
 
 
@@ -489,10 +489,10 @@ def test_a_twin_has_the_mean_wind_of_the_flight_where_it_is_known(known):
     status = dict.fromkeys(("speed", "direction"), Status.REPORTED)
     if not known:
         status["speed"] = Status.NOT_IDENTIFIABLE
-    air = partial_record(
+    wind = partial_record(
         WindVelocity, speed=3.0, speed_interval=(2.0, 4.0), direction=80.0, status=status
     )
-    body = twin(made_up(), air=air)
+    body = twin(made_up(), wind=wind)
     scenario = scenario_of(tomllib.loads(vehicle_text(body, ".toml", "a.tlog")))
     assert scenario.wind == (SteadyWind(kind="steady", speed=3.0, direction=80.0),) * known
     assert str(body.notes["drag_linear"]).endswith(", typical: not identified from this flight")

@@ -32,7 +32,7 @@ from mavdem.plant.sampled_plant import (
     WindComponent,
     delayed_inputs,
     gaussian_kernel_noise,
-    with_early_jumps,
+    with_advanced_jumps,
 )
 from mavdem.plant.simulation import simulate_response
 from mavdem.plant.windows import FlightWindows, cut_windows, responses_to_innovations
@@ -425,11 +425,11 @@ def test_noise_of_commands_is_what_nothing_predicts():
 
 
 @mark.slow
-@mark.parametrize("lead, possible", [(0.6, False), (-0.3, True)], ids=["late", "early"])
-def test_jumps_may_come_early_in_a_step_and_not_late(lead, possible):
+@mark.parametrize("advance, possible", [(0.6, False), (-0.3, True)], ids=["late", "early"])
+def test_jumps_may_come_early_in_a_step_and_not_late(advance, possible):
     """The log has the jumps earlier or later than the vehicle: the fit must move them back."""
     flight = in_closed_loop(0, steering=1.0, wind=0.2)
-    logged = with_early_jumps(flight.inputs[None], lead)[0]
+    logged = with_advanced_jumps(flight.inputs[None], advance)[0]
     found = physical(replace(flight, inputs=logged, effect_directions=np.sign(MOTORS)))
     assert (Refinement.JUMPS in found.refinements) is possible
 

@@ -42,33 +42,40 @@ class Search(NamedTuple):
 
 
 def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Chooses the model of an axis, and counts evaluations.
+    """Chooses the model of an axis, and counts how often the prediction errors of all windows were computed for it.
+
+    While the model is chosen, the two methods of ``LogPosterior`` that compute them are replaced by ones that count.
 
     Args:
         windows: windows of the flight.
         directions: relative effect of each input (r,), or None.
+
+    Returns:
+        The number of evaluations, and the log evidence of the chosen model.
     """
-    passes = 0
-    value_at, expand_at = LogPosterior.value, LogPosterior.full_expansion
+    evaluations = 0
+    original_value = LogPosterior.value
+    original_expansion = LogPosterior.full_expansion
 
-    def value(posterior: LogPosterior, point: Array) -> float:
-        nonlocal passes
-        passes += 1
-        return value_at(posterior, point)
+    def counted_value(posterior: LogPosterior, theta: Array) -> float:
+        nonlocal evaluations
+        evaluations += 1
+        return original_value(posterior, theta)
 
-    def full_expansion(posterior: LogPosterior, point: Array) -> QuadraticExpansion:
-        nonlocal passes
-        passes += len(point) + 1
-        return expand_at(posterior, point)
+    def counted_expansion(posterior: LogPosterior, theta: Array) -> QuadraticExpansion:
+        nonlocal evaluations
+        # Forward differences: the errors are computed at θ, and once more for a step of each of its k entries.
+        evaluations += 1 + len(theta)
+        return original_expansion(posterior, theta)
 
     with (
-        patch.object(LogPosterior, "value", value),
-        patch.object(LogPosterior, "full_expansion", full_expansion),
+        patch.object(LogPosterior, "value", counted_value),
+        patch.object(LogPosterior, "full_expansion", counted_expansion),
         one_thread(),
         np.errstate(all="ignore"),
     ):
         selected = estimation._select_model(windows, directions)
-    return Search(passes, selected.fit.evidence)
+    return Search(evaluations, selected.fit.evidence)
 
 
 def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
@@ -77,6 +84,9 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
     Args:
         windows: windows of the flight.
         directions: relative effect of each input (r,), or None.
+
+    Returns:
+        The number of evaluations, and the log evidence of the chosen model.
     """
 
     def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
@@ -93,10 +103,14 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
 
 
 def rows_of_log(path: Path) -> Iterator[dict[str, object]]:
-    """Yields a row for each axis of a log of which parameters can be estimated: the cost and gain of both searches.
+    """Compares the two searches on each axis of a log of which parameters can be estimated.
 
     Args:
         path: a telemetry log, whose name decides to which half of all logs it belongs.
+
+    Yields:
+        A row for each axis: the half, the evaluations before (Fisher scoring alone) and now, and the log evidence that
+        was gained, nats.
     """
     log = read_log(path)
     half = "AB"[hashlib.sha256(path.name.encode()).digest()[0] % 2]

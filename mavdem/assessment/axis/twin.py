@@ -79,7 +79,7 @@ def assessed_twin(evidence: Evidence, mass: float | None = None) -> AssessedTwin
     if wind is not None:
         drag = wind.drag
     is_px4 = telemetry.autopilot == "PX4"
-    twin = build_twin(loops, px4=is_px4, hover=hover_share, air=wind, drag=drag, mass=mass)
+    twin = build_twin(loops, px4=is_px4, hover=hover_share, wind=wind, drag=drag, mass=mass)
     return AssessedTwin(twin, loops, missing)
 
 
@@ -101,8 +101,8 @@ class TwinMotion(NamedTuple):
         return float(np.degrees(np.std(self.present - self.setpoint)))
 
     @property
-    def advised_error(self) -> float:
-        """Standard deviation of the angle from its setpoint with the advised gains, degrees."""
+    def expected_error(self) -> float:
+        """Standard deviation of the angle from its setpoint that is expected with the advised gains, degrees."""
         return float(np.degrees(np.std(self.advised - self.setpoint)))
 
 
@@ -218,7 +218,9 @@ def _compared_motions(
 
 
 def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
-    """Predicts how closely roll and pitch would follow their setpoints with other gains, by flights of the twin.
+    """Predicts how closely roll and pitch would follow their setpoints with other gains, by simulated flights.
+
+    The twin flies the setpoints of the recorded flight with either set of gains, in the same wind and noise.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -234,10 +236,10 @@ def predicted_errors(evidence: Evidence, gains: Parameters) -> Facts:
         return (trial,)
     return tuple(
         Fact(
-            GainFact.TWIN_FLIES,
+            GainFact.TWIN_ANGLE_ERROR,
             subject=axis,
             present_error=motion.present_error,
-            expected_error=motion.advised_error,
+            expected_error=motion.expected_error,
         )
         for axis, motion in trial.tracking.items()
     )

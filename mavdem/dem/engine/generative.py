@@ -468,19 +468,22 @@ class GenerativeModel:
         )
 
     def squared_errors_by_noise(self, error_moments: Array) -> Array:
-        """Returns the squared errors Σ ε̃ᵀ (S⊗Ω_g) ε̃ that each noise precision e^λ weights.
+        """Returns the sums of squared prediction errors, one for each noise, that F̄ weights by the noise precisions.
 
-        S is the precision of smooth noise and its derivatives, and Ω_g selects the channels of noise g.
+        The log likelihood has the term −½ Σ_g exp(λ_g) c_g. Its coefficients c_g = Σ ε̃ᵀ (S⊗Ω_g) ε̃ are returned: sums
+        over the samples, with the precision S of smooth noise and its derivatives (``output_temporal_precision`` or
+        ``state_temporal_precision``). Ω_g is diagonal, 1 for the channels that have noise g and 0 for others.
 
         Args:
             error_moments: (dim ε̃, dim ε̃) second moments Σ ε̃ε̃ᵀ of the errors, summed over the samples.
 
         Returns:
-            Squared errors (g,), in the order of λ.
+            The sums c (g,), in the order of λ.
         """
         precision_at_zero, noise_of_error = self._precision_structure
-        # The elementwise product with the symmetric Π̃, summed up, is the trace of Π̃ Σ ε̃ε̃ᵀ at λ = 0. Each column is one
-        # error, so the sums of the columns are added up by the noise of that error. Errors of the inputs and of the
+        # At λ = 0 each noise has the precision 1, so that the precision Π̃ of the errors consists of the blocks S⊗Ω_g.
+        # Σ ε̃ᵀ Π̃ ε̃ is the sum over the elementwise product of Π̃, which is symmetric, and Σ ε̃ε̃ᵀ. Each column belongs to
+        # one error, so the sums of the columns are added up by the noise of that error. Errors of the inputs and of the
         # prior of x belong to no noise (index −1) and are left out.
         squares_by_error = (precision_at_zero * error_moments).sum(axis=0)
         is_scaled = noise_of_error >= 0

@@ -292,8 +292,8 @@ FILL_BYTES = (b"\0", b"\xff")
 """What the last page of a flash chip holds where nothing was written."""
 
 
-SHARED_ID = -1
-"""Stands for the length of messages whose id has several definitions, which differ in length."""
+LENGTH_VARIES = -1
+"""Entry of the table of lengths for an id with several definitions: the length must be found for each message."""
 
 
 class _MessageScan:
@@ -323,14 +323,15 @@ class _MessageScan:
         # The definition in each FMT by its offset: each is needed again when the messages are found.
         self._parsed_definitions: dict[int, tuple[int, FormatDefinition] | None] = {}
         self._learn_definitions()
-        # Length by id, 0 for ids without a definition.
+        # Length of the messages by id: 0 for ids without a definition, LENGTH_VARIES for those with several.
         self._lengths = [0] * MESSAGE_IDS
         for message_id, definition in self.definitions.items():
             is_shared = message_id in self.sharing_definitions
-            self._lengths[message_id] = SHARED_ID if is_shared else definition.length
-        # Of definitions and of messages that share an id more than the header must be looked at.
+            self._lengths[message_id] = LENGTH_VARIES if is_shared else definition.length
+        # The same for a search by header alone. It finds neither definitions nor messages whose id has several
+        # definitions, since more than their header must be looked at.
         self._lengths_by_header = np.array(self._lengths)
-        self._lengths_by_header[self._lengths_by_header == SHARED_ID] = 0
+        self._lengths_by_header[self._lengths_by_header == LENGTH_VARIES] = 0
         self._lengths_by_header[FORMAT_ID] = 0
         self._runs = RecordRuns(content, self._possible_messages)
 
@@ -338,7 +339,8 @@ class _MessageScan:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
 
         From message to message the length in the definition says where the next header must be. If none is, or its id
-        has no definition, the search goes on byte by byte.
+        has no definition, the search goes on byte by byte. The offsets are appended to ``starts``, and the lengths are
+        added to ``message_bytes``.
         """
         size = len(self.content)
         offset = 0
@@ -356,7 +358,7 @@ class _MessageScan:
             if message_id == FORMAT_ID and self._is_of_another_log(offset):
                 return
             length = self._lengths[message_id]
-            if length == SHARED_ID:
+            if length == LENGTH_VARIES:
                 length = self._definition_of_message(offset).length
             if length and offset + length <= size:
                 self.starts.append(offset)

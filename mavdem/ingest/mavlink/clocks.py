@@ -446,20 +446,22 @@ def _reboot_rows(time: Times) -> Rows:
 
 
 def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
-    """Returns whether a clock that fell rises to where it was as often and evenly as the messages come.
+    """Returns whether a clock that fell counts up again message by message, as that of an autopilot that restarted.
 
-    A restarted clock does. Late messages of a second link are few, since copies were dropped, or the first link's
-    between them make the clock jump.
+    A restarted clock rises without gaps to its former value, with about as many messages on the way as their rate
+    implies. Late messages of a second link do not: they are fewer, since copies of messages were dropped, or messages
+    of the first link come in between, so that the clock jumps.
 
     Args:
         stamps: Stamps (n,) from the fall on, s, in stream order.
         former_highest: Highest stamp before the fall, s.
         median_step: Median of the rising steps of the whole clock, s.
     """
-    fall = former_highest - MIN_RESET_STEP - stamps[0]
-    stamps_below = np.count_nonzero(stamps < former_highest - MIN_RESET_STEP)
-    has_jumps = (np.diff(stamps) > MIN_RESET_STEP).any()
-    return bool(not has_jumps and stamps_below >= MIN_STAMPS_SHARE * fall / median_step)
+    regained_stamp = former_highest - MIN_RESET_STEP
+    stamps_on_the_way = np.count_nonzero(stamps < regained_stamp)
+    expected_stamps = (regained_stamp - stamps[0]) / median_step
+    has_gaps = (np.diff(stamps) > MIN_RESET_STEP).any()
+    return bool(not has_gaps and stamps_on_the_way >= MIN_STAMPS_SHARE * expected_stamps)
 
 
 def _highest_ahead(values: Times, count: int) -> Times:

@@ -151,10 +151,11 @@ class IdentifiedAxis(NamedTuple):
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     """Identifies the parameters of one axis by the modes of its posterior.
 
-    The posterior may have several modes, so it is maximised from several starts. First, short ascents begin from
-    typical plants. The best of them go on to convergence, each from several values of ``step_time_odds``, the time of
-    reference steps between two messages, since there may be a mode near each. The best plant of these is tried with
-    values between. An ascent ends early where it comes close to a known mode.
+    The posterior may have several modes, so it is maximised from several starts. Short ascents begin from typical
+    plants, and the best of them go on to convergence. Setpoints change in steps, which come somewhere in the interval
+    between two logged messages. When they come is a parameter, ``step_time_odds``, and there may be a mode near each of
+    several values of it. So each ascent goes on from several of them, and the best plant is tried with values between.
+    An ascent ends early where it comes close to a known mode.
 
     Args:
         posterior: the log posterior of the axis.
@@ -169,28 +170,41 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     for initial in INITIAL_PLANTS:
         start = _initial_parameters(posterior, initial)
         first_ascents.append(_ascend(posterior, start, INITIAL_STEPS))
-    # The posterior ascends: the best come last.
+    # In the order of rising posterior: the best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
-    log_odds: tuple[float, ...] = LOG_STEP_TIME_ODDS
-    if not posterior.densities.surplus_interval:
-        # Where every cycle of the controller is logged, the time of steps has no effect.
-        log_odds = (0.0,)
+    # Where every cycle of the controller is logged, the time of steps between messages has no effect.
+    has_unlogged_cycles = posterior.densities.surplus_interval > 0
+    log_odds = LOG_STEP_TIME_ODDS if has_unlogged_cycles else (0.0,)
     ascents = list[QuadraticExpansion]()
-    for ascent in first_ascents[-CONTINUED_ASCENTS:]:
-        for step_time in log_odds:
-            # The plant may have ended with motor lag and damping exchanged, which has the same response.
-            start = with_quicker_pole_as_lag(ascent.point)
-            start[STEP_TIME] = step_time
+    for first_ascent in first_ascents[-CONTINUED_ASCENTS:]:
+        for log_step_time_odds in log_odds:
+            start = _with_step_time(first_ascent.point, log_step_time_odds)
             ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
-    if posterior.densities.surplus_interval:
+    if has_unlogged_cycles:
         # The best plant is nearer to that of another mode than the plants which the ascents began with.
-        best = max(ascents, key=lambda ascent: ascent.value)
-        for step_time in BETWEEN_LOG_STEP_TIME_ODDS:
-            start = with_quicker_pole_as_lag(best.point)
-            start[STEP_TIME] = step_time
+        best_ascent = max(ascents, key=lambda ascent: ascent.value)
+        for log_step_time_odds in BETWEEN_LOG_STEP_TIME_ODDS:
+            start = _with_step_time(best_ascent.point, log_step_time_odds)
             ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
     return _mixture_of_modes(posterior, ascents)
+
+
+def _with_step_time(theta: Array, log_step_time_odds: float) -> Array:
+    """Returns the parameters from which an ascent goes on with another time of setpoint steps between two messages.
+
+    The ascent before may have ended with motor lag and damping exchanged, which has the same response: that is undone.
+
+    Args:
+        theta: θ (k,) at the end of the ascent before.
+        log_step_time_odds: natural logarithm of ``LoopParameters.step_time_odds``.
+
+    Returns:
+        θ (k,).
+    """
+    start = with_quicker_pole_as_lag(theta)
+    start[STEP_TIME] = log_step_time_odds
+    return start
 
 
 def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Array:

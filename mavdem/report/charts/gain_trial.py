@@ -138,7 +138,7 @@ def _motion_chart(title: str, motion: TwinMotion, is_drawn: Flags) -> Chart:
         motion: the whole motion, from which the error is computed.
         is_drawn: (T,) whether a sample is drawn.
     """
-    errors = f"{motion.present_error:.2g} → {motion.advised_error:.2g}°"
+    errors = f"{motion.present_error:.2g} → {motion.expected_error:.2g}°"
     time = motion.time[is_drawn]
     lines = []
     # In a hover the setpoint is 0 throughout, which needs no line.

@@ -505,22 +505,26 @@ def _condition_chapter(analysis: LogAnalysis) -> Chapter:
 def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
     """Returns the chapter of the wind: in m/s and as a torque, with the wind rose.
 
-    The rose needs both speed and direction. Of a simulated flight the estimates are compared with its truth here.
+    The rose needs both speed and direction. Of a simulated flight the chapter compares the estimates with the true
+    values of the simulator.
 
     Args:
         assessment: assessment of the log.
         analysis: analysis of the axis, with the wind torque.
+
+    Returns:
+        The chapter, with sentences, and the wind rose where it can be drawn.
     """
     blocks: Blocks = []
-    # That only multirotors are judged stands beside the lights.
-    if assessment.lights["wind"].code is not Unjudged.MULTIROTORS_ONLY:
+    # Of other vehicles than multirotors the wind is not judged. The page says so at its top, and not here again.
+    if assessment.lights[Light.WIND].code is not Unjudged.MULTIROTORS_ONLY:
         blocks += air_blocks(assessment)
     if analysis.learned is not None:
         blocks += torque_blocks(analysis.learned)
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
     if assessment.wind is not None:
-        blocks += render_section("wind_more", log=quote(Path(assessment.log.source).name))
+        blocks += render_section("wind_command", log=quote(Path(assessment.log.source).name))
     wind = assessment.drawn_wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:

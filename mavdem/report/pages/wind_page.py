@@ -24,7 +24,7 @@ SUBTITLE = "The wind of the longest flight, from lean and velocity over ground, 
 
 def wind_page(
     name: str,
-    shown_wind: WindEvidence,
+    wind_evidence: WindEvidence,
     assessment: Assessment,
     parameters: dict[str, ParameterValue],
 ) -> str:
@@ -32,25 +32,24 @@ def wind_page(
 
     Args:
         name: name of the log, the title of the page.
-        shown_wind: the estimated wind, perhaps with an earlier drag as its prior, beside that of the autopilot.
-        assessment: assessment of the log.
+        wind_evidence: the estimated wind, perhaps with an earlier drag as its prior, and that of the autopilot.
+        assessment: assessment of the log, which gives the history of the flight and the warnings.
         parameters: parameters of the autopilot's drag model to set, with their intervals.
 
     Returns:
         The page as HTML.
     """
-    wind = shown_wind.estimate
+    wind = wind_evidence.estimate
     assert wind is not None
-    sentences = wind_blocks(shown_wind)
-    # The estimate is the headline, and what limits it follows.
-    heading, *limits = sentences
-    assert isinstance(heading, Sentence)
-    result: Blocks = [
-        headline_sentence(f"{heading.lead} {heading.text}"),
-        *limits,
+    # The first sentence has the estimate, and the others what limits it.
+    estimate_sentence, *limitations = wind_blocks(wind_evidence)
+    assert isinstance(estimate_sentence, Sentence)
+    summary: Blocks = [
+        headline_sentence(f"{estimate_sentence.lead} {estimate_sentence.text}"),
+        *limitations,
         *warnings_of_lights(assessment.judgement, WIND_LIGHTS),
     ]
-    timeline = _wind_timeline(shown_wind, assessment)
+    timeline = _wind_timeline(wind_evidence, assessment)
     has_rose = wind.speed_identifiable and wind.direction_identifiable
     rose = Group.side_by_side([rose_of_wind(wind) if has_rose else None])
     chapter = Chapter(
@@ -60,20 +59,21 @@ def wind_page(
         is_side_by_side=True,
     )
     head = Head(
-        assessment.lights[Light.WIND].level,
-        {},
+        level=assessment.lights[Light.WIND].level,
+        # The page is about the wind alone: the levels of motors, power and the like are not shown.
+        lights={},
         timeline=timeline,
         timeline_title="Wind over time",
         path=flown_path(timeline, wind),
     )
-    return render_document(name, SUBTITLE, result, [chapter], head=head)
+    return render_document(name, SUBTITLE, summary, [chapter], head=head)
 
 
-def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline | None:
+def _wind_timeline(wind_evidence: WindEvidence, assessment: Assessment) -> Timeline | None:
     """Returns the charts of height, wind and speed through the air over time.
 
     Args:
-        shown_wind: the estimated wind, beside that of the autopilot.
+        wind_evidence: the estimated wind, and that of the autopilot.
         assessment: assessment of the log.
 
     Returns:
@@ -83,7 +83,7 @@ def _wind_timeline(shown_wind: WindEvidence, assessment: Assessment) -> Timeline
     if evidence is None or evidence.time_history is None:
         return None
     history = evidence.time_history
-    history = replace(history, wind=wind_history(shown_wind, history.segment))
+    history = replace(history, wind=wind_history(wind_evidence, history.segment))
     timeline = timeline_of_history(history)
     if history.wind is None:
         return None

@@ -209,7 +209,9 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
 
 
 def _learn_window(window: Window, settings: Settings) -> WindowResult:
-    """Learns the smoothness on the training part of a window, and forecasts the test part with it and with s = dt.
+    """Learns the smoothness on the training part of a window, and forecasts the test part with it and with the default.
+
+    The default of the settings, a smoothness of None, is one sampling step.
 
     Args:
         window: a window of a recorded flight.
@@ -226,11 +228,27 @@ def _learn_window(window: Window, settings: Settings) -> WindowResult:
         learned = learn_smoothness(
             partial(fit_all, model, statistics), [width * record.dt for width in CANDIDATE_WIDTHS]
         )
-    errors = []
-    for smoothness in (None, learned.smoothness):
-        method = Method("DEM", partial(learn, settings=replace(settings, smoothness=smoothness)))
-        errors.append(float(forecast_errors([run_trial((method, window))], DATA_START)[0]))
-    return WindowResult(learned.smoothness / record.dt, learned.is_inside, *errors)
+    return WindowResult(
+        learned.smoothness / record.dt,
+        learned.is_inside,
+        default_error=_forecast_error(window, replace(settings, smoothness=None)),
+        learned_error=_forecast_error(window, replace(settings, smoothness=learned.smoothness)),
+    )
+
+
+def _forecast_error(window: Window, settings: Settings) -> float:
+    """Trains DEM on the training part of a window, and returns the error of its forecast of the test part.
+
+    Args:
+        window: a window of a recorded flight.
+        settings: settings of DEM, with the smoothness to use.
+
+    Returns:
+        Mean squared error of the forecast, summed over the outputs; infinite if there is no forecast.
+    """
+    method = Method("DEM", partial(learn, settings=settings))
+    outcome = run_trial((method, window))
+    return float(forecast_errors([outcome], DATA_START)[0])
 
 
 def _comparison(results: Sequence[WindowResult], windows: Sequence[Window]) -> Paired:

@@ -91,24 +91,28 @@ def fit_all(model: GenerativeModel, statistics: SufficientStatistics, s: float) 
 def smoothness_gradient(posterior: Posterior) -> float:
     """Returns ∂F̄/∂ln s at a posterior of states, θ and λ.
 
-    F̄ is linear in S but for ln|S|. So its derivative is F̄'s sum of squared errors, mean-field terms included, with
-    the derivative of S in the place of S.
+    Of the terms of F̄ only ½ N ln|S ⊗ Π| − ½ Σ_g exp(λ_g) c_g(S) depends on the temporal precisions S of the noises, N
+    being the number of samples. The sums c_g of expected squared errors, mean-field terms included, are linear in S. So
+    their derivatives are the same sums with ∂S/∂ln s in the place of S.
 
     Args:
-        posterior: the posterior; at the maximum of F̄ over it, this is the total derivative of the maximum by ln s.
+        posterior: the posterior; if it maximises F̄ for its s, this is also the derivative of the maximum by ln s.
 
     Returns:
         The derivative, nats.
     """
     model = posterior.model
-    # ln|S ⊗ Π| of m noises with p derivatives changes by m p (p + 1) for a change of ln s by 1.
-    log_det_gradient = model.m * model.p * (model.p + 1) + model.n * model.q * (model.q + 1)
+    # ∂ ln|S ⊗ Π| / ∂ ln s of the noise of the m outputs with p derivatives, and of the n states with q derivatives.
+    output_log_det_gradient = model.m * model.p * (model.p + 1)
+    state_log_det_gradient = model.n * model.q * (model.q + 1)
+    log_det_gradient = output_log_det_gradient + state_log_det_gradient
     derivative_model = _derivative_by_log_smoothness(model)
     moments = GeneralizedMoments(derivative_model, posterior.samples, posterior.moments.joint_map)
-    squares = FreeEnergyOfLambda.from_posterior(posterior._replace(moments=moments)).c
+    error_gradients = FreeEnergyOfLambda.from_posterior(posterior._replace(moments=moments)).c
+    noise_precisions = np.exp(posterior.lambda_)
     return float(
         0.5 * posterior.samples.sample_count * log_det_gradient
-        - 0.5 * squares @ np.exp(posterior.lambda_)
+        - 0.5 * error_gradients @ noise_precisions
     )
 
 
