@@ -149,7 +149,7 @@ def _estimate_parameters(
     fit = selected_model.fit
     if len(windows.rate) > MAX_SELECTION_WINDOWS:
         fit = fit_gray_box(fit.model, windows, fit.theta)
-    plant = _physical(fit, selected_model.spectrum_range, windows)
+    plant = _physical_parameters(fit, selected_model.spectrum_range, windows)
     if prior is None:
         return plant
     return combined_with_earlier_flight(plant, prior)
@@ -237,7 +237,9 @@ def _log_estimates(values: Array) -> Array:
     return np.log([abs(values[EFFECTS]).mean(), values[DAMPING], values[LAG]])
 
 
-def _physical(fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows) -> Physical:
+def _physical_parameters(
+    fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows
+) -> Physical:
     """Returns the physical parameters of a fit, in units of the flight, with their uncertainty and identifiability.
 
     Args:

@@ -103,15 +103,11 @@ def detect_gusts(
     if sd == 0.0 or error_variance > MAX_ERROR_SHARE * np.var(torque[is_wind]):
         return GustDetection((), threshold, 0.0)
 
-    # Rice's rate of crossings of a level of c standard deviations, upwards at +c and downwards at −c, is
-    # 2 · (slope_sd / sd) / 2π · exp(−c²/2) per second.
-    slopes = np.diff(deviation)[is_wind[1:]]
-    slope_sd = float(np.median(abs(slopes))) / coverage_factor(0.5) / record.dt
-    exceedance = float(np.exp(-(GUST_THRESHOLD**2) / 2))
-    false_per_minute = 2 * 60 * slope_sd / sd / (2 * np.pi) * exceedance
+    slopes = np.diff(deviation)[is_wind[1:]] / record.dt
+    false_per_minute = _false_gusts_per_minute(slopes, sd)
 
     # Excursions are samples in a row beyond the end threshold on one side. They also end at a gap between segments.
-    signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * GUST_THRESHOLD * sd)
+    signs = np.sign(deviation) * (abs(deviation) > END_THRESHOLD_SHARE * threshold)
     sign_changes = 1 + np.flatnonzero(np.diff(signs))
     edges = sorted({0, len(deviation), *sign_changes.tolist(), *record.segment_starts.tolist()})
     gusts = []
@@ -125,6 +121,25 @@ def detect_gusts(
             continue
         gusts.append(DetectedGust(start, start * record.dt, duration, deviation[peak]))
     return GustDetection(tuple(gusts), threshold, false_per_minute)
+
+
+def _false_gusts_per_minute(slopes: Array, sd: float) -> float:
+    """Returns how often Gaussian turbulence crosses the threshold of gusts, upwards above or downwards below the level.
+
+    By Rice's formula the rate of crossings of either threshold, ±c standard deviations, is
+    2 · (slope_sd / sd) / 2π · exp(−c²/2) per second.
+
+    Args:
+        slopes: derivative of the torque (n,), rad/s³.
+        sd: standard deviation of the torque, rad/s².
+
+    Returns:
+        Number of crossings a minute.
+    """
+    # The median size of a normal variable is a known part of its standard deviation.
+    slope_sd = float(np.median(abs(slopes))) / coverage_factor(0.5)
+    crossings_per_second = 2 * slope_sd / sd / (2 * np.pi) * float(np.exp(-(GUST_THRESHOLD**2) / 2))
+    return 60 * crossings_per_second
 
 
 def _running_level(torque: Array, record: Record, width: int) -> Array:

@@ -200,14 +200,14 @@ class IdentifiabilityFigures(NamedTuple):
         return self.lag < self.dt <= 1 / MIN_RESOLVED_RATE
 
 
-class _Obstacle(NamedTuple):
-    """Something that may stand in the way of identifying a parameter."""
+class _Check(NamedTuple):
+    """Result of one check whether a parameter is identified."""
 
     status: Status
-    """Status that it leaves the parameter; it may be REPORTED."""
+    """Status that the parameter has by this check alone; REPORTED if it passes."""
 
     doubt: Fact
-    """The reason, where the status is not REPORTED."""
+    """The reason, if the check fails."""
 
 
 class Identifiability(NamedTuple):
@@ -225,7 +225,7 @@ def identifiability(
 ) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
-    A parameter may have several obstacles, such as too much wind; the worst of them decides. Damping and lag are
+    A parameter may fail several checks, such as that of the wind; the worst of them decides. Damping and lag are
     identified no better than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
@@ -237,46 +237,46 @@ def identifiability(
     statuses = dict[str, Status]()
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:
-        obstacles = [
-            obstacle for obstacle in _obstacles(name, figures) if obstacle.status != Status.REPORTED
+        failed_checks = [
+            check for check in _checks(name, figures) if check.status != Status.REPORTED
         ]
         # The effect comes first in PARAMETERS, so its status is known when damping and lag are judged.
         effect_status = statuses.get("effect", Status.REPORTED)
-        obstacle_statuses = [obstacle.status for obstacle in obstacles]
-        if effect_status != Status.REPORTED and effect_status not in obstacle_statuses:
+        failed_statuses = [check.status for check in failed_checks]
+        if effect_status != Status.REPORTED and effect_status not in failed_statuses:
             doubt = Fact(ParameterDoubt.FOLLOWS_FROM_EFFECT, status=effect_status)
-            obstacles.append(_Obstacle(effect_status, doubt))
-        statuses[name], reasons[name] = _worst(obstacles)
+            failed_checks.append(_Check(effect_status, doubt))
+        statuses[name], reasons[name] = _worst(failed_checks)
     return Identifiability(statuses, reasons)
 
 
-def _worst(obstacles: list[_Obstacle]) -> tuple[Status, Fact | None]:
-    """Returns the status that the worst of several obstacles leaves a parameter, and the reason for it.
+def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
+    """Returns the status of a parameter by the worst of the checks that it failed, and the reason for it.
 
-    An obstacle that makes a parameter not identifiable outweighs all that only bias it. The reason then states only
-    those of the first kind.
+    A check by which a parameter is not identifiable outweighs all by which it is only biased. The reason then states
+    only those of the first kind.
 
     Args:
-        obstacles: obstacles of one parameter, each BIASED or NOT_IDENTIFIABLE; empty if nothing is in the way.
+        failed_checks: failed checks of one parameter, each BIASED or NOT_IDENTIFIABLE; empty if it passed all.
 
     Returns:
-        The status; and the fact that states the reason, one for several obstacles, or ``None`` where the parameter is
+        The status; and the fact that states the reason, one for several checks, or None where the parameter is
         reported.
     """
-    if not obstacles:
+    if not failed_checks:
         return Status.REPORTED, None
     status = Status.BIASED
     level = Level.WATCH
-    if any(obstacle.status == Status.NOT_IDENTIFIABLE for obstacle in obstacles):
+    if any(check.status == Status.NOT_IDENTIFIABLE for check in failed_checks):
         status = Status.NOT_IDENTIFIABLE
         level = Level.UNKNOWN
-    doubts = [obstacle.doubt for obstacle in obstacles if obstacle.status == status]
+    doubts = [check.doubt for check in failed_checks if check.status == status]
     if len(doubts) == 1:
         return status, doubts[0].replace(level)
     return status, Fact(ParameterDoubt.SEVERAL_DOUBTS, level, because=doubts)
 
 
-def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle]:
+def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
     """Compares the figures of a fit with their limits, and yields the result of each check for one parameter.
 
     Args:
@@ -284,7 +284,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
         figures: figures of the fit.
 
     Yields:
-        Each check with the status that it leaves the parameter; the status is REPORTED where the check is passed.
+        Each check, with the status REPORTED if it is passed. Some are only made where they could fail.
     """
     rate = 1 / figures.dt
 
@@ -297,38 +297,38 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[_Obstacle
         share_limit=WIND_SHARE.reported,
         bias=OmissionErrors.wind_bias if has_known_bias else None,
     )
-    yield _Obstacle(wind_status, wind_doubt)
+    yield _Check(wind_status, wind_doubt)
 
     # Commands that change faster than the samples are partly unseen, and so is the motion that they cause.
     if figures.alias_share > MAX_ALIAS_SHARE:
         too_fast_commands = Fact(
             ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate
         )
-        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_fast_commands)
+        yield _Check(Status.NOT_IDENTIFIABLE, too_fast_commands)
 
     # Random error of the estimate.
     relative_sd = figures.sd[name]
     uncertain_estimate = Fact(ParameterDoubt.ESTIMATE_UNCERTAIN, share=relative_sd)
-    yield _Obstacle(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
+    yield _Check(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
 
     spectrum_range = figures.spectrum_range[name]
     # The spectrum of the wind is assumed. An estimate that depends on the assumption is in doubt. The fact states the
     # range of the logarithm as a relative change; beyond a factor of e it gives no figure.
     relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
     depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
-    yield _Obstacle(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
+    yield _Check(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
 
     # If motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
     if name == "effect" and figures.lag_unresolved:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
-        yield _Obstacle(Status.BIASED, filter_as_lag)
+        yield _Check(Status.BIASED, filter_as_lag)
 
     # A lag shorter than RESOLVED_LAG time steps cannot be distinguished from a delay.
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
         too_short_lag = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
-        yield _Obstacle(Status.NOT_IDENTIFIABLE, too_short_lag)
+        yield _Check(Status.NOT_IDENTIFIABLE, too_short_lag)
 
     # Slow samples do not separate a short motor lag from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE
     if name != "effect" and is_slow and figures.lag < SEPARABLE_LAG * figures.dt:
-        yield _Obstacle(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))
+        yield _Check(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))

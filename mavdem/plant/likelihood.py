@@ -225,8 +225,10 @@ class GrayBoxModel(NamedTuple):
             Transforms (b, W, F), rad/s.
         """
         inputs = self._input_channels(windows)
+        # Windows and frequencies are flattened, so that the effects (b, r) multiply inputs (channels, r, W F).
         torques = self.effect(thetas).astype(complex) @ inputs.reshape(*inputs.shape[:2], -1)
         torques = torques.reshape(len(inputs), len(thetas), *windows.rate.shape)
+        # Letters of einsum: channel c, parameter vector b, window w, frequency f. The channels' rates add up.
         return np.einsum("cbwf,cbf->bwf", torques, self._channel_responses(thetas, windows))
 
     def _input_channels(self, windows: FlightWindows) -> ComplexArray:
@@ -347,41 +349,71 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Prediction errors (k + 1, W, N′), rad/s, at θ first, without their mean in each window.
         """
+        # Row i + 1 of the points has entry i of θ changed.
         points = np.vstack([theta, theta + np.diag(steps)])
-        # Row i + 1 of the points has entry i of θ changed. First come the common effect and those of the motors, which
-        # need no new responses: these rows are taken with the point itself. Then come damping, lag and delay, sizes and
-        # times of the wind torque, the noise, and last the refinements.
-        effect_count = 1 + self.motors
-        effect_rows = slice(0, 1 + effect_count)
+        residual = windows.rate - self._rate_by_motors_after_steps(points, windows)
+        factor = self._noise_factors_after_steps(points, windows)
+        return _prediction_errors(residual, factor, windows)
+
+    def _rate_by_motors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
+        """Returns the Fourier transform of the rate that the motors cause, at θ and with each of its entries changed.
+
+        Entries of the effect need no new frequency responses, and those of wind torque and noise change nothing. Only
+        damping, lag, delay and the refinements have responses of their own.
+
+        Args:
+            points: θ, and θ with each of its entries changed (k + 1, k).
+            windows: W windows with F frequencies.
+
+        Returns:
+            Transforms (k + 1, W, F), rad/s, as :meth:`rate_by_motors` returns them for the points.
+        """
+        # θ begins with the common effect and the deviations of the motors from it: these rows are taken with row 0.
+        effect_rows = slice(0, self.damping_index + 1)
         plant_rows = [
             self.damping_index + 1,
             self.lag_index + 1,
             self.delay_index + 1,
             *range(self.noise_index + 2, len(points)),
         ]
+        inputs = self._input_channels(windows)
+        responses = self._channel_responses(points[[0, *plant_rows]], windows)
+        response_at_theta = responses[:, 0]
+        responses_after_steps = responses[:, 1:]
+
+        # Letters of einsum: channel c, input r, parameter vector b, window w, frequency f.
+        rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
+        rate_per_effect = np.einsum("crwf,cf->rwf", inputs, response_at_theta)
+        effects = self.effect(points[effect_rows]).astype(complex)
+        rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
+        # All other rows begin as the one at θ, and those with another plant are replaced.
+        rate_by_motors[effect_rows.stop :] = rate_by_motors[0]
+        torques = np.einsum("crwf,r->cwf", inputs, effects[0])
+        rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses_after_steps)
+        return rate_by_motors
+
+    def _noise_factors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
+        """Returns the minimum-phase factor of the noise's density, at θ and with each of its entries changed.
+
+        The damping and the entries of wind torque and noise change it; for all others it is that at θ.
+
+        Args:
+            points: θ, and θ with each of its entries changed (k + 1, k).
+            windows: windows with F frequencies.
+
+        Returns:
+            Factors (k + 1, F).
+        """
         noise_rows = [
             0,
             self.damping_index + 1,
             *range(self.wind_index + 1, self.noise_index + 2),
         ]
-        inputs = self._input_channels(windows)
-        responses = self._channel_responses(points[[0, *plant_rows]], windows)
-
-        # Changed effects have the responses of the point. All other rows begin as the point; those of the plant follow.
-        rate_by_motors = np.empty((len(points), *windows.rate.shape), complex)
-        rate_per_effect = np.einsum("crwf,cf->rwf", inputs, responses[:, 0])
-        effects = self.effect(points[effect_rows]).astype(complex)
-        rate_by_motors[effect_rows] = np.tensordot(effects, rate_per_effect, axes=1)
-        rate_by_motors[effect_rows.stop :] = rate_by_motors[0]
-        torques = np.einsum("crwf,r->cwf", inputs, effects[0])
-        rate_by_motors[plant_rows] = np.einsum("cwf,cbf->bwf", torques, responses[:, 1:])
-
-        # The noise of all rows is that of the point, but for those that change it.
         noise_densities = self.noise_density(points[noise_rows], windows)
         noise_factors, _ = minimum_phase(noise_densities, windows.samples)
-        factor = np.repeat(noise_factors[:1], len(points), axis=0)
-        factor[noise_rows] = noise_factors
-        return _prediction_errors(windows.rate - rate_by_motors, factor, windows)
+        factors = np.repeat(noise_factors[:1], len(points), axis=0)
+        factors[noise_rows] = noise_factors
+        return factors
 
 
 def _prediction_errors(

@@ -129,22 +129,40 @@ class WindTorqueSmoother(NamedTuple):
         smoother_variance = self.rate_filter.smoothed_variance(len(rate), self.plant.wind_output)
         variance = error_ratio * (smoother_variance + omission_variance)
 
-        # The commands after the first-order lag of the motors. State 1 is the torque of the motors per inertia, which
-        # approaches the commanded one at the rate ``torque_change``, rad/s³.
-        decay = np.exp(-self.dt / parameters.lag)
-        lagged_columns = []
-        for command in deviation.T:
-            lagged_columns.append(scalar_recursion(decay, (1 - decay) * command, start=0.0))
-        lagged_inputs = np.column_stack(lagged_columns)
-        torque_change = (commanded_torque - smoothed_torque.states[:, 1]) / parameters.lag
-        # Columns by effects, damping, lag and delay. A longer lag and a longer delay act alike.
-        gradient = np.column_stack(
-            [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
-        )
+        # State 1 is the torque of the motors.
+        gradient = self._gradient(deviation, rate, commanded_torque, smoothed_torque.states[:, 1])
         variance += ((gradient @ parameters.covariance) * gradient).sum(axis=1)
         # The smoother estimates the wind torque about its mean, since the mean is part of the commanded torque.
         mean = self.constant + parameters.effect @ self.trim_torque_gradient
         return np.column_stack([smoothed_torque.mean + mean, half_width(variance)])
+
+    def _gradient(
+        self, deviation: Array, rate: Array, commanded_torque: Array, motor_torque: Array
+    ) -> Array:
+        """Returns the derivatives of the estimated wind torque by the physical parameters, approximately.
+
+        Args:
+            deviation: inputs less their trim (T, r).
+            rate: body rate (T,), rad/s.
+            commanded_torque: commanded torque per inertia (T,), rad/s².
+            motor_torque: torque of the motors per inertia (T,), rad/s².
+
+        Returns:
+            Derivatives (T, r + 3) by effects, damping, lag and delay.
+        """
+        lag = self.physical.lag
+        # The commands after the first-order lag of the motors.
+        decay = np.exp(-self.dt / lag)
+        lagged_columns = []
+        for command in deviation.T:
+            lagged_columns.append(scalar_recursion(decay, (1 - decay) * command, start=0.0))
+        lagged_inputs = np.column_stack(lagged_columns)
+        # The torque of the motors approaches the commanded one at this rate, rad/s³. A longer lag and a longer delay
+        # act alike.
+        torque_change = (commanded_torque - motor_torque) / lag
+        return np.column_stack(
+            [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
+        )
 
 
 def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:

@@ -58,6 +58,7 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
     )
     mean = mean_at(theta)
     # To first order, parameters with covariance P cause the variance g P gᵀ, with the gradient g of each sample.
+    # Letters of einsum: parameters i and j, sample h, output t.
     gradient = parameter_gradient(mean_at, theta, mean)
     variance = np.einsum("iht,ij,jht->ht", gradient, physical.covariance[:-1, :-1], gradient)
     variance += _wind_variance(physical, record.dt, len(commanded_inputs))

@@ -148,6 +148,9 @@ def estimate_wind_torque(
         has_weak_motor: whether a motor had lost thrust at each sample (T,); such samples have no wind torque, and no
             gusts begin there. None if no motor had.
 
+    Returns:
+        The wind torque per moment of inertia, with the reason against it where it is not resolved.
+
     Raises:
         numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
     """
@@ -155,11 +158,13 @@ def estimate_wind_torque(
     theta = parameter_vector(physical)
 
     def torque_at(theta: Array) -> Array:
+        """Returns the smoothed torque (T,) for effects, damping, lag and delay (r + 3,)."""
         return _smoothed_torque(theta, physical, record, column)
 
     with one_thread():
         torque = torque_at(theta)
         smoother_variance = _smoother_variance(physical, record)
+        # Derivatives (r + 3, T) of the torque by the parameters.
         gradient = parameter_gradient(torque_at, theta, torque)
 
     is_wind = np.ones(len(torque), bool) if has_weak_motor is None else ~has_weak_motor
@@ -290,6 +295,7 @@ def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
     Returns:
         Variances (T,).
     """
+    # Letters of einsum: parameters i and j, sample t.
     return np.einsum("it,ij,jt->t", gradient, covariance, gradient)
 
 

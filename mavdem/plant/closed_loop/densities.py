@@ -184,7 +184,8 @@ class DensityModel:
             rounding: resolution of the logged output, as a demand.
         """
         size = np.abs(self._frequency)
-        densities = np.einsum("jaa->ja", spectra.mean_density).real
+        # Power densities (J, C), the diagonals of the cross-spectral densities.
+        densities = spectra.mean_density.diagonal(axis1=1, axis2=2).real
         output = np.interp(size, spectra.frequency, densities[:, Quantity.OUTPUT])
         self._output_density = output * self._in_range
 
@@ -516,6 +517,7 @@ class DensityModel:
         unit_slope = np.ones_like(delay_slope)
 
         conjugate = loop.from_source.conj()
+        # Letters of einsum: source s, quantity c, frequency j and alias f. Sums over s are over all sources.
         rate_spectra = source_densities * loop.rate_from_source
         all_sources = loop.sensitivity * np.einsum("sjf,scjf->cjf", rate_spectra, conjugate)
         wind = rate_spectra[Source.WIND] * conjugate[Source.WIND]

@@ -167,6 +167,8 @@ def steady_likelihood(
     Raises:
         numpy.linalg.LinAlgError: a model has no steady filter.
     """
+    # The letters are those of the module's equations: gain K, state covariance P, innovation covariance F, and the
+    # transition L of the filter's errors, each for B models.
     T = len(samples)
     B = len(loop.transition)
     C = loop.output
@@ -201,7 +203,7 @@ def steady_likelihood(
     prior_covariance[:, :STATES, :STATES] = loop.stationary_covariance - P
     prior_covariance[:, STATES:, STATES:] = trim_covariance
     posterior_factor = np.eye(STATES + CHANNELS) + prior_covariance @ information
-    prior_projection = np.einsum("bij,bj->bi", prior_covariance, projection)
+    prior_projection = (prior_covariance @ projection[..., None])[..., 0]
     estimate = np.linalg.solve(posterior_factor, prior_projection[..., None])[..., 0]
 
     log_likelihood = 0.5 * (

@@ -119,6 +119,7 @@ class AxisPosterior:
         # they are multiplied by the root of the count n_j, and flattened to one row for each entry of θ. Then the
         # information is a product of two matrices.
         root_counts = np.sqrt(self._counts)
+        # The factors of band j multiply rows (a to b) and columns (d to c) of a derivative: one matrix (b c, a d).
         whitening = np.einsum(
             "j,jab,jdc->jbcad",
             root_counts,
@@ -176,6 +177,6 @@ class AxisPosterior:
             return WhitenedSpectra(-np.inf, undefined_density, undefined_density)
         whitener = np.linalg.inv(factor).astype(complex)
         spectra = whitener @ self._estimate @ whitener.mT.conj()
-        log_diagonal = np.log(np.einsum("jaa->ja", factor).real)
-        deviance = 2 * log_diagonal + np.einsum("jaa->ja", spectra).real
+        log_diagonal = np.log(factor.diagonal(axis1=1, axis2=2).real)
+        deviance = 2 * log_diagonal + spectra.diagonal(axis1=1, axis2=2).real
         return WhitenedSpectra(-float(self._counts @ deviance.sum(axis=1)), whitener, spectra)
