@@ -168,7 +168,7 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
 def _is_close(first: Fact, second: Fact) -> bool:
     """Returns whether two facts of one boot are not farther apart than ``REPEAT_SECONDS``."""
     is_same_boot = first.figures["boot"] == second.figures["boot"]
-    distance = abs((first.time or 0.0) - (second.time or 0.0))
+    distance = abs(first.start_time - second.start_time)
     return is_same_boot and distance <= REPEAT_SECONDS
 
 
@@ -384,7 +384,7 @@ def _is_repetition(earlier: Fact, later: Fact) -> bool:
         later: the one that may repeat it.
     """
     subjects_agree = earlier.subject == later.subject or not earlier.subject or not later.subject
-    return subjects_agree and (later.time or 0.0) - _last_time(earlier) <= REPEAT_SECONDS
+    return subjects_agree and later.start_time - _last_time(earlier) <= REPEAT_SECONDS
 
 
 def _merged_pair(first: Fact, repetition: Fact) -> Fact:

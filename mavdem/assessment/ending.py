@@ -100,7 +100,7 @@ def _throttle_closed(loss: Fact) -> Fact | None:
     """
     latest = (loss_onset(loss) or 0.0) + FIRST_RESPONSE_SECONDS
     for witness in loss.figures["witnesses"]:
-        if witness.code is WitnessFact.THROTTLE_CLOSED and (witness.time or 0.0) <= latest:
+        if witness.code is WitnessFact.THROTTLE_CLOSED and witness.start_time <= latest:
             return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=witness.time)
     return None
 
@@ -144,7 +144,7 @@ def _interval_of_crash(report: Fact) -> TimeInterval:
 
     ArduPilot's crash check reports a crash up to ``REPORT_DELAY`` after it. One second more is allowed at the end.
     """
-    time = report.time or 0.0
+    time = report.start_time
     return time - REPORT_DELAY, time + 1.0
 
 
@@ -183,7 +183,7 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     interval = _interval_of_crash(report)
     earliest, latest = interval
     for loss in losses:
-        if loss.figures["boot"] == boot and earliest <= (loss.time or 0.0) <= latest:
+        if loss.figures["boot"] == boot and earliest <= loss.start_time <= latest:
             # The report itself may be among them, and is counted already.
             witnesses = loss.figures.get("witnesses", ())
             return tuple(

@@ -259,7 +259,7 @@ class Evidence:
         for event in self.events:
             if event.code not in codes or not event.warns:
                 continue
-            if in_intervals(event.time or 0.0, self.flights(event.figures["boot"])):
+            if in_intervals(event.start_time, self.flights(event.figures["boot"])):
                 yield event
 
     def _intervals_before_loss(self, boot: int) -> Intervals:

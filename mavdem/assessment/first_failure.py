@@ -5,7 +5,6 @@ What the commands of the motors show stands in ``failure_by_commands.py``, why a
 """
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
@@ -139,7 +138,7 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
     # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
     motors_at_limit: list[Fact] = []
     for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, impact):
-        if (event.time or 0.0) < latest_start:
+        if event.start_time < latest_start:
             motors_at_limit.append(event)
     # The averages that show a fall end it up to a second before the impact, and begin it as late.
     falls = _events_at(events, MotionEvent.FELL, boot, latest_start, 2 * MAX_SETPOINT_DELAY)
@@ -196,10 +195,10 @@ def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) 
     Returns:
         The fact; None if the log does not show it.
     """
-    start = max(diverged.until or inf, onset - STOP_REASON_SECONDS)
+    start = max(diverged.end_time, onset - STOP_REASON_SECONDS)
     closed = BootSensors(signals, boot).throttle_closed((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
-    if closed is None or not in_intervals(closed.time or 0.0, manual):
+    if closed is None or not in_intervals(closed.start_time, manual):
         return None
     return Fact(FailedFirst.THROTTLE_CLOSED_FIRST, time=closed.time)
 
@@ -219,7 +218,7 @@ def _diverged_height(events: Sequence[Fact], boot: int, onset: float) -> Fact | 
     for event in events:
         is_of_boot = event.figures.get("boot") == boot
         if event.code is MotionEvent.HEIGHT_DIVERGED and is_of_boot and event.is_bad:
-            start, end = event.time or 0.0, event.until or inf
+            start, end = event.start_time, event.end_time
             if start <= onset <= end + DIVERGENCE_SECONDS:
                 diverged = event
     return diverged
@@ -246,8 +245,8 @@ def _events_at(
         for event in events
         if event.code is code
         and event.figures["boot"] == boot
-        and (event.time or 0.0) <= time + delay
-        and (event.until or inf) >= time
+        and event.start_time <= time + delay
+        and event.end_time >= time
     ]
 
 

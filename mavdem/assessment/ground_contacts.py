@@ -233,7 +233,7 @@ class _Contact:
 
     def _ends_soon(self, record_end: float) -> bool:
         """Returns whether the record ends within ``RECOVERY_SECONDS`` of the loss, or of the end of the flight."""
-        end_of_control = self._flight_end() if self.loss is None else self.loss.time or 0.0
+        end_of_control = self._flight_end() if self.loss is None else self.loss.start_time
         return record_end - end_of_control < RECOVERY_SECONDS
 
     def _witnesses(self, time: float, rest: Rest | None) -> Facts:
@@ -272,7 +272,7 @@ class _Contact:
     def _is_crash_report(self, report: Fact, start: float, end: float) -> bool:
         """Returns whether the autopilot reported a crash of this boot between two times, s since boot."""
         is_of_boot = report.figures["boot"] == self.sensors.boot
-        is_in_time = start <= (report.time or 0.0) <= end
+        is_in_time = start <= report.start_time <= end
         return report.code in REPORTS_OF_CRASH and is_of_boot and is_in_time
 
     def _descent_statements(self, time: float) -> Facts:
@@ -467,7 +467,7 @@ class _Contact:
         """
         # A landing is slower and lower than this.
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
-        if throttle_closing is not None and (throttle_closing.time or 0.0) <= time + STICK_DELAY:
+        if throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY:
             max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED
         time_before = time - MAX_SETPOINT_DELAY
         height = self.sensors.height_at(time_before)

@@ -226,7 +226,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
     urgent = _urgent_warnings(evidence)
-    # A log that ends in the air only may have ended in a loss, so that what is certainly wrong comes first.
+    # Whether a log that ends in the air ended in a loss is not known, so what is certainly wrong comes first.
     open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
     urgent = [fact for fact in urgent if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]
@@ -235,12 +235,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     if urgent and reasons:
         urgent = reasons
     if bad_events:
-        worst = _largest_of_first_kind(bad_events)
-        spent = [fact for fact in bad_events if fact.code is ReportedEvent.BATTERY_SPENT]
-        # A battery that was critical first was in an emergency later, which is worse.
-        if worst.code is ReportedEvent.BATTERY_ALARMED and spent:
-            worst = spent[0]
-        return worst
+        return _worst_event(bad_events)
     if urgent:
         return urgent[0]
     if bad_lights:
@@ -249,8 +244,24 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return open_ends[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
-    # Nothing is bad: the first of what is to be watched counts. Attitudes far from their setpoint come first, and
-    # warnings of the autopilot last, but for those that its own state contradicts.
+    watched = _first_to_watch(evidence, vehicle_lights)
+    return _nothing_wrong(lights) if watched is None else watched
+
+
+def _first_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Fact | None:
+    """Returns the most important fact that is to be watched, for a vehicle of which nothing is bad.
+
+    Attitudes far from their setpoint come first, then the lights, and last the warnings of the autopilot, except those
+    that its own state contradicts.
+
+    Args:
+        evidence: events of the vehicle.
+        vehicle_lights: lights of the vehicle, the most important first.
+
+    Returns:
+        The fact; None if nothing is to be watched.
+    """
+    # Only events of the attitude have the figure "angle", its distance from the setpoint.
     far_attitudes = [
         event for event in evidence.events if event.figures.get("angle", 0.0) > FAR_ANGLE
     ]
@@ -262,7 +273,24 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     for fact in (*far_attitudes, *vehicle_lights, *warnings):
         if fact.level is Level.WATCH:
             return fact
-    return _nothing_wrong(lights)
+    return None
+
+
+def _worst_event(bad_events: Sequence[Fact]) -> Fact:
+    """Returns the bad event that the headline names.
+
+    Args:
+        bad_events: at least one, the most important kind first.
+
+    Returns:
+        The largest of the first kind. Of a battery that was critical and later in an emergency, the emergency.
+    """
+    worst = _largest_of_first_kind(bad_events)
+    if worst.code is ReportedEvent.BATTERY_ALARMED:
+        for event in bad_events:
+            if event.code is ReportedEvent.BATTERY_SPENT:
+                return event
+    return worst
 
 
 def _reason_on_ground(evidence: Evidence) -> Fact:

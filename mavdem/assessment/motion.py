@@ -113,7 +113,7 @@ def _overlap(event: Fact, other: Fact) -> bool:
     """Returns whether two events of one boot share a time; one without an end lasts to the end of the record."""
     if event.figures["boot"] != other.figures["boot"]:
         return False
-    start = max(event.time or 0.0, other.time or 0.0)
+    start = max(event.start_time, other.start_time)
     return start <= min(
         inf if event.until is None else event.until,
         inf if other.until is None else other.until,
@@ -181,7 +181,7 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
         out_of_control += _intervals_out_of_control(flight_events, flight)
         events_of_last_flight = flight_events
     for event in motor_events(signals, boot, flights):
-        is_explained = in_intervals(event.time or 0.0, out_of_control)
+        is_explained = in_intervals(event.start_time, out_of_control)
         if event.code is MotionEvent.MOTOR_OFF:
             yield from with_motor_witnesses(signals, [event], reports)
         elif not is_explained:
@@ -207,7 +207,7 @@ def _intervals_out_of_control(
     intervals = []
     _, flight_end = flight_interval
     for event in flight_events:
-        start = event.time or 0.0
+        start = event.start_time
         if event.code is MotionEvent.HEIGHT_DIVERGED:
             intervals.append((start, flight_end))
         elif event.is_bad:
@@ -240,7 +240,7 @@ def _events_of_flight(
     yield from losses
     contact = ground_contact(sensors, error, flight_interval, loss, reports)
     if contact is not None and loss is not None:
-        is_ground_first = (loss_onset(contact) or 0.0) <= (loss.time or 0.0)
+        is_ground_first = (loss_onset(contact) or 0.0) <= loss.start_time
         if is_ground_first or loss.code in CONTACTS:
             # The contact tells the same event, and more exactly.
             loss = None
@@ -288,7 +288,7 @@ def _standing_motors(
     if loss is not None and loss.time is not None:
         latest = min(latest, loss.time + MAX_SETPOINT_DELAY)
     for event in standing_motors(sensors, error, flight_interval, reports):
-        if (event.time or 0.0) < latest:
+        if event.start_time < latest:
             yield event
 
 

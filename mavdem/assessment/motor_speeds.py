@@ -373,7 +373,7 @@ def reports_on_motor(
     statements = []
     for report in reports:
         is_of_motor = report.subject == name_without_place
-        is_in_time = earliest <= (report.time or 0.0) <= latest
+        is_in_time = earliest <= report.start_time <= latest
         is_near = report.figures["boot"] == boot and is_in_time
         if report.code in REPORTS_OF_MOTOR and is_of_motor and is_near:
             statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))

@@ -119,7 +119,7 @@ def _autopilot_reactions(
     statements = []
     for report in reports:
         is_of_boot = report.figures["boot"] == sensors.boot
-        if is_of_boot and _is_reaction(report) and start <= (report.time or 0.0) <= end:
+        if is_of_boot and _is_reaction(report) and start <= report.start_time <= end:
             statements.append(supporting_statement(WitnessFact.AUTOPILOT_REPORTED, cause=report))
     for time, name in sensors.signals.mode_changes(sensors.boot):
         if start <= time <= end and name in MODES_WITHOUT_POSITION:

@@ -129,7 +129,7 @@ def reported_events(signals: Signals) -> Facts:
         ]
         faults = merge_repeats(_faults_of_boot(signals, span, possible_problems, fault_states))
         for fact in in_time_order([*state_changes, *faults]):
-            time = fact.time or 0.0
+            time = fact.start_time
             trigger = _trigger_of(fact, faults)
             if trigger is not None:
                 fact = fact.replace(cause=trigger)
@@ -213,7 +213,7 @@ def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
         return None
     trigger = None
     for fault in faults:
-        delay = failsafe.time - (fault.time or 0.0)
+        delay = failsafe.time - fault.start_time
         if fault.code in FAILSAFE_TRIGGERS and 0 <= delay <= TRIGGER_SECONDS:
             trigger = fault
     return trigger
@@ -253,7 +253,7 @@ def _without_contradicted_claim(
     if "text" not in problem.figures or not isinstance(problem.code, ReportedEvent):
         return problem
     confirming_codes = CONFIRMING_STATES.get(problem.code, ())
-    time = problem.time or 0.0
+    time = problem.start_time
     nearby = [(time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)]
     are_recorded_after = []
     for fault in faults:

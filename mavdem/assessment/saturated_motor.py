@@ -81,7 +81,7 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     standstills: dict[int, float] = {}
     for event in events:
         if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
-            standstills.setdefault(event.figures["boot"], event.time or 0.0)
+            standstills.setdefault(event.figures["boot"], event.start_time)
     losses = []
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
@@ -153,13 +153,13 @@ def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> F
         and event.figures["boot"] == ending.figures["boot"]
         and event.time is not None
         and event.time <= cause.time - MIN_LIMIT_SECONDS
-        and (event.until or inf) >= cause.time
+        and event.end_time >= cause.time
     ]
     if not limits:
         return ending
     cause = cause.replace(
         limited_names=tuple(event.subject for event in limits),
-        limited_since=min(event.time or 0.0 for event in limits),
+        limited_since=min(event.start_time for event in limits),
     )
     return ending.replace(cause=cause)
 

@@ -1,7 +1,6 @@
 """Why all motors of a vehicle went to idle in the air: a reported failsafe or switch, or the pilot's throttle."""
 
 from collections.abc import Sequence
-from math import inf
 
 import numpy as np
 
@@ -54,7 +53,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
     Returns:
         The reason, or the fact itself if the log shows none.
     """
-    stop_time = cause.time or 0.0
+    stop_time = cause.start_time
     earliest = stop_time - STOP_REASON_SECONDS
     latest = stop_time + STOP_REASON_SECONDS
     first_battery_warning = None
@@ -88,8 +87,8 @@ def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.
     """
     earliest, latest = interval
-    start = event.time or 0.0
-    end = (event.until or inf) if event.code is ReportedEvent.RADIO_LOST else start
+    start = event.start_time
+    end = event.end_time if event.code is ReportedEvent.RADIO_LOST else start
     return start <= latest and end >= earliest
 
 

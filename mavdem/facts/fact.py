@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from importlib.resources import files
+from math import inf
 from pathlib import PurePath
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -122,6 +123,16 @@ class Fact:
         return Fact(
             code, time=self.time, until=self.until, subject=self.subject, **dict(self._figures)
         )
+
+    @property
+    def start_time(self) -> float:
+        """Time at which it began, s on the boot clock; 0 for a fact of no time. Events always have one."""
+        return 0.0 if self.time is None else self.time
+
+    @property
+    def end_time(self) -> float:
+        """Time at which it ended, s on the boot clock; infinite where it is still so."""
+        return inf if self.until is None else self.until
 
     @property
     def is_good(self) -> bool:

@@ -314,7 +314,7 @@ class Watchdog:
         reports = []
         for fact in facts:
             is_known = _identity(fact) in former_identities
-            is_late = (fact.time or 0.0) <= self._report_time - LATE_REPORT_SECONDS
+            is_late = fact.start_time <= self._report_time - LATE_REPORT_SECONDS
             # These facts mean something in a log only: a stream begins anywhere, and ``BootClock`` reports restarts.
             is_for_logs_only = fact.code is ReportedEvent.RESTARTED or fact.figures.get("is_begun")
             if not is_known and not is_late and not is_for_logs_only:

@@ -4,7 +4,7 @@ The overshoot is that of the measured step response. Where the flight shows none
 setpoint at some frequency is called what it is, and not an overshoot.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -185,23 +185,14 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     else:
         movement = _yaw_movement(setpoint, angle_segments)
         least_limits = YAW_ERROR_LIMITS
-    limits = Limits(
-        watch=max(least_limits.watch, movement / 2), bad=max(least_limits.bad, movement)
-    )
+    limits = _error_limits(movement, least_limits)
     # A setpoint that hardly moves shows no overshoot.
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
         peak = _response_peak(setpoint, angle, angle_segments)
     turn = reached_rate(signals, segments)
     rating = _tracking_rating(signals, angle_segments, limits.level(angle_error), turn, peak)
-    turn_figures: dict[str, Any] = {}
-    if turn is not None:
-        turn_figures = {
-            "rate_setpoint": turn.setpoint,
-            "reached_rate": turn.rate,
-            "at_limit_share": turn.at_limit_share,
-        }
-    return Fact(
+    tracking = Fact(
         rating.code,
         rating.level,
         axis=signals.axis,
@@ -213,8 +204,25 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         rate_error=rate_error,
         ratio=None if peak is None else peak.ratio,
         frequency=None if peak is None else peak.frequency,
-        **turn_figures,
     )
+    if turn is None:
+        return tracking
+    return tracking.replace(
+        rate_setpoint=turn.setpoint, reached_rate=turn.rate, at_limit_share=turn.at_limit_share
+    )
+
+
+def _error_limits(movement: float, least_limits: Limits) -> Limits:
+    """Returns the limits of the RMS error of an angle, which grow with the movement of its setpoint.
+
+    A vehicle that did not move at all would have an error as large as the movement, which is bad. Half of that is to be
+    watched.
+
+    Args:
+        movement: RMS movement of the setpoint, rad.
+        least_limits: limits for a setpoint that hardly moves, rad.
+    """
+    return Limits(watch=max(least_limits.watch, movement / 2), bad=max(least_limits.bad, movement))
 
 
 def _tracking_rating(

@@ -111,57 +111,35 @@ def tuned(
         raises_sound_gains: whether the gains of loops that have enough margin are raised, to make them faster.
         filters: whether to set a notch filter too.
 
+    Returns:
+        The advice on each axis, the parameters to set, and the judgement with its next step.
+
     Raises:
         NotLearnable: the loops of no axis are known. What is bad about the vehicle comes first in the reason.
     """
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
-    headline = judgement.headline
-    decisions = judgement.loop_decisions
     vehicle_doubts = _doubts_on_vehicle(evidence, judgement)
     notch = assessment.noise.notch if filters and not vehicle_doubts else None
+    # The fact of a notch filter has the parameters to set, unless it says why there is none.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
-    advice_by_axis = AdviceByAxis()
-    advice_on_loops = list[Advice]()
-    refusals = dict[str, Fact]()
-    measured_loops = _measured_loops(assessment)
-    must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
-    is_headline_reason = headline.is_bad and not must_be_repaired
-    for axis in axes:
-        loop = evidence.loops[axis]
-        if isinstance(loop, Loop):
-            decision = decisions.get(axis)
-            loop_doubts = vehicle_doubts if decision is None else decision.doubts
-            is_too_slow = decision is not None and decision.is_too_slow
-            advice = _advice_on_loop(
-                loop,
-                margins,
-                loop_doubts,
-                notch_parameters,
-                raises_sound_gains=raises_sound_gains,
-                is_too_slow=is_too_slow,
-            )
-            advice_by_axis[axis] = advice
-            advice_on_loops.append(advice)
-            continue
-        if axis in measured_loops:
-            loop = Fact(LoopFact.NO_LOOP, reasons=(measured_loops[axis], loop))
-        if not is_headline_reason and not vehicle_doubts and len(axes) == 1:
-            raise NotLearnable(loop)
-        advice_by_axis[axis] = refusals[axis] = Fact(
-            LoopFact.NO_LOOP, reasons=vehicle_doubts or (loop,)
-        )
-    if not advice_on_loops:
-        reasons = [headline] if is_headline_reason else []
-        raise NotLearnable(LoopFact.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
+    advice_by_axis = _advice_on_axes(
+        assessment,
+        axes,
+        margins,
+        vehicle_doubts,
+        notch_parameters,
+        raises_sound_gains=raises_sound_gains,
+    )
+    advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
     # The axes that were not asked for, and whose gains are to be changed.
     other_axes = tuple(
         axis
-        for axis, decision in decisions.items()
+        for axis, decision in judgement.loop_decisions.items()
         if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
     )
-    # What the advised command for other axes repeats of this run.
+    # The command that is advised for other axes repeats these options.
     arguments = (
         *evidence.command_arguments,
         *(() if margins == "default" else ("--margins", margins)),
@@ -173,38 +151,124 @@ def tuned(
         # A notch costs phase. Only for loops with new gains it is known that there is enough.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
-    if parameters and _gains_come_next(headline):
-        new_gains = _advice_to_load(advice_on_loops)
-        next_step = Fact(
-            NextStep.LOAD_GAINS,
-            headline.level,
-            is_written=is_written,
-            share=min(advice.sure for advice in new_gains),
-            needed=SURE_SHARE,
-            is_biased=any(
-                caution.code is LoopFact.EFFECT_BIASED
-                for advice in new_gains
-                for caution in advice.before.cautions
-            ),
-            missing=_unknown_of_motors(judgement, new_gains),
-            others=other_axes,
-            arguments=tuple(arguments),
+    if parameters and _gains_come_next(judgement.headline):
+        next_step = _step_with_gains(
+            judgement, advice_on_loops, other_axes, arguments, is_written=is_written
         )
         judgement = replace(judgement, next_step=next_step)
     elif not parameters and _advises_to_tune(judgement.next_step):
         next_step = _step_without_gains(advice_on_loops, other_axes, arguments)
         judgement = replace(judgement, next_step=next_step)
-    set_notch = notch_parameters if parameters else {}
     tuning = Tuning(
         advice_by_axis,
         advice_on_loops,
         parameters,
-        set_notch,
+        notch_parameters if parameters else {},
         notch,
         judgement,
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
     )
     return freeze(tuning)
+
+
+def _advice_on_axes(
+    assessment: Assessment,
+    axes: Sequence[str],
+    margins: str,
+    vehicle_doubts: Facts,
+    notch_parameters: Parameters,
+    *,
+    raises_sound_gains: bool,
+) -> AdviceByAxis:
+    """Returns the advice on the gains of each axis, or why there is none.
+
+    Args:
+        assessment: assessment of the vehicle.
+        axes: "roll", "pitch" and "yaw".
+        margins: name of the margins to have, in ``MARGIN_TARGETS``.
+        vehicle_doubts: reasons why no gains of any axis may be raised.
+        notch_parameters: parameters that set a notch filter; empty without one.
+        raises_sound_gains: whether the gains of loops that have enough margin are raised.
+
+    Returns:
+        By axis the advice, or the fact that its loop is not known.
+
+    Raises:
+        NotLearnable: the loops of no axis are known.
+    """
+    evidence = assessment.evidence
+    assert evidence is not None
+    judgement = assessment.judgement
+    headline = judgement.headline
+    advice_by_axis = AdviceByAxis()
+    refusals = dict[str, Fact]()
+    measured_loops = _measured_loops(assessment)
+    must_be_repaired = repairs_before_tuning(evidence, judgement.lights[Light.MOTORS])
+    is_headline_reason = headline.is_bad and not must_be_repaired
+    for axis in axes:
+        loop = evidence.loops[axis]
+        if isinstance(loop, Loop):
+            decision = judgement.loop_decisions.get(axis)
+            loop_doubts = vehicle_doubts if decision is None else decision.doubts
+            is_too_slow = decision is not None and decision.is_too_slow
+            advice_by_axis[axis] = _advice_on_loop(
+                loop,
+                margins,
+                loop_doubts,
+                notch_parameters,
+                raises_sound_gains=raises_sound_gains,
+                is_too_slow=is_too_slow,
+            )
+            continue
+        if axis in measured_loops:
+            loop = Fact(LoopFact.NO_LOOP, reasons=(measured_loops[axis], loop))
+        if not is_headline_reason and not vehicle_doubts and len(axes) == 1:
+            raise NotLearnable(loop)
+        refusals[axis] = Fact(LoopFact.NO_LOOP, reasons=vehicle_doubts or (loop,))
+        advice_by_axis[axis] = refusals[axis]
+    if len(refusals) == len(advice_by_axis):
+        reasons = [headline] if is_headline_reason else []
+        raise NotLearnable(LoopFact.NO_LOOP, reasons=[*reasons, *_each_reason_once(refusals)])
+    return advice_by_axis
+
+
+def _step_with_gains(
+    judgement: Judgement,
+    advice_on_loops: Sequence[Advice],
+    other_axes: Sequence[str],
+    arguments: Sequence[str],
+    *,
+    is_written: bool,
+) -> Fact:
+    """Returns the next step of loading new gains, with what is uncertain about them.
+
+    Args:
+        judgement: the judgement of the flight.
+        advice_on_loops: advice on the loops of the axes that were asked for.
+        other_axes: axes that were not asked for, and whose gains are to be changed.
+        arguments: words after ``mavdem tune`` that repeat this run, but for its axes.
+        is_written: whether a file will have the gains.
+
+    Returns:
+        The fact, with the ``share`` of models that agree with the flight and have the margins: the lowest of all loops.
+    """
+    new_gains = _advice_to_load(advice_on_loops)
+    is_biased = any(
+        caution.code is LoopFact.EFFECT_BIASED
+        for advice in new_gains
+        for caution in advice.before.cautions
+    )
+    return Fact(
+        NextStep.LOAD_GAINS,
+        judgement.headline.level,
+        is_written=is_written,
+        share=min(advice.sure for advice in new_gains),
+        needed=SURE_SHARE,
+        is_biased=is_biased,
+        missing=_unknown_of_motors(judgement, new_gains),
+        others=tuple(other_axes),
+        arguments=tuple(arguments),
+    )
 
 
 def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:

@@ -113,7 +113,7 @@ def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
     events = []
     for event in evidence.events:
         if event.code in BATTERY_REPORTS and not any(
-            start <= (event.time or 0.0) for start, _ in evidence.flights(event.figures["boot"])
+            start <= event.start_time for start, _ in evidence.flights(event.figures["boot"])
         ):
             event = event.replace(is_on_ground=True)
         events.append(event)
