@@ -37,12 +37,11 @@ def read_series(folder: Path) -> FlightSeries | None:
     """
     path = Path(folder, SERIES_FILE)
     try:
-        # The checksums tell damage first: NumPy raises errors of many kinds where the head of an array is damaged.
+        # The checksums tell damage first: NumPy raises further kinds of errors where the head of an array is damaged.
         with ZipFile(path) as archive:
-            is_damaged = archive.testzip() is not None
-    except (OSError, BadZipFile, zlib.error):
-        is_damaged = True
-    if is_damaged:
+            if archive.testzip() is not None:
+                return None
+        with np.load(path, allow_pickle=False) as file:
+            return {title: file[title].astype(float) for title in file.files}
+    except (OSError, ValueError, EOFError, RuntimeError, BadZipFile, zlib.error):
         return None
-    with np.load(path, allow_pickle=False) as file:
-        return {title: file[title].astype(float) for title in file.files}
