@@ -135,6 +135,9 @@ def assess_signals(
         signals: signals of the vehicle.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
         show_findings: receives what is known before models and loops.
+
+    Returns:
+        The assessment, with one analysis by the name of its axis.
     """
     options = options or Options()
 
@@ -184,18 +187,22 @@ def assess_signals(
 
 
 class _OtherAxes:
-    """Figures and loops of pitch and yaw, as another process has computed them; nothing where there is none."""
+    """Figures and loops of pitch and yaw that another process computes; empty if there is no such process."""
 
-    def __init__(self, result: Callable[[], dict[str, AxisResults] | None]) -> None:
-        """Takes the function that waits for the results of the axes, by name."""
-        self._results = cache(lambda: freeze(result() or {}))
+    def __init__(self, wait_for_results: Callable[[], dict[str, AxisResults] | None]) -> None:
+        """Does not wait yet; the first access to the results does.
+
+        Args:
+            wait_for_results: waits for the process, and returns its results by axis; None if there is none.
+        """
+        self._results = cache(lambda: freeze(wait_for_results() or {}))
 
     def figures(self) -> dict[str, AxisFigures]:
-        """Waits for the figures and returns them by axis."""
+        """Returns the figures by axis, once the process has computed them."""
         return {axis: results.figures for axis, results in self._results().items()}
 
     def loops(self) -> dict[str, Loop | Fact]:
-        """Waits for the loops, or the facts on why they are not known, and returns them by axis."""
+        """Returns the loops by axis, or the facts on why they are not known, once the process has computed them."""
         return {axis: results.loop for axis, results in self._results().items()}
 
 
@@ -211,20 +218,23 @@ def _other_axes(
         axis: which axes are analysed.
         options: what is analysed.
         analysis: the analysis without a model, with the changes of the motors.
+
+    Yields:
+        The results, for which one waits only when they are used.
     """
     if axis != ALL_AXES or not (options.with_model and analysis.learnability.learnable):
         yield _OtherAxes(lambda: None)
         return
 
     def results_by_axis() -> dict[str, AxisResults]:
-        """Computes figures and loops of pitch and yaw."""
+        """Returns figures and loops of pitch and yaw, in the second process."""
         return {
             name: results_of_axis(name, log, signals, analysis.alarms, options.start)
             for name in AXES[1:]
         }
 
-    with in_second_process(results_by_axis) as result:
-        yield _OtherAxes(result)
+    with in_second_process(results_by_axis) as wait_for_results:
+        yield _OtherAxes(wait_for_results)
 
 
 def _evidence_without_loops(

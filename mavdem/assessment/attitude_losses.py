@@ -172,8 +172,6 @@ class _AttitudeLoss(NamedTuple):
             until the end of the loss, s since boot; without an end if the record ended first.
         """
         is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
-        # The largest error in rad, and whether it was measured against a setpoint throughout.
-        angle = float(self.error.magnitude[is_in_interval].max())
         has_setpoint = bool(self.error.has_setpoint[is_in_interval].all())
         # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
@@ -183,13 +181,9 @@ class _AttitudeLoss(NamedTuple):
         knock_time = None
         if knock is not None and knock.figures["side"] == Side.FOR:
             knock_time = knock.time
-        code = self._code(onset, height, knock_time)
+        code = self._kind(onset, height, knock_time)
         level = None
-        # A loss that lasts until the record ends did not come back.
-        is_harmless = self.end < inf and self._is_harmless(
-            angle, has_setpoint=has_setpoint, onset=onset
-        )
-        is_caught = is_harmless or self._is_recovered()
+        is_caught = self._is_harmless(onset) or self._is_recovered()
         if is_caught:
             # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
             code = MotionEvent.ATTITUDE_CAUGHT
@@ -251,7 +245,7 @@ class _AttitudeLoss(NamedTuple):
             search_end = float(times_of_swing[-1])
         return max(onset, earliest)
 
-    def _code(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
+    def _kind(self, onset: float, height: float | None, knock_time: float | None) -> MotionEvent:
         """Returns the kind of a loss that was not recovered.
 
         A vehicle that never rose tipped over on the ground. One whose accelerometer shows the knock of a contact, or
@@ -269,17 +263,21 @@ class _AttitudeLoss(NamedTuple):
             return MotionEvent.HIT
         return MotionEvent.ATTITUDE_LOST
 
-    def _is_harmless(self, angle: float, *, has_setpoint: bool, onset: float) -> bool:
+    def _is_harmless(self, onset: float) -> bool:
         """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
 
-        Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated), ``FALL_SPEED``, and
-        ``RECOVERY_SECONDS``. Each figure is divided by its limit, and the largest ratio decides.
+        Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated by half of the lean,
+        since the setpoint is not known throughout), ``FALL_SPEED``, and ``RECOVERY_SECONDS``. Each figure is divided by
+        its limit, and the largest ratio decides. A loss that lasts until the record ends is serious.
 
         Args:
-            angle: largest error of the attitude, rad.
-            has_setpoint: whether the setpoint was known, so that the error is not only estimated by half of the lean.
             onset: time when the attitude began to leave its setpoint, s.
         """
+        if self.end == inf:
+            return False
+        is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
+        angle = float(self.error.magnitude[is_in_interval].max())
+        has_setpoint = bool(self.error.has_setpoint[is_in_interval].all())
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
         # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
         sink_rate = max([0.0, *sink_rates.values()])

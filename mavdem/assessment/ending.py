@@ -24,6 +24,15 @@ ENDINGS: dict[Code, Ending] = {
 }
 """How a flight ended, by the event of its motion with which it was lost."""
 
+MAX_REPORT_DELAY = 10.0
+"""Time, s, up to which ArduPilot's crash check reports a crash after it happened: a choice.
+
+Its own delay is 2 s, and it waits for the vehicle to lie still.
+"""
+
+MAX_EARLY_REPORT = 1.0
+"""Time, s, by which the report may seem to come before the crash, since stamps of messages differ: a choice."""
+
 REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASED)
 """Reports of the autopilot that a flight was lost. They count where the motion does not show it."""
 
@@ -134,18 +143,16 @@ def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     return weighed_events
 
 
-REPORT_DELAY = 10.0
-"""Seconds up to which ArduPilot's crash check reports a crash after it happened; its own delay is 2 s, and it waits for
-the vehicle to lie still."""
-
-
 def _interval_of_crash(report: Fact) -> TimeInterval:
     """Returns the interval in which a crash that the autopilot reports can have happened, s since boot.
 
-    ArduPilot's crash check reports a crash up to ``REPORT_DELAY`` after it. One second more is allowed at the end.
+    It begins ``MAX_REPORT_DELAY`` before the report, and ends ``MAX_EARLY_REPORT`` after it.
+
+    Args:
+        report: the report of the autopilot.
     """
     time = report.start_time
-    return time - REPORT_DELAY, time + 1.0
+    return time - MAX_REPORT_DELAY, time + MAX_EARLY_REPORT
 
 
 def _has_measurements(signals: Signals, report: Fact) -> bool:

@@ -434,12 +434,14 @@ def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
         lights[name]
         for name in related_lights
         # A light may be the ending itself, which is in the headline.
-        if lights[name].is_bad and lights[name].code not in Ending and not _defers(lights[name])
+        if lights[name].is_bad
+        and lights[name].code not in Ending
+        and not _advises_other_step_first(lights[name])
     )
     return Fact(NextStep.DO_AS_ADVISED, headline.level, because=headline, also=also)
 
 
-def _defers(light: Fact) -> bool:
+def _advises_other_step_first(light: Fact) -> bool:
     """Returns whether a light only advises to do first what the headline or another light advises."""
     action = light.figures.get("action")
     return isinstance(action, Fact) and action.code is LoopAction.DO_FIRST

@@ -114,10 +114,7 @@ def _overlap(event: Fact, other: Fact) -> bool:
     if event.figures["boot"] != other.figures["boot"]:
         return False
     start = max(event.start_time, other.start_time)
-    return start <= min(
-        inf if event.until is None else event.until,
-        inf if other.until is None else other.until,
-    )
+    return start <= min(event.end_time, other.end_time)
 
 
 def _events_of_other_vehicle(
@@ -133,7 +130,8 @@ def _events_of_other_vehicle(
     flights = flights_in_boot(signals, boot)
     yield from _clipping_events(signals, boot, flights)
     for flight in flights:
-        yield from position_losses(BootSensors(signals, boot, flight[0]), flight, reports)
+        take_off, _ = flight
+        yield from position_losses(BootSensors(signals, boot, take_off), flight, reports)
 
 
 def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
@@ -175,7 +173,8 @@ def _events_of_boot(signals: Signals, boot: int, reports: Sequence[Fact]) -> Ite
     out_of_control: Intervals = []
     events_of_last_flight: list[Fact] = []
     for flight in flights:
-        sensors = BootSensors(signals, boot, flight[0])
+        take_off, _ = flight
+        sensors = BootSensors(signals, boot, take_off)
         flight_events = list(_events_of_flight(sensors, error, flight, reports))
         yield from flight_events
         out_of_control += _intervals_out_of_control(flight_events, flight)
@@ -253,11 +252,10 @@ def _events_of_flight(
     yield from _standing_motors(sensors, error, flight_interval, loss, contact, reports)
     yield from _falls_of_flight(sensors, flight_interval, loss, contact)
     yield from dives(sensors, flight_interval)
-    yield from attitude_swings(
-        sensors.signals, sensors.boot, _until(flight_interval, loss, contact)
-    )
-    yield from height_divergences(sensors, _until(flight_interval, loss, contact))
-    yield from position_losses(sensors, _until(flight_interval, loss, contact), reports)
+    controlled_part = _part_before(flight_interval, loss, contact)
+    yield from attitude_swings(sensors.signals, sensors.boot, controlled_part)
+    yield from height_divergences(sensors, controlled_part)
+    yield from position_losses(sensors, controlled_part, reports)
     yield from barometer_drifts(sensors, flight_interval)
 
 
@@ -292,8 +290,16 @@ def _standing_motors(
             yield event
 
 
-def _until(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
-    """Returns the part of a flight before the first of some events, s since boot; events that are None do not count."""
+def _part_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInterval:
+    """Returns the part of a flight before the first of some events.
+
+    Args:
+        flight_interval: start and end of the flight, s since boot.
+        events: the events; those that are None do not count.
+
+    Returns:
+        Start and end of the part, s since boot.
+    """
     start, end = flight_interval
     for event in events:
         if event is not None and event.time is not None:

@@ -1,6 +1,7 @@
 """Motors whose output stays at its upper limit in flight, stands still, or is off while others carry the vehicle."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
@@ -121,26 +122,44 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     )
     off = _MotorCondition(MotionEvent.MOTOR_OFF, is_stopped, min_duration=MAX_SETPOINT_DELAY)
     for condition in (at_limit, off):
-        for name, is_true in zip(motors.geometry.names, condition.is_true.T, strict=True):
-            for start, end in lasting_runs(commands.time, is_true, RECOVERY_SECONDS):
-                # An event that lasts to the end of the record has an infinite end.
-                recorded = (start, min(end, commands.time[-1]))
-                duration = recorded[1] - start
-                if duration <= condition.min_duration:
-                    continue
-                share = is_true[in_intervals(commands.time, [recorded])].mean()
-                event = Fact(
-                    condition.code,
-                    time=start,
-                    until=None if np.isinf(end) else end,
-                    subject=name,
-                    share=share,
-                    duration=share * duration,
-                    boot=boot,
-                )
-                if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
-                    event = _rated_by_throttle(signals, boot, recorded, event)
-                yield event
+        for motor, name in enumerate(motors.geometry.names):
+            yield from _lasting_events(signals, commands.time, boot, condition, motor, name)
+
+
+def _lasting_events(
+    signals: Signals, time: Array, boot: int, condition: _MotorCondition, motor: int, name: str
+) -> Iterator[Fact]:
+    """Yields an event for each interval in which a condition holds for one motor, with figures as of `motor_events`.
+
+    Args:
+        signals: signals of the vehicle.
+        time: times of the samples of the condition (N,), s since boot.
+        boot: number of the boot.
+        condition: the condition, for all motors.
+        motor: index of the motor.
+        name: its name.
+    """
+    is_true = condition.is_true[:, motor]
+    for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
+        # An event that lasts to the end of the record has an infinite end.
+        recorded_end = min(end, time[-1])
+        recorded = (start, recorded_end)
+        duration = recorded_end - start
+        if duration <= condition.min_duration:
+            continue
+        share = is_true[in_intervals(time, [recorded])].mean()
+        event = Fact(
+            condition.code,
+            time=start,
+            until=None if np.isinf(end) else end,
+            subject=name,
+            share=share,
+            duration=share * duration,
+            boot=boot,
+        )
+        if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
+            event = _rated_by_throttle(signals, boot, recorded, event)
+        yield event
 
 
 def _frozen_outputs(
@@ -166,11 +185,7 @@ def _frozen_outputs(
         time = commands.time[is_in_flight]
         values = commands.values[is_in_flight]
         for motor, name in enumerate(motors.geometry.names):
-            # A run of equal commands begins with each change.
-            changes = np.flatnonzero(np.diff(values[:, motor])) + 1
-            edges = np.concatenate([[0], changes, [len(time)]])
-            long_runs = np.flatnonzero(np.diff(edges) >= FROZEN_SAMPLES)
-            for first, end in zip(edges[long_runs], edges[long_runs + 1], strict=True):
+            for first, end in _constant_runs(values[:, motor]):
                 command = float(values[first, motor])
                 ranges = np.ptp(values[first:end], axis=0)
                 others_worked = np.delete(ranges, motor).min(initial=inf) > 0
@@ -186,6 +201,20 @@ def _frozen_outputs(
                         share=command,
                         boot=boot,
                     )
+
+
+def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
+    """Yields runs of at least ``FROZEN_SAMPLES`` equal commands: the first sample, and the one after the last.
+
+    Args:
+        commands: commands of one motor (N,).
+    """
+    # A run of equal commands begins with each change.
+    changes = np.flatnonzero(np.diff(commands)) + 1
+    edges = np.concatenate([[0], changes, [len(commands)]]).tolist()
+    for first, end in pairwise(edges):
+        if end - first >= FROZEN_SAMPLES:
+            yield first, end
 
 
 def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limit: Fact) -> Fact:

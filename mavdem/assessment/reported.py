@@ -113,7 +113,7 @@ def reported_events(signals: Signals) -> Facts:
         _without_contradicted_claim(problem, fault_states, signals)
         for problem in reported_problems(signals.telemetry)
     ]
-    possible_problems = [problem for problem in problems if _can_be(problem, signals)]
+    possible_problems = [problem for problem in problems if _is_possible(problem, signals)]
     events = []
     for span in recorded_spans(signals):
         flights = flights_in_boot(signals, span.boot)
@@ -219,7 +219,7 @@ def _trigger_of(failsafe: Fact, faults: Sequence[Fact]) -> Fact | None:
     return trigger
 
 
-def _can_be(problem: Fact, signals: Signals) -> bool:
+def _is_possible(problem: Fact, signals: Signals) -> bool:
     """Returns whether a reported problem is possible: without a position fix, the GPS position cannot have jumped.
 
     Args:

@@ -5,7 +5,7 @@ to the side of that motor, or sinks, while the other motors have thrust left. A 
 trim, and changes nothing quickly enough for ``MotorLossDetector``; at the limit it shows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import inf
 
 import numpy as np
@@ -68,6 +68,25 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     motors = signals.motors
     if motors is None:
         return []
+    losses = []
+    for event in _limits_before_trouble(events, ending):
+        is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
+        loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
+        if loss is not None:
+            losses.append(loss)
+    return losses
+
+
+def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Iterator[Fact]:
+    """Yields the events of motors at their limit that no other trouble explains.
+
+    Left out are those of boots in which the height diverged, those after a motor stood still, and those after the
+    vehicle was lost: then controllers drive sound motors to their limits too.
+
+    Args:
+        events: events of the log, with those of motors at their limit.
+        ending: event with which the flight was lost; None if it was not.
+    """
     latest_start = inf
     if ending is not None and ending.time is not None:
         latest_start = ending.time + LASTING_SECONDS
@@ -82,23 +101,19 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
     for event in events:
         if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
             standstills.setdefault(event.figures["boot"], event.start_time)
-    losses = []
     for event in events:
         if event.code is not MotionEvent.MOTOR_AT_ITS_STOP or event.time is None:
             continue
-        if event.figures["boot"] in diverged_boots:
+        boot = event.figures["boot"]
+        if boot in diverged_boots:
             # A height controller that follows a diverged height drives all motors up, sound ones too.
             continue
-        if event.time >= standstills.get(event.figures["boot"], inf) - LASTING_SECONDS:
+        if event.time >= standstills.get(boot, inf) - LASTING_SECONDS:
             continue
-        is_of_ending = ending is not None and ending.figures.get("boot") == event.figures["boot"]
+        is_of_ending = ending is not None and ending.figures.get("boot") == boot
         if is_of_ending and event.time > latest_start:
-            # Once a vehicle is lost, its controller drives sound motors to their limits too.
             continue
-        loss = _saturation_loss(signals, motors, event, is_lost=is_of_ending)
-        if loss is not None:
-            losses.append(loss)
-    return losses
+        yield event
 
 
 def with_saturated_motor(
@@ -177,8 +192,7 @@ def _was_other_motor_limited(loss: Fact, events: Sequence[Fact]) -> bool:
             continue
         if event.figures["boot"] != loss.figures["boot"] or event.time is None:
             continue
-        end = inf if event.until is None else event.until
-        if event.time < loss.time and end >= loss.time - RECOVERY_SECONDS:
+        if event.time < loss.time and event.end_time >= loss.time - RECOVERY_SECONDS:
             return True
     return False
 
@@ -204,7 +218,7 @@ def _saturation_loss(
     boot = event.figures["boot"]
     start = event.time
     assert start is not None
-    end = inf if event.until is None else event.until
+    end = event.end_time
     lasts = is_lost or end == inf or end - start >= RECOVERY_SECONDS
     if event.figures["duration"] < MIN_LIMIT_SECONDS or not lasts:
         return None

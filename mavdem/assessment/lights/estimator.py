@@ -91,6 +91,12 @@ MAX_DILUTION = 2.5
 MIN_SATELLITES = 6
 """Number of satellites below which PX4's filter does not start with GPS: the default of EKF2_REQ_NSATS."""
 
+FIX_TYPE_COLUMN = 0
+"""Column of the type of the fix in the samples of a GPS receiver (:func:`_best_receiver`)."""
+
+SATELLITES_COLUMN = 1
+"""Column of the number of satellites in these samples."""
+
 MAX_FIELD_CHANGE = 0.3
 """Relative change of the compass's field by motors and currents up to which ArduPilot's documentation accepts it."""
 
@@ -206,8 +212,9 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     exceeding_count += velocity_ratio >= 2 * failsafe_limit
     exceeding_count += position_ratio >= failsafe_limit
     exceeding_count += compass_ratio >= failsafe_limit
-    # Each of the four innovations has the longest time, s, for which it exceeded the filter's own limit.
-    durations = [longest_true_duration(time, column) for column in (ratios >= INNOVATION_LIMIT).T]
+    # For each of the four innovations the longest time, s, for which it exceeded the filter's own limit.
+    is_rejected = ratios >= INNOVATION_LIMIT
+    durations = [longest_true_duration(time, is_true) for is_true in is_rejected.T]
     largest_ratios = ratios.max(axis=0)
     failsafe_duration = longest_true_duration(time, exceeding_count >= 2)
     # Where the failsafe would have acted, one of those that it checks is named.
@@ -218,14 +225,14 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     ]
     # Of innovations that exceeded it equally long, or not at all, the largest is named.
     worst = max(named, key=lambda column: (durations[column], largest_ratios[column]))
-    rejected_intervals = true_intervals(time, ratios[:, worst] >= INNOVATION_LIMIT)
+    rejected_intervals = true_intervals(time, is_rejected[:, worst])
     return Rejection(
         INNOVATIONS[worst],
-        float(largest_ratios[worst] / INNOVATION_LIMIT),
-        float(time[ratios[:, worst].argmax()]),
-        durations[worst],
-        total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
-        failsafe_duration,
+        ratio=float(largest_ratios[worst] / INNOVATION_LIMIT),
+        time=float(time[ratios[:, worst].argmax()]),
+        duration=durations[worst],
+        total_duration=total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
+        failsafe_duration=failsafe_duration,
     )
 
 
@@ -264,47 +271,61 @@ def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
         evidence: signals, events and measurements of the vehicle.
     """
     telemetry = evidence.signals.telemetry
+    for flight in evidence.in_flight(innovation_ratios(telemetry)):
+        yield _filter_fact(telemetry, flight)
+
+
+def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
+    """Returns the fact on the innovations of the estimator in one flight, with the figures of :func:`_filter_facts`.
+
+    Args:
+        telemetry: autopilot, parameters and messages of the vehicle.
+        flight: samples (N, 5) of the flight, as :func:`innovation_ratios` returns them.
+    """
     failsafe_limit = failsafe_limit_of(telemetry)
     instances = telemetry.messages.get(INSTANCES_MESSAGE, {})
     is_spare = bool(instances) and not instances["is_primary"].any()
-    for flight in evidence.in_flight(innovation_ratios(telemetry)):
-        rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
-        is_doubted = rejection.is_doubted or rejection.is_bad
-        level = None
-        if rejection.is_bad and not is_spare:
-            level = Level.BAD
-        elif rejection.ratio >= WATCHED_RATIO:
-            level = Level.WATCH
-        # Figures that a fact has only where they say something.
-        remarks: dict[str, Any] = {}
-        duration = rejection.duration
-        if rejection.is_bad and not rejection.is_doubted:
-            duration = rejection.failsafe_duration
-            remarks["failsafe_limit"] = failsafe_limit
-        elif round(rejection.total_duration) > round(rejection.duration):
-            remarks["total_duration"] = rejection.total_duration
-        if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
-            remarks["is_unchecked"] = True
-        if is_spare:
-            remarks["is_spare"] = True
-        if _is_filtered(telemetry, rejection.name):
-            remarks["is_filtered"] = True
-        yield Fact(
-            EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
-            level,
-            time=rejection.time,
-            subject=_instance_in_flight(telemetry, flight) if instances else "",
-            name=rejection.name,
-            ratio=rejection.ratio,
-            duration=duration,
-            **remarks,
-        )
+    rejection = rejection_in(flight.time, flight.values[:, : len(INNOVATIONS)], failsafe_limit)
+    is_doubted = rejection.is_doubted or rejection.is_bad
+    level = None
+    if rejection.is_bad and not is_spare:
+        level = Level.BAD
+    elif rejection.ratio >= WATCHED_RATIO:
+        level = Level.WATCH
+    # Figures that a fact has only where they say something.
+    remarks: dict[str, Any] = {}
+    duration = rejection.duration
+    if rejection.is_bad and not rejection.is_doubted:
+        duration = rejection.failsafe_duration
+        remarks["failsafe_limit"] = failsafe_limit
+    elif round(rejection.total_duration) > round(rejection.duration):
+        remarks["total_duration"] = rejection.total_duration
+    if rejection.name is EstimatorRatio.HEIGHT and telemetry.autopilot != "PX4":
+        remarks["is_unchecked"] = True
+    if is_spare:
+        remarks["is_spare"] = True
+    if _is_filtered(telemetry, rejection.name):
+        remarks["is_filtered"] = True
+    return Fact(
+        EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
+        level,
+        time=rejection.time,
+        subject=_instance_in_flight(telemetry, flight) if instances else "",
+        name=rejection.name,
+        ratio=rejection.ratio,
+        duration=duration,
+        **remarks,
+    )
 
 
 def _is_filtered(telemetry: Telemetry, name: EstimatorRatio) -> bool:
     """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
 
     PX4's are, from ``FIRST_FILTERING_VERSION`` on, where the log has no samples of the aiding sources.
+
+    Args:
+        telemetry: autopilot, firmware and messages of the vehicle.
+        name: the innovation.
     """
     if telemetry.autopilot != "PX4":
         return False
@@ -461,7 +482,7 @@ def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
     """
     flights = [*evidence.in_flight(_best_receiver(evidence))]
     for flight in flights:
-        has_fix = flight.values[:, 0] >= FIX_3D
+        has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
         if not has_fix.any():
             continue
         _, satellites, hundredths_of_dilution = np.median(flight.values[has_fix], axis=0).tolist()
@@ -523,7 +544,8 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
             evidence.signals.telemetry, message, "fix_type", "satellites_visible", "eph"
         )
         counts = [
-            flight.values[flight.values[:, 0] >= FIX_3D, 1] for flight in evidence.in_flight(fixes)
+            flight.values[flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D, SATELLITES_COLUMN]
+            for flight in evidence.in_flight(fixes)
         ]
         satellites = np.concatenate([np.zeros(0), *counts])
         mean_satellites = float(satellites.mean()) if len(satellites) else 0.0

@@ -38,6 +38,9 @@ MAX_RESISTANCE_CORRELATION = -0.7
 """Correlation of voltage and current, about their means over 2 s, above which they show no internal resistance: at this
 value the current explains half of the voltage's variance."""
 
+MIN_VOLTAGE_STEP = 1e-3
+"""Least step between two voltages, s, that is used: a damaged log may have the same stamp throughout."""
+
 MAX_SAG = 0.5
 """Share of a battery's voltage that its resistance takes at most: beyond it, more than half of the power heats it."""
 
@@ -81,25 +84,40 @@ def power_light(evidence: Evidence) -> Fact:
             event for event in evidence.events if event.code in POWER_REPORTS and event.is_bad
         ]
     if not facts:
-        voltages_read = [battery.voltage.values for battery in evidence.signals.batteries]
-        currents = [
-            battery.current.values
-            for battery in evidence.signals.batteries
-            if battery.current is not None and np.ptp(battery.current.values) > 0
-        ]
-        return Fact(
-            PowerLight.POWER_UNMEASURED,
-            airborne=evidence.was_in_air,
-            is_constant=not any(np.ptp(volts) for volts in voltages_read),
-            voltage=max((volts.max() for volts in voltages_read), default=None),
-            voltage_usual=_constant_board_voltage(evidence),
-            **({"current": max(values.max() for values in currents)} if currents else {}),
-        )
+        return _unmeasured_power(evidence)
     worst = worst_fact(facts)
     if len(evidence.signals.batteries) > 1:
         other_voltages = [fact for fact in voltages if fact is not worst]
         worst = worst.replace(batteries=(*other_voltages, *_constant_voltages(evidence, batteries)))
     return worst
+
+
+def _unmeasured_power(evidence: Evidence) -> Fact:
+    """Returns the fact that no power was measured in flight, with what was recorded nevertheless.
+
+    Args:
+        evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        A fact with the largest ``voltage`` of a battery, V, and whether all are constant, as those of sensors that are
+        not connected; the constant voltage of the board, V; and the largest ``current``, A, if one changes.
+    """
+    voltages = [battery.voltage.values for battery in evidence.signals.batteries]
+    unmeasured = Fact(
+        PowerLight.POWER_UNMEASURED,
+        airborne=evidence.was_in_air,
+        is_constant=not any(np.ptp(volts) for volts in voltages),
+        voltage=max((volts.max() for volts in voltages), default=None),
+        voltage_usual=_constant_board_voltage(evidence),
+    )
+    currents = [
+        battery.current.values
+        for battery in evidence.signals.batteries
+        if battery.current is not None and np.ptp(battery.current.values) > 0
+    ]
+    if not currents:
+        return unmeasured
+    return unmeasured.replace(current=max(amperes.max() for amperes in currents))
 
 
 def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
@@ -173,13 +191,14 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
 
     A battery that was too low has the time at which its average first was below the limit.
 
-    The fact has the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``, the
-    largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. Of several batteries,
-    and of one that is not the first, it has the number as ``battery`` too.
-
     Args:
         evidence: signals, events and measurements of the vehicle.
         battery: measured in flight.
+
+    Returns:
+        A fact with the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``,
+        the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. Of several
+        batteries, and of one that is not the first, it has the number as ``battery`` too.
     """
     voltage = battery.voltage
     parameters = evidence.signals.telemetry.parameters
@@ -187,9 +206,10 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     cells = cell_count(parameters, battery)
     # The number of samples in the lowest ``LOW_VOLTAGE_SECONDS``, by the usual step between samples of one boot.
     steps = np.diff(voltage.time)[np.diff(voltage.boot) == 0]
-    # The step is at least 1 ms: a damaged log may have the same stamp throughout.
-    lasting_rows = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), 1e-3)) if len(steps) else 0
-    lasting_voltage = averages[min(lasting_rows, len(averages) - 1)]
+    lasting_samples = 0
+    if len(steps):
+        lasting_samples = round(LOW_VOLTAGE_SECONDS / max(np.median(steps), MIN_VOLTAGE_STEP))
+    lasting_voltage = averages[min(lasting_samples, len(averages) - 1)]
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
     # Without any limit, nothing can be said of the voltage.
@@ -272,10 +292,12 @@ def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     A supply that falls may reset the autopilot in the air. It is low below ``BOARD_VOLTAGE_LIMITS``, and otherwise it
     fell if its lowest value is ``MAX_BOARD_VOLTAGE_DROP`` below its median.
 
-    The fact has the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the limit, all in V.
-
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Yields:
+        At most one fact, with the lowest average over 2 s as ``voltage``, the median as ``voltage_usual``, and the
+        limit, all in V.
     """
     # A voltage that is constant was not measured.
     measured = None
