@@ -166,7 +166,7 @@ def _with_battery_levels(facts: Sequence[Fact]) -> list[Fact]:
 
 
 def _is_close(first: Fact, second: Fact) -> bool:
-    """Returns whether two facts of one boot are not farther apart than ``REPEAT_SECONDS``."""
+    """Returns whether two facts are of one boot, and begin within ``REPEAT_SECONDS`` of each other."""
     is_same_boot = first.figures["boot"] == second.figures["boot"]
     distance = abs(first.start_time - second.start_time)
     return is_same_boot and distance <= REPEAT_SECONDS

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -380,34 +381,19 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
         evidence: signals, events and measurements of the vehicle.
     """
     vibrations = _vibrations_by_imu(evidence)
-    # The keys are numbers of IMUs. Later boots overwrite earlier ones: the last boot with a record of an IMU counts.
-    accelerometers: dict[int, AccelerometerWitness] = {}
-    shares: dict[int, float | None] = {}
-    boots: dict[int, int] = {}
-    for trust in evidence.trust:
-        for witness in trust.accelerometers:
-            accelerometers[witness.number] = witness
-            boots[witness.number] = trust.boot
-            # Whether an IMU was used is unknown, unless the log says so.
-            shares[witness.number] = None
-            if witness is trust.accelerometer and len(trust.accelerometers) > 1:
-                shares[witness.number] = 1.0
-            elif witness.is_used is False:
-                shares[witness.number] = 0.0
-    # The accelerometer that PX4 selects at each time is one of the others.
-    accelerometers.pop(SELECTED_IMU, None)
+    accelerometers = _accelerometers_by_imu(evidence)
     for number in sorted(vibrations.keys() | accelerometers.keys()):
         accelerometer = accelerometers.get(number)
-        quantity, values = "vibration", vibrations.get(number)
+        quantity = "vibration"
+        values = vibrations.get(number)
         if values is None:
             assert accelerometer is not None
-            time = accelerometer.time
-            force = TimeSeries(time, np.full(len(time), boots[number]), accelerometer.magnitude)
-            quantity, values = "specific force", _values_in_flight(evidence, force)
+            quantity = "specific force"
+            values = _values_in_flight(evidence, accelerometer.force_size)
         state = _measured_state(values)
-        if accelerometer is not None and accelerometer.is_sound is False:
-            level = Level.UNKNOWN if accelerometer.is_used is False else None
-            gravity = accelerometer.gravity_at_rest
+        if accelerometer is not None and accelerometer.witness.is_sound is False:
+            level = Level.UNKNOWN if accelerometer.witness.is_used is False else None
+            gravity = accelerometer.witness.gravity_at_rest
             state = Fact(InstanceState.GRAVITY_WRONG, level, acceleration=gravity)
         yield Instance(
             kind="IMU",
@@ -417,8 +403,47 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
             low=values.min(),
             high=values.max(),
             state=state,
-            used_share=shares.get(number),
+            used_share=None if accelerometer is None else accelerometer.used_share,
         )
+
+
+class _AccelerometerOfBoot(NamedTuple):
+    """The accelerometer of an IMU in one boot."""
+
+    witness: AccelerometerWitness
+    """What it measured."""
+
+    boot: int
+    """Number of the boot."""
+
+    used_share: float | None
+    """1 if the autopilot used it, 0 if not; None if the log does not say it."""
+
+    @property
+    def force_size(self) -> TimeSeries:
+        """Size of the specific force (N,), m/s²."""
+        time = self.witness.time
+        return TimeSeries(time, np.full(len(time), self.boot), self.witness.magnitude)
+
+
+def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot]:
+    """Returns the accelerometers of a log by the number of their IMU, from 1, each in the last boot that recorded it.
+
+    Args:
+        evidence: signals of the vehicle and what was measured of them.
+    """
+    accelerometers = dict[int, _AccelerometerOfBoot]()
+    for trust in evidence.trust:
+        for witness in trust.accelerometers:
+            used_share = None
+            if witness is trust.accelerometer and len(trust.accelerometers) > 1:
+                used_share = 1.0
+            elif witness.is_used is False:
+                used_share = 0.0
+            accelerometers[witness.number] = _AccelerometerOfBoot(witness, trust.boot, used_share)
+    # The accelerometer that PX4 selects at each time is one of the others.
+    accelerometers.pop(SELECTED_IMU, None)
+    return accelerometers
 
 
 def _vibrations_by_imu(evidence: Evidence) -> dict[int, Array]:

@@ -237,6 +237,24 @@ def _log_estimates(values: Array) -> Array:
     return np.log([abs(values[EFFECTS]).mean(), values[DAMPING], values[LAG]])
 
 
+def _slopes_of_log_estimates(values: Array) -> Array:
+    """Returns the derivatives of :func:`_log_estimates` by its arguments: they make relative errors of absolute ones.
+
+    Args:
+        values: effects, damping, lag and delay (r + 3,).
+
+    Returns:
+        Derivatives (3, r + 3) of the logarithms of mean effect, damping and lag by effects, damping, lag and delay.
+    """
+    effect = values[EFFECTS]
+    mean_effect, log_damping, log_lag = 0, 1, 2
+    slopes = np.zeros((3, len(values)))
+    slopes[mean_effect, EFFECTS] = np.sign(effect) / abs(effect).sum()
+    slopes[log_damping, DAMPING] = 1 / values[DAMPING]
+    slopes[log_lag, LAG] = 1 / values[LAG]
+    return slopes
+
+
 def _physical_parameters(
     fit: GrayBoxFit, spectrum_range: Array, windows: FlightWindows
 ) -> Physical:
@@ -264,13 +282,8 @@ def _physical_parameters(
     jacobian = parameter_gradient(values_at, theta, values).T
     covariance = jacobian @ inverse(fit.curvature) @ jacobian.T
 
-    # Derivatives of the logarithms of mean effect, damping and lag (rows) by the r effects, damping, lag and delay
-    # (columns): they turn the covariance into relative standard deviations.
-    relative = np.zeros((3, r + 3))
-    relative[0, :r] = np.sign(effect) / abs(effect).sum()
-    relative[1, r] = 1 / damping
-    relative[2, r + 1] = 1 / lag
-    likelihood_sd = np.sqrt(np.diag(relative @ covariance @ relative.T))
+    logarithm_slopes = _slopes_of_log_estimates(values)
+    likelihood_sd = np.sqrt(np.diag(logarithm_slopes @ covariance @ logarithm_slopes.T))
     relative_sd = dict(
         zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
     )
@@ -299,7 +312,7 @@ def _physical_parameters(
     covariance = with_omission_errors(
         covariance,
         values,
-        relative[0, :r],
+        logarithm_slopes[0, :r],
         spectrum_range,
         bias,
         effect_unknown=effect_unknown,
@@ -370,8 +383,11 @@ def with_omission_errors(
     # The plant is fitted with three assumed spectra of the wind. The range of the three results tells the standard
     # deviation of the error by a wrong spectrum: the expected range of three normal values is 3/√π standard deviations
     # (L. H. C. Tippett, Biometrika 17, 1925).
-    spectrum_variance = np.pi * np.square(spectrum_range / 3)
-    common_variance = spectrum_variance[0] + errors.effect**2 + bias**2
+    effect_variance, damping_spectrum_variance, lag_spectrum_variance = (
+        np.pi * np.square(spectrum_range / 3)
+    ).tolist()
+    # Relative variance that the effects of all motors have in common.
+    common_variance = effect_variance + errors.effect**2 + bias**2
     common_variance += (errors.unpredicted_effect * figures.unpredicted_share) ** 2
     common_variance += (errors.thrust_curve * figures.thrust_curve) ** 2
     if effect_unknown:
@@ -381,9 +397,10 @@ def with_omission_errors(
     damping_error = errors.damping
     if figures.lag_unresolved:
         damping_error = errors.unresolved_lag_damping
-    damping_variance = spectrum_variance[1] * damping**2 + damping_error**2
+    damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
     damping_variance += (errors.thrust_curve_damping * figures.thrust_curve) ** 2
-    lag_variance = spectrum_variance[2] + errors.lag**2
+    # Relative variance of the lag.
+    lag_variance = lag_spectrum_variance + errors.lag**2
     lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2
     separate_variances = [
         *(effect * errors.motor) ** 2,

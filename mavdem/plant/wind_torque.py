@@ -174,24 +174,24 @@ def estimate_wind_torque(
         # All of the flight is judged, so that there are figures; the reason says that they are not of the wind.
         is_wind = np.ones(len(torque), bool)
     # A new part begins where the vehicle changed, and where a motor lost or regained thrust.
-    cuts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
+    part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
     step = None
     # A course with gaps has levels that the gaps separate already, so no step is sought in it.
     if is_wind.all():
-        step = _step(_without_part_means(torque, cuts), record.dt)
+        step = _step(_without_part_means(torque, part_starts), record.dt)
     if step is not None:
         step_sample, _ = step
-        cuts = sorted({*cuts, step_sample})
-    deviation = _without_part_means(torque, cuts)
+        part_starts = sorted({*part_starts, step_sample})
+    deviation = _without_part_means(torque, part_starts)
+    # Mean square of the wind torque about its means, (rad/s²)².
     power = float(np.mean(deviation[is_wind] ** 2))
-    omission_variance = OmissionErrors.wind**2 * power
-    variance = (smoother_variance + omission_variance) + _variance_by_parameters(
-        gradient, physical.covariance
-    )
+    # The errors that the parameters do not cause: of the smoother, and by what the model leaves out.
+    other_variance = smoother_variance + OmissionErrors.wind**2 * power
+    variance = other_variance + _variance_by_parameters(gradient, physical.covariance)
     errors = _torque_errors(
         deviation[is_wind],
-        _without_part_means(gradient, cuts)[:, is_wind],
-        (smoother_variance + omission_variance)[is_wind],
+        _without_part_means(gradient, part_starts)[:, is_wind],
+        other_variance[is_wind],
         theta,
         physical.covariance,
     )
@@ -344,18 +344,18 @@ def _torque_errors(
     return _TorqueErrors(float(variance_without_scale.mean()), float(np.sqrt(scale_variance)))
 
 
-def _without_part_means(values: Array, cuts: Sequence[int]) -> Array:
+def _without_part_means(values: Array, part_starts: Sequence[int]) -> Array:
     """Subtracts from values their mean in each part of the flight.
 
     Args:
         values: (…, T) values over T samples, such as wind torque in rad/s².
-        cuts: ascending indices of the samples at which a new part begins.
+        part_starts: ascending indices of the samples at which a new part begins; the first one begins at 0.
 
     Returns:
         (…, T) values with mean 0 in each part.
     """
     centred_parts = []
-    for part in np.split(values, cuts, axis=-1):
+    for part in np.split(values, part_starts, axis=-1):
         if part.size:
             centred_parts.append(part - part.mean(axis=-1, keepdims=True))
     return np.concatenate(centred_parts, axis=-1)

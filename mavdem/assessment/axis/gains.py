@@ -87,17 +87,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     Raises:
         NotLearnable: no part is left.
     """
-    history = gain_history(signals)
-    parts_by_gains = defaultdict[GainValues, list[Flight]](list)
-    for flight in flights:
-        boot = boot_number(flight)
-        autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
-        for first, end in pairwise(_rows_of_changes(flight, history, autotune)):
-            start_time = flight.time[first]
-            is_autotuned = any(start <= start_time < stop for start, stop in autotune)
-            if end - first >= MIN_SAMPLES and not is_autotuned:
-                gains = _gains_at(history, BootTime(boot, start_time))
-                parts_by_gains[gains].append(flight[first:end])
+    parts_by_gains = _parts_by_gains(signals, flights)
     if not parts_by_gains:
         raise NotLearnable(LoopFact.GAINS_OF_AUTOTUNE)
     sample_counts = {gains: sum(map(len, parts)) for gains, parts in parts_by_gains.items()}
@@ -121,6 +111,30 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
         settled=sum(flight.duration for flight in flights),
     )
     return OneGainSetParts(parts_with_gains, caution)
+
+
+def _parts_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, list[Flight]]:
+    """Cuts flights where the gains of the axis change, and groups the parts by their gains.
+
+    Args:
+        signals: signals of the vehicle and axis.
+        flights: settled flight of the axis.
+
+    Returns:
+        Parts of at least ``MIN_SAMPLES`` by their gains, without those in AutoTune.
+    """
+    history = gain_history(signals)
+    parts_by_gains = defaultdict[GainValues, list[Flight]](list)
+    for flight in flights:
+        boot = boot_number(flight)
+        autotune = mode_intervals(signals, boot, AUTOTUNE_MODES)
+        for first, end in pairwise(_rows_of_changes(flight, history, autotune)):
+            start_time = flight.time[first]
+            is_autotuned = any(start <= start_time < stop for start, stop in autotune)
+            if end - first >= MIN_SAMPLES and not is_autotuned:
+                gains = _gains_at(history, BootTime(boot, start_time))
+                parts_by_gains[gains].append(flight[first:end])
+    return parts_by_gains
 
 
 def _rows_of_changes(flight: Flight, history: Sequence[GainSet], autotune: Intervals) -> list[int]:
@@ -303,17 +317,16 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
             is_saved = True
     # Each changed gain has its name, and its values before and after.
     changes = []
-    for name, value in gains_after.items():
-        if gains_before.get(name) != value:
-            changes.append((name, gains_before.get(name), value))
+    too_large = []
     # ArduPilot recommends the same for all axes: what PX4 takes for roll and pitch.
-    largest_gain = max(MAX_ANGLE_GAIN.values())
-    angle_gain = f"ATC_ANG_{AXIS_NAMES[signals.axis][0]}_P"
-    too_large = [
-        (name, value, largest_gain)
-        for name, _, value in changes
-        if name == angle_gain and value > largest_gain
-    ]
+    largest_angle_gain = max(MAX_ANGLE_GAIN.values())
+    for name, value in gains_after.items():
+        if gains_before.get(name) == value:
+            continue
+        changes.append((name, gains_before.get(name), value))
+        is_angle_gain = name == f"ATC_ANG_{AXIS_NAMES[signals.axis][0]}_P"
+        if is_angle_gain and value > largest_angle_gain:
+            too_large.append((name, value, largest_angle_gain))
     fact = Fact(
         LoopFact.AUTOTUNED,
         time=start.time,
