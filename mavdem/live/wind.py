@@ -482,6 +482,7 @@ class LiveWind:
         weights = _filter_weights(filters.log_likelihoods)
         # Each filter gives a normal distribution of the wind, north and east. The weighted mixture of them all has as
         # its mean the weighted mean, and as its variance the mean variance within the filters plus that between them.
+        # Letters of einsum: filter g, axis a of the wind, states i and j.
         winds = filters.states @ TOTAL_WIND_MATRIX.T
         variances = np.einsum(
             "ai,gij,aj->ga", TOTAL_WIND_MATRIX, filters.covariances, TOTAL_WIND_MATRIX

@@ -109,6 +109,7 @@ def welch_spectra_of_pieces(
     if sum(transforms.shape[1] for transforms in transforms_of_pieces) < MIN_WINDOWS:
         return None
     transforms = np.concatenate(transforms_of_pieces, axis=1)
+    # Letters of einsum: signals i and j, window w, frequency f. The products are added over all windows.
     return WelchSpectra(
         frequency=np.asarray(np.fft.rfftfreq(size, 1 / rate), np.float64),
         windows=transforms.shape[1],

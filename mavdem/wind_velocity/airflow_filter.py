@@ -105,6 +105,7 @@ class AirflowFilter:
         """
         complete = start.complete
         level_axes = start.body_axes[complete][:, :, :2]
+        # The force north and east (j), from its components along the body's axes (i) at each time t.
         level_forces = np.einsum("tij,ti->tj", level_axes, start.force[complete])
         force = np.median(level_forces, axis=0)
         size = np.hypot(*force)
@@ -234,6 +235,7 @@ class FilteredMotion(NamedTuple):
             K = gains[t]
             state_change = states[t + 1] - self.predicted_states[t + 1]
             covariance_change = covariances[t + 1] - self.predicted_covariances[t + 1]
+            # One gain K (i, j) for each set g of parameters.
             states[t] += np.einsum("gij,gj->gi", K, state_change)
             covariances[t] += K @ covariance_change @ K.mT
         return SmoothedStates(states, covariances)

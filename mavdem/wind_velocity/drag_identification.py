@@ -296,6 +296,7 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     inverse = np.linalg.inv(covariances[0])
     slopes = central_differences(innovations)
 
+    # Letters of einsum: time t, parameters k and l; i and j the axes of the innovations.
     whitened_innovations = np.einsum("tij,tj->ti", inverse, innovations[0])
     squares = (whitened_innovations * innovations[0]).sum(axis=1)
     whitened_innovations *= ((DEGREES_OF_FREEDOM + 2) / (DEGREES_OF_FREEDOM + squares))[:, None]
@@ -336,6 +337,7 @@ def steered_share(grid: MotionGrid) -> float:
         Share of the variance of the force's changes, 0 to 1.
     """
     steps = max(round(STEERED_SECONDS / grid.step), 1)
+    # The body's axes (rows i, at each time t) turn a force along them into one north, east and down (j).
     force = np.einsum("tij,ti->tj", grid.body_axes, grid.force)[:, :2]
     velocity = grid.velocity[:, HORIZONTAL]
     both_complete = grid.complete[steps:] & grid.complete[:-steps]
@@ -381,6 +383,7 @@ def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
 
 def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Returns the air speed (N,), m/s, at which the drag of scaled parameters (N, 10) causes the mean force."""
+    # The force north, east and down (j), from its components along the body's axes (i) at each time t.
     level_forces = np.einsum("tij,ti->tj", grid.body_axes, grid.force)
     force = level_forces[grid.complete, :2].mean(axis=0)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
@@ -471,6 +474,7 @@ def estimate_drag(
     grid = flight_grid(samples, step, wind=air)
     grid = grid.select(grid.complete)
     prior = Drag.from_parameters()
+    # The velocity along the body's axes (i), from its components north, east and down (j) at each time t.
     air_velocity = np.einsum("tij,tj->ti", grid.body_axes, grid.velocity)
     speed = np.hypot(*air_velocity.T)[:, None]
     prior_whitening = np.linalg.inv(np.linalg.cholesky(prior.covariance))

@@ -270,6 +270,7 @@ def estimate_wind(
         posterior = identify_drag(coarse, prior)
         wind_samples = sampled_winds(fine, posterior)
     # The states are gust and mean wind, whose sum is the wind: N samples of it (T, N, 2), with variances by noise.
+    # Letters of einsum: time t, sample n, axis a of the wind, states i and j.
     winds = wind_samples.states @ TOTAL_WIND_MATRIX.T
     variances = np.einsum(
         "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, wind_samples.covariances, TOTAL_WIND_MATRIX

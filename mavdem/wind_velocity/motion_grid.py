@@ -236,6 +236,7 @@ def motion_grid(
     # The down component of the thrust per mass is the downward acceleration less gravity; times the tilt, it gives the
     # north and east components. What accelerates the vehicle beyond these, (T, 2), is projected on body x and y.
     level_force = acceleration[:, HORIZONTAL] + (GRAVITY - acceleration[:, [DOWN]]) * mean_tilt
+    # Letters of einsum: time t, axis i of the body, north or east j.
     force = np.einsum("tij,tj->ti", body_axes[:, :, :2], level_force)
     # A force beyond the limit comes from wrong data, such as a jump of the velocity, and is left out.
     force[~(abs(force) < MAX_SPECIFIC_FORCE).all(axis=1)] = np.nan

@@ -505,6 +505,7 @@ def _sum_over_orders(moments: Array, columns: Indices, temporal_precision: Array
     orders, signals = columns.shape
     flat = columns.ravel()
     by_order = moments[np.ix_(flat, flat)].reshape(orders, signals, orders, signals)
+    # Letters of einsum: orders k and l, signals i and j.
     return np.einsum("kl,kilj->ij", temporal_precision, by_order)
 
 

@@ -326,6 +326,7 @@ class KalmanFilter(NamedTuple):
         # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
         # for each gain; the last gain is the steady one, of all later samples.
         L_transposed = (self.A - self.gains @ self.C).mT
+        # Letters of einsum: sample t, output m, state n.
         driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
         for t, row in enumerate(rows):
             states[..., t + 1, :] = states[..., t, :] @ L_transposed[row] + driving[..., t, :]
@@ -360,6 +361,7 @@ class KalmanFilter(NamedTuple):
             N[t] = self.C.T @ F_inverse_C_t + L_t.T @ N[t + 1] @ L_t
             r[..., t, :] = innovations[..., t, :] @ F_inverse_C_t + r[..., t + 1, :] @ L_t
         P = self.predicted_covariances(samples)
+        # The smoothed means are x̂ + P r at each sample t.
         return SmoothingResult(
             means=states + np.einsum("...ti,tij->...tj", r, P),
             covariances=P - P @ N @ P,
@@ -447,6 +449,7 @@ def smooth_states(
     states, innovations = kalman_filter.filter(initial_state, forcing, outputs - model.trim)
     # The likelihood of the outputs is that of the innovations, which are independent Gaussians.
     precisions = kalman_filter.innovation_precisions[kalman_filter.gain_rows(len(innovations))]
+    # The sum of eᵀ F⁻¹ e over the samples t.
     squares = np.einsum("ti,tij,tj->", innovations, precisions, innovations)
     log_likelihood = 0.5 * (
         np.linalg.slogdet(precisions)[1].sum() - squares - innovations.size * np.log(2 * np.pi)

@@ -177,11 +177,13 @@ class VectorAutoregression(NamedTuple):
         maps, constants = self.prediction_maps(steps)
         k = len(self.offset)
         past_latest_first = _latest_first(self.scaling.scaled(past))
+        # Letters of einsum: step h of the forecast, signal k, entry i of the past.
         mean = np.einsum("...i,hki->...hk", past_latest_first, maps, optimize=True) + constants
         # Ψ_h is the response of sample t + h to the innovation e_t. Since e_t is added to z_t, the process responds to
         # both alike. So Ψ_0 is the identity, and Ψ_h the first k columns, those of the latest sample, of the h-th map.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
         # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, Ψ being the response to it.
+        # Letters of einsum: step h, signal i, innovations j and l.
         added_variances = np.einsum(
             "hij,jl,hil->hi", responses, self.innovation_covariance, responses
         )

@@ -243,6 +243,7 @@ class ClosedLoop(ForecasterBase):
         states, innovations = self._filter.filter(np.zeros(len(output)), forcing, samples)
         smoothed_states = self._filter.smooth(states, innovations)
         mean = smoothed_states.means[:-1] @ output
+        # c P cᵀ of each sample t, with the output row c.
         variance = np.einsum("i,tij,j->t", output, smoothed_states.covariances[:-1], output)
         return Forecast(mean[:, None], variance[:, None])
 
@@ -375,9 +376,11 @@ class ClosedLoop(ForecasterBase):
             P = motors_filter.predicted_covariances(steps)[:-1]
             precisions = motors_filter.innovation_precisions[motors_filter.gain_rows(steps)]
             gains = P @ motors_output.T @ precisions
+            # Letters of einsum: window s, sample t, state n, channel i.
             estimates = states[:, :-1] + np.einsum("tni,sti->stn", gains, innovations)
             covariances = P - gains @ motors_output @ P
         C = full_filter.C
+        # The variance of each channel c at each sample t, from the covariance of states i and j.
         variances = np.einsum("ci,tij,cj->tc", C, covariances, C)
         return self._joined_forecast(estimates @ C.T, variances, len(inputs))
 

@@ -206,6 +206,7 @@ def steady_likelihood(
     prior_projection = (prior_covariance @ projection[..., None])[..., 0]
     estimate = np.linalg.solve(posterior_factor, prior_projection[..., None])[..., 0]
 
+    # The scalar product of projection and estimate is that of each model b.
     log_likelihood = 0.5 * (
         np.einsum("bi,bi->b", projection, estimate)
         - products[:, 0, 0]

@@ -60,6 +60,7 @@ class FilteredSegment(NamedTuple):
     def log_densities(self) -> Array:
         """(T,) log density of each sample given those before it, nats."""
         log_determinants = np.linalg.slogdet(self.precisions / (2 * np.pi))[1]
+        # eᵀ F⁻¹ e of each sample t.
         squares = np.einsum("ti,tij,tj->t", self.innovations, self.precisions, self.innovations)
         return np.asarray(0.5 * (log_determinants - squares))
 
@@ -106,6 +107,7 @@ def filter_segment(kalman_filter: KalmanFilter, samples: Array) -> FilteredSegme
     rows = kalman_filter.gain_rows(T)
     gains = kalman_filter.gains[rows]
     precisions = kalman_filter.innovation_precisions[rows]
+    # Cᵀ F⁻¹ e of each sample t, as rows.
     weighted_innovations = np.einsum("tij,tj->ti", precisions, innovations) @ kalman_filter.C
     transitions = kalman_filter.A - kalman_filter.gains @ kalman_filter.C
     smoothing = np.zeros((T + 1, n))
@@ -196,7 +198,7 @@ def _squared_errors(
     trims = segment.smoothing[0, STATES:]
     setpoint_errors = setpoint.squared_errors(states)
     trim_squares = float(trims @ trim_covariance @ trims)
-    # The measurement noise v is smoothed to R (F⁻¹ e − Kᵀ r).
+    # The measurement noise v is smoothed to R (F⁻¹ e − Kᵀ r). Letters of einsum: sample t, channels i and j, state n.
     weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
     weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
     return _SquaredErrors(

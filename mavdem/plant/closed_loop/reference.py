@@ -53,7 +53,7 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         in_range: flags (J, F) of the frequencies below half of the controller's rate.
 
     Returns:
-        Unfolded density (J, F), 0 out of range but for the base.
+        Unfolded density (J, F), 0 out of range; only that of the frequencies themselves is above 0 everywhere.
     """
     # Importing scipy.optimize takes half a second.
     from scipy.optimize import minimize
@@ -88,8 +88,8 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
     fit = minimize(
         negative_log_likelihood, start, method="Nelder-Mead", options={"maxiter": MAX_ITERATIONS}
     )
-    result = np.where(in_range, power_law(fit.x), 0.0)
-    aliases = result[:, ~is_base].sum(axis=1)
-    base = np.maximum(density - aliases, MIN_REFERENCE_FRACTION * density)
-    result[:, is_base] = base[:, None]
-    return result
+    unfolded = np.where(in_range, power_law(fit.x), 0.0)
+    folded_aliases = unfolded[:, ~is_base].sum(axis=1)
+    base_density = np.maximum(density - folded_aliases, MIN_REFERENCE_FRACTION * density)
+    unfolded[:, is_base] = base_density[:, None]
+    return unfolded

@@ -170,6 +170,7 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
                 for stream in matched_streams
             ]
         )
+        # Letters of einsum: quantities c and d, frequency f.
         products = np.einsum("cf,df->fcd", transforms, transforms.conj())
         densities.append(np.add.reduceat(products, edges[:-1], axis=0) / counts[:, None, None])
     return CrossSpectra(

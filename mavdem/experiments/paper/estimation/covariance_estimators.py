@@ -207,7 +207,7 @@ def expectation_maximization(record: NoisyRecord) -> Array:
         )
         smoothed_states = smooth_states(model, record.outputs[0], record.inputs, record.outputs)
         residuals = record.outputs - smoothed_states.means
-        state_variances = np.einsum("tii->ti", smoothed_states.covariances)
+        state_variances = smoothed_states.covariances.diagonal(axis1=1, axis2=2)
         variances = np.maximum((residuals**2 + state_variances).mean(axis=0), SMALLEST_VARIANCE)
     return variances
 

@@ -173,6 +173,7 @@ def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     # The filter predicts. The gain of the correction by the sample itself is P Cᵀ F⁻¹.
     covariances = kalman_filter.covariances[: len(kalman_filter.gains)]
     corrections = covariances @ model.C.T @ kalman_filter.innovation_precisions
+    # Letters of einsum: sample t, state n, output m.
     return predicted_states[:-1] + np.einsum("tnm,tm->tn", corrections[rows], innovations)
 
 
