@@ -120,11 +120,11 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
     counts = message_counts(telemetry, tuple(MOTOR_MESSAGES))
     first_obstacle = None
     for message in names_by_preference(counts):
-        result = _outputs_in_message(telemetry, message)
-        if isinstance(result, MotorOutputs):
-            return result
+        outputs_or_obstacle = _outputs_in_message(telemetry, message)
+        if isinstance(outputs_or_obstacle, MotorOutputs):
+            return outputs_or_obstacle
         if first_obstacle is None:
-            first_obstacle = result
+            first_obstacle = outputs_or_obstacle
     if first_obstacle is not None:
         return first_obstacle
     preferred_message_name = next(iter(MOTOR_MESSAGES))

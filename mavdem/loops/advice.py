@@ -336,7 +336,7 @@ def _gains_behind_oscillation(controller: Controller, frequency: float | None) -
     Returns:
         Names of the controller's fields: "angle_gain" and "i", one of them, or "p" and "d".
     """
-    angular_frequency = 2 * np.pi * (frequency or np.inf)
+    angular_frequency = np.inf if frequency is None else 2 * np.pi * frequency
     # Without P, all of the response comes from the integral.
     integral_corner = controller.i / controller.p if controller.p else np.inf
     lagging_gains = []

@@ -316,8 +316,8 @@ def motion_figures(
         degrees = np.degrees(angles)
         figures["lean"] = degrees.mean(axis=1)
         figures["sway"] = degrees.std(axis=1)
-    result = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
+    compared_figures = {"levels": (DECIBELS_PER_POWER_DECADE * np.log10(level_ratio)).tolist()}
     # Row 0 of the values is that of the recorded motion, the others are those of the simulated ones.
     for name, values in figures.items():
-        result[name] = [values[0], values[1:].mean()]
-    return result
+        compared_figures[name] = [values[0], values[1:].mean()]
+    return compared_figures

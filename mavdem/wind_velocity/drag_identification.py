@@ -465,13 +465,13 @@ def estimate_drag(
     if velocities.shape not in ((2,), (len(time), 2)):
         raise ValueError(f"wind must have shape (2,) or ({len(time)}, 2), not {velocities.shape}")
     # Samples without a known wind are left out, like those without a velocity.
-    air = np.broadcast_to(velocities, (len(time), 2))
+    wind_velocities = np.broadcast_to(velocities, (len(time), 2))
     speeds = as_real_array(velocity, "velocity")
-    speeds = np.where(np.isfinite(air).all(axis=1, keepdims=True), speeds, np.nan)
+    speeds = np.where(np.isfinite(wind_velocities).all(axis=1, keepdims=True), speeds, np.nan)
     samples = validated_motion(time, attitude, speeds)
-    air = air[samples.usable]
-    step = GUST_SECONDS if np.ptp(air, axis=0).max() > VARYING_WIND else GRID_STEP
-    grid = flight_grid(samples, step, wind=air)
+    wind_velocities = wind_velocities[samples.usable]
+    step = GUST_SECONDS if np.ptp(wind_velocities, axis=0).max() > VARYING_WIND else GRID_STEP
+    grid = flight_grid(samples, step, wind=wind_velocities)
     grid = grid.select(grid.complete)
     prior = Drag.from_parameters()
     # The velocity along the body's axes (i), from its components north, east and down (j) at each time t.

@@ -276,11 +276,11 @@ def estimate_wind(
         "ai,tnij,aj->tna", TOTAL_WIND_MATRIX, wind_samples.covariances, TOTAL_WIND_MATRIX
     )
     whole_flight = _mean_wind(winds, variances, fine.step)
-    air = winds.mean(axis=1)
-    mean_air = air.mean(axis=0)
+    wind_velocity = winds.mean(axis=1)
+    mean_wind_velocity = wind_velocity.mean(axis=0)
     step_heights = np.interp(fine.time, samples.time, heights[samples.usable])
 
-    relative_velocity = fine.velocity[:, HORIZONTAL] - air
+    relative_velocity = fine.velocity[:, HORIZONTAL] - wind_velocity
     air_speed = np.nanmean(np.hypot(*relative_velocity.T))
     flight_drag = Drag(
         posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
@@ -297,8 +297,8 @@ def estimate_wind(
         status[doubt.figure] = doubt.status
 
     gust_steps = max(round(GUST_SECONDS / fine.step), 1)
-    gust = float(_largest_running_mean(np.hypot(*air.T)[:, np.newaxis], gust_steps)[0])
-    mean_speed_square = max(mean_air @ mean_air, MIN_SPEED)
+    gust = float(_largest_running_mean(np.hypot(*wind_velocity.T)[:, np.newaxis], gust_steps)[0])
+    mean_speed_square = max(mean_wind_velocity @ mean_wind_velocity, MIN_SPEED)
     return WindVelocity(
         speed=whole_flight.speed,
         speed_interval=(
@@ -310,13 +310,13 @@ def estimate_wind(
         gust=gust,
         gust_interval=_gust_interval(winds, variances, gust_steps, gust),
         gust_seconds=gust_steps * fine.step,
-        turbulence_intensity=(air @ mean_air).std() / mean_speed_square,
+        turbulence_intensity=(wind_velocity @ mean_wind_velocity).std() / mean_speed_square,
         time=fine.time,
-        velocity=air,
+        velocity=wind_velocity,
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
-        along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_air, 0.0]),
+        along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_wind_velocity, 0.0]),
         minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
-        profile=tuple(_profile(air, step_heights, fine.step)),
+        profile=tuple(_profile(wind_velocity, step_heights, fine.step)),
         drag=flight_drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
@@ -380,13 +380,13 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
     return minutes
 
 
-def _profile(air: Array, heights: Array, step: float) -> list[dict[str, float]]:
+def _profile(wind_velocity: Array, heights: Array, step: float) -> list[dict[str, float]]:
     """Returns the mean wind by height, in layers of ``LAYER_HEIGHT``.
 
     Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out: one gust would decide them.
 
     Args:
-        air: wind velocity, north and east (T, 2), m/s.
+        wind_velocity: wind velocity, north and east (T, 2), m/s.
         heights: heights of the vehicle (T,), m.
         step: time step, s.
 
@@ -397,10 +397,10 @@ def _profile(air: Array, heights: Array, step: float) -> list[dict[str, float]]:
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers = []
     for layer in np.unique(layer_of_step):
-        air_of_layer = air[layer_of_step == layer]
-        if len(air_of_layer) * step < INDEPENDENT_SECONDS:
+        wind_of_layer = wind_velocity[layer_of_step == layer]
+        if len(wind_of_layer) * step < INDEPENDENT_SECONDS:
             continue
-        north, east = air_of_layer.mean(axis=0).tolist()
+        north, east = wind_of_layer.mean(axis=0).tolist()
         layers.append(
             {
                 "height": LAYER_HEIGHT * (layer + 0.5),

@@ -136,14 +136,14 @@ def comparison_page(
     ]
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
     lights = [] if difference.is_of_same_flight else light_blocks(sides)
-    result = [
+    summary = [
         *[headline_sentence(f"{light.lead} {light.text}") for light in lights],
         *_main_difference(names, sides, difference, parameters),
         *headline_blocks(headlines),
         *next_blocks(difference, parameters),
     ]
-    summary = f"{legend['A']} and {legend['B']} over each other."
-    return render_document(" and ".join(names), summary, result, chapters, back)
+    subtitle = f"{legend['A']} and {legend['B']} over each other."
+    return render_document(" and ".join(names), subtitle, summary, chapters, back)
 
 
 def _legend_name(side: str, name: str, review: Review) -> str:

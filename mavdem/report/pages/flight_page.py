@@ -189,12 +189,12 @@ def log_page(
         max_points = MAX_POINTS if is_full else MAX_POINTS_OF_SMALL_PAGE
         flight_conclusion = conclusion(assessment.judgement)
         # The witnesses of the headline and the next step follow it; the lights stand in a grid below them.
-        result = [
+        summary = [
             flight_conclusion.headline,
             *why(assessment.headline),
             flight_conclusion.next_step,
         ]
-        return render_document(name, subtitle, result, chapters, back, head, max_points)
+        return render_document(name, subtitle, summary, chapters, back, head, max_points)
 
 
 def opened_where_not_good(
@@ -649,9 +649,9 @@ def live_page(
         latest_flight=latest_flight,
     )
     flight_conclusion = conclusion(judgement)
-    result = [flight_conclusion.headline, flight_conclusion.next_step]
+    summary = [flight_conclusion.headline, flight_conclusion.next_step]
     subtitle = f"What {axis} did, learned and predicted while it flew."
-    return render_document(f"Flight over {link}", subtitle, result, chapters, back, head)
+    return render_document(f"Flight over {link}", subtitle, summary, chapters, back, head)
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:

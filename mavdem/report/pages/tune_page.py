@@ -80,10 +80,10 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
         Chapter("All margins, and what they rest on", tune_details(tuning), folded=True),
     ]
     heading = tuning_result(tuning)
-    result = [headline_sentence(headline(heading)), Sentence(str(judgement.next_step), "Next:")]
-    # Of the lights, those of the loops are what the page is about, and the others are not.
-    head = Head(heading.level, {}, changes=changes)
-    return render_document(name, SUBTITLE, result, chapters, head=head)
+    summary = [headline_sentence(headline(heading)), Sentence(str(judgement.next_step), "Next:")]
+    # No lights are shown: those of the loops are what the page is about, and the others are not.
+    head = Head(heading.level, lights={}, changes=changes)
+    return render_document(name, SUBTITLE, summary, chapters, head=head)
 
 
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
