@@ -23,7 +23,7 @@ class AttitudeError:
     """The error of roll and pitch at N samples of one boot."""
 
     time: Array
-    """(N,) s on the boot clock."""
+    """(N,) times, s on the boot clock."""
     lean: Complex
     """(N,) rad, direction and size of the error as a lean of the body's vertical axis: the real part is forward, the
     imaginary part to the right."""
@@ -39,11 +39,11 @@ class LargestError(NamedTuple):
     """The largest error of roll and pitch in an interval, as witnesses state it: figures of their facts."""
 
     angle: float
-    """error, rad; where the setpoint is not known the whole lean, of which only half counts as error"""
+    """The error, rad. Where the setpoint is not known, it is the whole lean, of which only half counts as error."""
     has_setpoint: bool
-    """whether the setpoint was known at that time"""
+    """Whether the setpoint was known at that time."""
     time: float
-    """when it was so large, s since boot"""
+    """When it was so large, s since boot."""
 
 
 def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError | None:

@@ -53,10 +53,12 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
     flight_start, flight_end = flight_interval
     duration = min(flight_end, sensors.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
+    is_large = abs(change) >= limit
     # The satellites' altitude may have wandered the other way: that contradicts a rise as well.
-    changed_with_it = heights.satellite_change / change if change else 0.0
+    satellite_share = heights.satellite_change / change if change else 0.0
+    satellites_confirm = abs(satellite_share) > MAX_SATELLITE_SHARE
     is_one_place = heights.distance <= MAX_DISTANCE
-    if abs(change) < limit or abs(changed_with_it) > MAX_SATELLITE_SHARE or not is_one_place:
+    if not is_large or satellites_confirm or not is_one_place:
         return
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,

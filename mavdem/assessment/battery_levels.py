@@ -28,8 +28,12 @@ FULL_CELL_VOLTAGE = 4.2
 """Voltage, V, of a full lithium cell. The highest voltage of a battery with an unknown number of cells is taken for
 that of full cells."""
 
-LOW_VOLTAGE_PARAMETERS = ("{}LOW_VOLT", "FS_BATT_VOLTAGE")
-"""ArduPilot's parameters of the voltage, V, at which it acts on a low battery; 0 for none. The last is of the first."""
+LOW_VOLTAGE_PARAMETER = "{}LOW_VOLT"
+"""ArduPilot's parameter of the voltage, V, at which it acts on a low battery, after the prefix of the battery; 0 for
+none."""
+
+OLD_LOW_VOLTAGE_PARAMETER = "FS_BATT_VOLTAGE"
+"""The same of older versions, which know the first battery only."""
 
 CRITICAL_VOLTAGE_PARAMETER = "{}CRT_VOLT"
 """ArduPilot's parameter of the voltage, V, at which it acts on a critical battery; 0 for none."""
@@ -57,9 +61,9 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     """
     # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
     prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"
-    names = [name.format(prefix) for name in LOW_VOLTAGE_PARAMETERS]
-    if number != FIRST_BATTERY:
-        names = names[:1]
+    names = [LOW_VOLTAGE_PARAMETER.format(prefix)]
+    if number == FIRST_BATTERY:
+        names.append(OLD_LOW_VOLTAGE_PARAMETER)
     critical = parameters.get(CRITICAL_VOLTAGE_PARAMETER.format(prefix), 0.0)
     low = max(critical, *(parameters.get(name, 0.0) for name in names))
     critical = max(critical, CELL_VOLTAGE_LIMITS.bad * cells)
@@ -90,6 +94,7 @@ def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     if battery.cells is not None:
         return battery.cells
     lowest, highest = FULL_CELL_VOLTAGES
+    # Voltage of a full cell for each of the usual counts.
     cell_voltages = np.percentile(battery.voltage.values, FULL_PERCENTILE) / CELL_COUNTS
     possible_counts = CELL_COUNTS[(cell_voltages >= lowest) & (cell_voltages <= highest)]
     return int(possible_counts[0]) if len(possible_counts) == 1 else None
@@ -125,12 +130,12 @@ def batteries_worst_first(signals: Signals) -> list[Battery]:
     """
     parameters = signals.telemetry.parameters
 
-    def order(battery: Battery) -> tuple[bool, float]:
-        """Returns whether a battery is not measured, and its lowest voltage of a cell, V."""
+    def measured_and_emptiest_first(battery: Battery) -> tuple[bool, float]:
+        """Returns the key to sort by: whether a battery is not measured, and its lowest voltage of a cell, V."""
         empty_volts, full_volts = np.percentile(
             battery.voltage.values, [EMPTY_PERCENTILE, FULL_PERCENTILE]
         )
         cells = cell_count(parameters, battery) or full_volts / FULL_CELL_VOLTAGE
         return not is_measured(parameters, battery), empty_volts / cells
 
-    return sorted(signals.batteries, key=order)
+    return sorted(signals.batteries, key=measured_and_emptiest_first)

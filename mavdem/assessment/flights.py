@@ -61,9 +61,16 @@ def total_duration(segments: Segments) -> float:
 
 
 def flights_in_boot(signals: Signals, boot: int) -> Intervals:
-    """Returns the intervals of a boot off the ground, s.
+    """Returns the intervals of a boot in which the vehicle is off the ground.
 
     A pause of less than ``RECOVERY_SECONDS`` is no landing: a land detector may be mistaken in the air.
+
+    Args:
+        signals: signals of the vehicle.
+        boot: number of the boot, from 0.
+
+    Returns:
+        Start and end of each flight, s since boot; infinite where the record begins or ends in the air.
     """
     return merge_close(airborne_intervals(signals, boot), RECOVERY_SECONDS)
 
@@ -90,6 +97,16 @@ def merge_close(intervals: Intervals, gap: float) -> Intervals:
 
 
 def loss_onset(loss: Fact) -> float | None:
-    """Returns the time at which the loss of a vehicle began, s; a loss of attitude precedes a tumbling impact."""
+    """Returns the time at which the loss of a vehicle began.
+
+    It is the time of the event, unless that is an impact of a vehicle that lost its attitude before: such a fact has
+    the time of that loss as its figure ``onset``.
+
+    Args:
+        loss: event with which the vehicle was lost.
+
+    Returns:
+        The time, s since boot; None if it is not known.
+    """
     onset: float | None = loss.figures.get("onset", loss.time)
     return onset

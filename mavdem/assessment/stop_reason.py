@@ -82,9 +82,13 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
 
 
 def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
-    """Returns whether the autopilot reported an event in an interval, s since boot.
+    """Returns whether the autopilot reported an event in an interval.
 
     Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.
+
+    Args:
+        event: event that the autopilot reported.
+        interval: start and end, s since boot.
     """
     earliest, latest = interval
     start = event.start_time

@@ -1,6 +1,6 @@
 """Status light of the wind: its speed, if it is known, and the share of the vehicle's largest lean that it needs."""
 
-from math import hypot, inf, radians
+from math import hypot, radians
 from typing import Any
 
 from mavdem.assessment.condition import Condition
@@ -25,15 +25,13 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     estimated from the estimator's velocity. It is unknown, with its figures, if an unknown part of the lean may be no
     wind at all.
 
-    The fact has ``speed``, its interval ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and
-    the ``share`` of the lean.
-
     Args:
         evidence: signals, events and measurements of the vehicle.
         estimator: the fact of the light on the state estimator.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown.
+        A fact whose level is the colour of the light: good, watch, bad or unknown. It has ``speed``, its interval
+        ``low`` to ``high`` (m/s), ``direction``, None if that is not identified, and the ``share`` of the lean.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle
@@ -103,4 +101,4 @@ def _lean_share(condition: Condition, telemetry: Telemetry) -> float:
         limit = telemetry.parameters.get(name, 0.0) * degrees_per_unit
         if limit > 0:
             return mean_lean / radians(limit)
-    return mean_lean / inf
+    return 0.0
