@@ -120,25 +120,6 @@ def as_real_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
         raise ValueError(f"{name} must be real numbers: {error}") from None
 
 
-def distinct_values(values: NDArray[Any]) -> NDArray[Any]:
-    """Returns the distinct numbers of an array, ascending, as ``np.unique`` does.
-
-    Small whole numbers, such as pulse widths and the numbers of ports and boots, are counted instead of sorted.
-
-    Args:
-        values: Numbers of any shape.
-
-    Returns:
-        (k,) numbers of the same type.
-    """
-    if not values.size or values.min() < 0 or not values.max() <= np.iinfo(np.uint16).max:
-        return np.unique(values)
-    whole_numbers = values.astype(np.uint16)
-    if values.dtype.kind == "f" and not np.array_equal(whole_numbers, values):
-        return np.unique(values)
-    return np.flatnonzero(np.bincount(whole_numbers.ravel())).astype(values.dtype)
-
-
 def cumulative_integral(values: Array, steps: Array) -> Array:
     """Integrates samples over time by the trapezoidal rule, from 0 at the first sample.
 

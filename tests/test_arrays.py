@@ -1,4 +1,4 @@
-"""Functions of arrays in place of slow ones of NumPy, and of those of SciPy that are slow to import, against theirs."""
+"""Functions of arrays in place of those of SciPy that are slow to import, against theirs."""
 
 import subprocess
 import sys
@@ -10,7 +10,7 @@ from pytest import mark
 from scipy.integrate import cumulative_trapezoid
 from scipy.stats import t as student_t
 
-from mavdem.arrays import cumulative_integral, distinct_values
+from mavdem.arrays import cumulative_integral
 from mavdem.confidence import student_t_log_density
 
 
@@ -28,24 +28,6 @@ def test_the_density_of_student_s_distribution_is_that_of_scipy():
     for freedom in (1.0, 4.5, 200.0):
         expected = student_t.logpdf(values, freedom)
         assert_allclose(student_t_log_density(values, freedom), expected, rtol=1e-9)
-
-
-@mark.parametrize(
-    "values",
-    [
-        np.zeros(0),
-        np.array([[1500.0, 1000.0], [1500.0, 65535.0]]),
-        np.array([3, 1, 3], np.uint8),
-        np.array([0.5, 2.0, 0.5]),
-        np.array([-1, 2, -1]),
-        np.array([1.0, 65536.0, np.inf]),
-        np.array([1.0, np.nan]),
-    ],
-)
-def test_distinct_values_are_those_of_numpy(values):
-    distinct = distinct_values(values)
-    assert_array_equal(distinct, np.unique(values))
-    assert distinct.dtype == values.dtype
 
 
 @mark.slow

@@ -9,7 +9,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.arrays import Array, distinct_values
+from mavdem.arrays import Array
 from mavdem.dataset.intervals import (
     Intervals,
     complement,
@@ -216,6 +216,6 @@ def max_collective(signals: Signals) -> float:
     if collective is None:
         return 0.0
     highest_of_boots = []
-    for boot in distinct_values(collective.boot):
+    for boot in np.unique(collective.boot):
         highest_of_boots.append(moving_average(collective.of_boot(boot)).max())
     return max(highest_of_boots)

@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 
-from mavdem.arrays import distinct_values
+import numpy as np
+
 from mavdem.dataset import flight_states, grounded, quality
 from mavdem.dataset.motor_outputs import (
     DEMAND_MESSAGE,
@@ -227,7 +228,7 @@ def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     name = telemetry.name_in_source("EXTENDED_SYS_STATE")
     attitude, _ = signals.attitude_and_inputs
     is_reported_airborne = False
-    for boot in distinct_values(attitude.boot):
+    for boot in np.unique(attitude.boot):
         if flight_states.airborne_intervals(signals, int(boot)):
             is_reported_airborne = True
             break

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.arrays import Array, Integers, distinct_values
+from mavdem.arrays import Array, Integers
 from mavdem.dataset.axes import AXES
 from mavdem.dataset.time_series import (
     TimeSeries,
@@ -339,7 +339,7 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
     outputs, channels_per_port = channel_outputs(message, columns, autopilot)
     port = float_column(columns, "port") if "port" in columns else np.zeros(len(outputs))
     banks = []
-    for number in distinct_values(port):
+    for number in np.unique(port):
         is_of_port = port == number
         table = outputs[:, :channels_per_port]
         # Channel by channel, in the table itself: of hours of flight each copy of it takes hundreds of megabytes.

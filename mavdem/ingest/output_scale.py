@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.arrays import Array, distinct_values
+from mavdem.arrays import Array
 from mavdem.confidence import Interval
 from mavdem.ingest.motors import OutputDriver
 from mavdem.ingest.telemetry import Parameters
@@ -115,7 +115,7 @@ def output_scale(
     Returns:
         The scale. If no scale fits, its name is "unknown", and it is from 0 to the largest output.
     """
-    values = distinct_values(outputs[np.isfinite(outputs)])
+    values = np.unique(outputs[np.isfinite(outputs)])
     positive = values[values > 0]
     if not len(positive):
         return OutputScale(UNKNOWN_SCALE, "", low=0.0, high=1.0, step=0.0)

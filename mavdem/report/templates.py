@@ -458,10 +458,11 @@ def as_clause(text: object) -> str:
 
 
 def forbids_flight(fact: Fact) -> bool:
-    """Returns whether the remedy of a fact begins with not to fly, so that a further one need not repeat it.
+    """Returns whether the remedy of a fact says not to fly, so that a further one need not repeat it.
 
-    The table of such a fact has the key ``forbids_flight``: "always", or "bad" where only its bad level does; "cause"
-    or "because" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
+    The table of such a fact has the key ``forbids_flight``: "always"; "bad" where only its bad level does; "confirmed"
+    where it does unless no other sensor confirms the fact, which then has the figure ``is_unconfirmed``; "cause" or
+    "because" where the remedy is that of the fact in this figure, and of a "cause" without a remedy forbids it too.
 
     Args:
         fact: the fact.
@@ -472,6 +473,8 @@ def forbids_flight(fact: Fact) -> bool:
         if isinstance(reason, Fact) and reason.remedy:
             return forbids_flight(reason)
         return rule == "cause"
+    if rule == "confirmed":
+        return "is_unconfirmed" not in fact.figures
     return rule == "always" or (rule == "bad" and fact.is_bad)
 
 

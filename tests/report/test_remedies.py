@@ -7,7 +7,7 @@ from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.loops import LoopFact
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.vibration import VibrationLight
-from mavdem.report.templates import forbids_flight
+from mavdem.report.templates import forbids_flight, sentence_templates
 
 
 def lost(cause):
@@ -42,6 +42,14 @@ def vibration(level):
 )
 def test_a_fact_forbids_flight_where_its_remedy_says_so(fact):
     assert forbids_flight(fact) == fact.remedy.startswith("Do not fly")
+
+
+def test_remedies_that_forbid_to_fly_are_marked_and_can_be_said_in_short():
+    for code, templates in sentence_templates().items():
+        remedy = templates.get("remedy", "")
+        forbids = "{{ ban }}" in remedy or "do not fly" in remedy.lower()
+        assert not forbids or "forbids_flight" in templates, code
+        assert "Do not fly before" not in remedy, code
 
 
 def test_the_margins_are_named_once_in_a_reason_for_none():

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from mavdem.arrays import Flags, distinct_values
+from mavdem.arrays import Flags
 from mavdem.facts import Facts
 from mavdem.facts.sources import Repair
 from mavdem.ingest.telemetry import repair_facts
@@ -518,7 +518,7 @@ def _readings_by_reference(
     is_other_epoch = abs(typical_offset) > MIN_EPOCH_OFFSET
     repairs: Facts = ()
     if is_other_epoch:
-        for number in distinct_values(boot):
+        for number in np.unique(boot):
             is_of_boot = boot == number
             shift = np.median(offset[is_of_boot])
             time[is_of_boot] -= shift
