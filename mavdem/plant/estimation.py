@@ -282,25 +282,17 @@ def _physical_parameters(
     jacobian = parameter_gradient(values_at, theta, values).T
     covariance = jacobian @ inverse(fit.curvature) @ jacobian.T
 
-    logarithm_slopes = _slopes_of_log_estimates(values)
-    likelihood_sd = np.sqrt(np.diag(logarithm_slopes @ covariance @ logarithm_slopes.T))
-    relative_sd = dict(
-        zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
-    )
     refinement_values = model.refinement_values(theta).tolist()
     refinements = dict(zip(model.refinements, refinement_values, strict=True))
-    thrust_curve = refinements.get(Refinement.THRUST_CURVE, 0.0)
-    thrust_curve_sd = OmissionErrors.thrust_curve_damping * thrust_curve / damping
-    relative_sd["damping"] = hypot(relative_sd["damping"], thrust_curve_sd)
-    figures = IdentifiabilityFigures(
-        wind_share=_wind_share(fit, windows),
-        alias_share=_alias_share(fit, windows),
-        sd=relative_sd,
-        spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
-        lag=np.exp(theta[model.lag_index]),
-        dt=windows.dt,
-        unpredicted_share=windows.unpredicted_share,
-        thrust_curve=thrust_curve,
+    logarithm_slopes = _slopes_of_log_estimates(values)
+    likelihood_sd = np.sqrt(np.diag(logarithm_slopes @ covariance @ logarithm_slopes.T))
+    figures = _identifiability_figures(
+        fit,
+        windows,
+        likelihood_sd,
+        spectrum_range,
+        damping=damping,
+        thrust_curve=refinements.get(Refinement.THRUST_CURVE, 0.0),
     )
     status, reasons = identifiability(figures)
     bias = 0.0
@@ -341,6 +333,42 @@ def _physical_parameters(
         windows=len(windows.rate),
     )
     return freeze(estimate)
+
+
+def _identifiability_figures(
+    fit: GrayBoxFit,
+    windows: FlightWindows,
+    likelihood_sd: Array,
+    spectrum_range: Array,
+    *,
+    damping: float,
+    thrust_curve: float,
+) -> IdentifiabilityFigures:
+    """Collects the figures of a fit that decide which of its parameters are identifiable.
+
+    Args:
+        fit: the fit of the gray-box model.
+        windows: windows of the flight.
+        likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone.
+        spectrum_range: range of the logarithms of the same over the assumed spectra (3,).
+        damping: estimated damping, 1/s.
+        thrust_curve: relative change of the effect for one standard deviation of the inputs; 0 without one.
+    """
+    relative_sd = dict(
+        zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
+    )
+    thrust_curve_sd = OmissionErrors.thrust_curve_damping * thrust_curve / damping
+    relative_sd["damping"] = hypot(relative_sd["damping"], thrust_curve_sd)
+    return IdentifiabilityFigures(
+        wind_share=_wind_share(fit, windows),
+        alias_share=_alias_share(fit, windows),
+        sd=relative_sd,
+        spectrum_range=dict(zip(PARAMETERS, spectrum_range.tolist(), strict=True)),
+        lag=np.exp(fit.theta[fit.model.lag_index]),
+        dt=windows.dt,
+        unpredicted_share=windows.unpredicted_share,
+        thrust_curve=thrust_curve,
+    )
 
 
 def with_omission_errors(
