@@ -71,7 +71,11 @@ def test_many_clips_besides_settled_flight_count(clips, level):
     roll = np.radians(70.0) * np.sin(6.0 * attitude_time) * (attitude_time > 30.0)
     flight = evidence_of(Signals(changed(made, "ATTITUDE", roll=roll), inputs="motors"), events=())
     found = vibration_light(flight)
-    assert (found.level, found.figures["is_settled"]) == (level, level == "good")
+    assert (found.level, found.figures["is_settled"]) == (level, True)
+    if level == "good":
+        assert found.sentence.endswith("(axis x; below 15.0), no clips in settled flight.")
+    else:
+        assert "in settled flight; " in found.sentence and found.sentence.endswith("in all flight.")
 
 
 def test_clips_of_an_impact_do_not_count():

@@ -1,10 +1,10 @@
-"""Remedies that forbid to fly, and sentences that name the margins, are known by their facts, not by their words."""
+"""Remedies that forbid to fly, sentences that name the margins, and what a step towards them reaches."""
 
 from pytest import mark
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst
-from mavdem.facts.loops import LoopFact
+from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.vibration import VibrationLight
 from mavdem.report.templates import forbids_flight, sentence_templates
@@ -57,3 +57,20 @@ def test_the_margins_are_named_once_in_a_reason_for_none():
     no_loop = Fact(LoopFact.NO_LOOP, reasons=(no_setpoint,))
     assert Fact(LoopFact.NO_MARGINS, because=no_setpoint).sentence == no_setpoint.sentence
     assert Fact(LoopFact.NO_MARGINS, because=no_loop).sentence == no_setpoint.sentence
+
+
+@mark.parametrize(
+    "share, reached",
+    [
+        (0.0, "no vehicle model reaches the goal"),
+        (0.004, "fewer than 0.5 % of the vehicle models reach the goal"),
+        (0.2, "in 20 % of the vehicle models"),
+    ],
+)
+def test_no_model_reaches_the_goal_only_where_the_share_is_zero(share, reached):
+    expected = Fact(LoopFact.MARGIN_RATING, phase_margin=44.0, gain_margin=8.9, ms=1.9)
+    target = {"phase_margin": 45.0, "gain_margin": 6.0, "ms": 2.0}
+    step = Fact(
+        GainFact.STEP_TOWARDS_MARGINS, share=share, stage=1, flights=1, expected=expected, **target
+    )
+    assert reached in step.sentence

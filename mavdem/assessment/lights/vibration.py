@@ -39,7 +39,8 @@ def vibration_light(evidence: Evidence) -> Fact:
     autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU, which are samples outside its
     range. They are of settled flight or, without any, of all free flight. A flight ends when the vehicle was lost,
     since an impact clips every accelerometer. Clips besides settled flight, as of a propeller that comes loose, count
-    if they are more than acceptable: a few are of landings and quick manoeuvres.
+    if they are more than acceptable: a few are of landings and quick manoeuvres. The fact then has the figure
+    ``has_clipped_unsettled``: its clips are of all free flight, its level of settled flight still.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -72,8 +73,10 @@ def vibration_light(evidence: Evidence) -> Fact:
     is_in_flight = in_segments(levels, *free_flight)
     all_clips = int(vibration.clips[is_in_flight].sum(axis=0).max())
     has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
+    figures_of_clips = {}
     if has_clipped_unsettled:
         clips = all_clips
+        figures_of_clips["has_clipped_unsettled"] = True
     return Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
@@ -82,5 +85,6 @@ def vibration_light(evidence: Evidence) -> Fact:
         vibration=largest_level,
         acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
-        is_settled=bool(settled) and not has_clipped_unsettled,
+        is_settled=bool(settled),
+        **figures_of_clips,
     )

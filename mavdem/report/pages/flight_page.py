@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -524,7 +523,7 @@ def _wind_chapter(assessment: Assessment, analysis: LogAnalysis) -> Chapter:
     if analysis.truth:
         blocks += truth_blocks(analysis.truth)
     if assessment.wind is not None:
-        blocks += render_section("wind_command", log=quote(Path(assessment.log.source).name))
+        blocks += render_section("wind_command")
     wind = assessment.drawn_wind
     rose = None
     if wind is not None and wind.direction_identifiable and wind.speed_identifiable:

@@ -29,6 +29,7 @@ def test_a_fault_beside_other_flights_is_the_light_and_the_next_step_of_the_page
     page = marked(PAGE, "fault", 2)
     assert '<dd class="bad" data-alone="watch">bad</dd>' in page
     assert "by this log alone watch:</b> Uneven." in page
+    assert "about this log alone, except where it names other flights." in page
     assert '<dd class="good">good</dd>' in page
     top = re.search("<main>\n(.*)\n<h1>", page)[1]
     assert "<strong>Next:</strong> Inspect motor 2 and its propeller before the next flight." in top
