@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.arrays import Array, Flags
 from mavdem.assessment.flights import RECOVERY_SECONDS
-from mavdem.assessment.motor_events import LASTING_SECONDS, MIN_COMMAND_RANGE
+from mavdem.assessment.motor_events import LASTING_SECONDS, frozen_motor
 from mavdem.assessment.stop_reason import FIRST_RESPONSE_SECONDS
 from mavdem.dataset.flight_states import min_running_command
 from mavdem.dataset.intervals import TimeInterval, in_intervals
@@ -328,27 +328,23 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
     """Returns the fact that one motor's output froze while the others worked to save the vehicle.
 
-    Exactly one motor must be constant, over ``MIN_FROZEN_SAMPLES``, while the range of the commands is on average
-    ``MIN_COMMAND_RANGE``. The constant command must be off the limits, at which a mixer itself may keep an output.
-
     Args:
         signals: signals of the vehicle.
-        commands: commands around the loss.
+        commands: commands around the loss; at least ``MIN_FROZEN_SAMPLES`` must show it.
 
     Returns:
         The fact; None if no output froze.
     """
     motors = commands.motors
-    ranges = np.ptp(commands.now, axis=0)
-    first_commands = commands.now[0]
-    is_above_idle = first_commands > min_running_command(motors)
-    is_below_limit = first_commands < motors.scale.stop - MIN_COMMAND_RANGE
-    frozen_motors = np.flatnonzero((ranges == 0) & is_above_idle & is_below_limit)
-    has_enough_samples = len(commands.now) >= MIN_FROZEN_SAMPLES
-    others_worked = ranges.mean() >= MIN_COMMAND_RANGE
-    if len(frozen_motors) != 1 or not has_enough_samples or not others_worked:
+    if len(commands.now) < MIN_FROZEN_SAMPLES:
         return None
-    name = motors.geometry.names[frozen_motors[0]]
+    recorded = commands.recorded
+    start, end = commands.time[0], commands.time[-1]
+    is_around = in_intervals(recorded.time, [(start - RECOVERY_SECONDS, end)])
+    motor = frozen_motor(motors, commands.now, lowest=recorded.values[is_around].min())
+    if motor is None:
+        return None
+    name = motors.geometry.names[motor]
     settings = changed_functions(signals, [name])
     return Fact(FailedFirst.OUTPUT_FROZE_FIRST, subject=name, settings=settings)
 

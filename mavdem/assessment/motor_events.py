@@ -39,7 +39,7 @@ FROZEN_SAMPLES = 8
 
 MIN_COMMAND_RANGE = 0.05
 """Mean range of motors' commands, as a share of the full range, beside which one that is constant has frozen; also
-the distance from its limit at which it must be constant."""
+the distance from its upper limit at which it must be constant."""
 
 FULL_THROTTLE_SHARE = 0.5
 """Share of the time at its limit beyond which the throttle must be full to explain the limit of a motor; a choice."""
@@ -178,29 +178,52 @@ def _frozen_outputs(
     Yields:
         A fact with the name of the motor as subject, and its constant command as ``share`` of the range.
     """
-    idle = min_running_command(motors)
-    highest = motors.scale.stop - MIN_COMMAND_RANGE
     for flight in flights:
         is_in_flight = in_intervals(commands.time, [flight])
         time = commands.time[is_in_flight]
         values = commands.values[is_in_flight]
         for motor, name in enumerate(motors.geometry.names):
             for first, end in _constant_runs(values[:, motor]):
-                command = float(values[first, motor])
-                ranges = np.ptp(values[first:end], axis=0)
-                others_worked = np.delete(ranges, motor).min(initial=inf) > 0
-                others_worked &= ranges.mean() >= MIN_COMMAND_RANGE
-                is_between_limits = idle < command < highest
                 lasts = time[end - 1] - time[first] >= FROZEN_SECONDS
-                if lasts and is_between_limits and others_worked:
+                if not lasts:
+                    continue
+                constant = values[first:end]
+                if frozen_motor(motors, constant, lowest=constant.min()) == motor:
                     yield Fact(
                         MotionEvent.OUTPUT_FROZE,
                         time=time[first],
                         until=time[end - 1],
                         subject=name,
-                        share=command,
+                        share=float(values[first, motor]),
                         boot=boot,
                     )
+
+
+def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | None:
+    """Returns the index of the motor whose output is frozen, by commands of a time in which the others work.
+
+    Its command is constant, and the range of the commands is on average ``MIN_COMMAND_RANGE``. A mixer itself may keep
+    outputs at their limits, not all of which are known: the constant command must be above the idle and above the
+    lowest command that occurred, and below the upper limit. Where no parameter says which outputs drive motors, a
+    constant one may be of something else, such as a gimbal, and none counts.
+
+    Args:
+        motors: outputs of the k motors, with their scale.
+        commands: commands of that time (N, k), as shares of their range.
+        lowest: lowest command of all motors that occurred around that time, as share of the range.
+
+    Returns:
+        The index; None if no output is frozen, or those of several motors seem to be.
+    """
+    if motors.geometry.channels_assumed:
+        return None
+    ranges = np.ptp(commands, axis=0)
+    lower_limit = max(min_running_command(motors), lowest)
+    upper_limit = motors.scale.stop - MIN_COMMAND_RANGE
+    is_between_limits = (commands[0] > lower_limit) & (commands[0] < upper_limit)
+    frozen = np.flatnonzero((ranges == 0) & is_between_limits)
+    others_work = ranges.mean() >= MIN_COMMAND_RANGE
+    return int(frozen[0]) if len(frozen) == 1 and others_work else None
 
 
 def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:

@@ -178,14 +178,28 @@ def test_an_output_that_stands_still_is_no_weak_motor_on_the_other_side():
     assert ending.subject == NAMES[0]
 
 
-@mark.parametrize("seconds, is_frozen", [(1.5, False), (3.0, True)])
-def test_an_output_that_stands_still_in_flight_has_frozen(seconds, is_frozen):
+@mark.parametrize(
+    "seconds, pulse, are_channels_known, is_frozen",
+    [
+        (1.5, 1650.0, True, False),
+        (3.0, 1650.0, True, True),
+        # The lowest pulse of all motors may be that of the idle, and other outputs may drive a gimbal.
+        (3.0, 1300.0, True, False),
+        (3.0, 1650.0, False, False),
+    ],
+)
+def test_an_output_that_stands_still_in_flight_has_frozen(
+    seconds, pulse, are_channels_known, is_frozen
+):
     """The vehicle flies on, and the other outputs swing."""
     made = flight(10.0)
     time = stamps(made, "SERVO_OUTPUT_RAW")
     outputs = pulses(made) + 100.0 * np.sin(7.0 * time)
-    outputs[2] = np.where((time > FAILS) & (time < FAILS + seconds), 1650.0, outputs[2])
-    events, ending = judged(with_pulses(made, outputs))
+    outputs[2] = np.where((time > FAILS) & (time < FAILS + seconds), pulse, outputs[2])
+    made = with_pulses(made, outputs)
+    if not are_channels_known:
+        made = replace(made, parameters={}, initial_parameters={})
+    events, ending = judged(made)
     assert ending is None and (MotionEvent.OUTPUT_FROZE in events) == is_frozen
     if is_frozen:
         frozen = events[MotionEvent.OUTPUT_FROZE]
