@@ -3,7 +3,7 @@
 A ULog is a chain of records, each with a header of three bytes: its length (uint16) and its type, a letter. There are
 no checksums, and files before PX4 1.11 have no marks of synchronisation, so that one wrong length would shift all that
 follows. Here a record must fit the definitions of the file; where one does not, the search goes on byte by byte until
-several records in a row fit. The rest of the file is then a sound ULog, which any parser reads.
+several records in a row fit.
 
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
@@ -78,10 +78,8 @@ class SoundRecords:
 
     content: FileContent
     """The file."""
-    parts: Sequence[slice]
-    """The parts of it that are kept, ascending; the first one is the header of the file."""
     flags: bytes
-    """The record of flags, which may follow the header, without offsets of appended data; empty where there is none."""
+    """The record of flags, which may follow the header; empty where there is none."""
     loss: RecordLoss
     """What was lost by damage."""
     offsets: Offsets
@@ -89,29 +87,11 @@ class SoundRecords:
     definitions: RecordDefinitions
     """The definitions of the file, with its subscriptions."""
 
-    @property
-    def file_header(self) -> bytes:
-        """The header of the file, and the flags."""
-        return self.content[self.parts[0]] + self.flags
-
-    def sound_file(self) -> FileContent:
-        """Returns a file with the records that are kept; ``content`` itself where nothing was left out.
-
-        The record with the flags is written again: offsets of appended data in it would be wrong where records before
-        them were left out.
-        """
-        first_record = FILE_HEADER_BYTES + len(self.flags)
-        is_whole = list(self.parts[1:]) == [slice(first_record, len(self.content))]
-        if is_whole and self.flags == self.content[FILE_HEADER_BYTES:first_record]:
-            return self.content
-        pieces = [self.content[part] for part in self.parts[1:]]
-        return b"".join([self.file_header, *pieces])
-
 
 def sound_records(content: FileContent) -> SoundRecords:
     """Leaves out the parts of a ULog file that do not fit its definitions.
 
-    Sound records that parsers cannot read are left out too: those of a topic without a time stamp, repeated
+    Sound records that cannot be read are left out too: those of a topic without a time stamp, repeated
     subscriptions and definitions, and types of records that this version of the format does not have. Data that was
     appended after a crash follows the other data directly.
 
@@ -125,8 +105,7 @@ def sound_records(content: FileContent) -> SoundRecords:
     scan.run()
     return SoundRecords(
         content,
-        scan.kept_parts,
-        scan.flags_without_offsets(),
+        scan.flags,
         scan.loss,
         np.array(scan.offsets, dtype=np.int64),
         scan.definitions,
@@ -138,8 +117,8 @@ class _RecordScan:
 
     Attributes:
         content: Bytes of the file.
+        flags: The record of flags; empty where there is none.
         loss: What was lost by damage so far.
-        kept_parts: Parts of the file that are kept; the first one is the header of the file.
         offsets: Offsets of the records that are kept: 64-bit numbers, of which a long log has millions.
         definitions: The definitions that were read so far.
     """
@@ -152,11 +131,10 @@ class _RecordScan:
         """
         self.content = content
         self.loss = RecordLoss()
-        self.kept_parts: list[slice] = [slice(0, FILE_HEADER_BYTES)]
         self.offsets = array("q")
         self.definitions = RecordDefinitions(content)
         self._data_runs = RecordRuns(content, self.definitions.possible_data_records)
-        self._flags = b""
+        self.flags = b""
 
     def run(self) -> None:
         """Finds the records of the whole file, part by part where data was appended to it."""
@@ -164,7 +142,7 @@ class _RecordScan:
         header = self.content[start : start + HEADER.size]
         if header == HEADER.pack(FLAG_BYTES, FLAG_BITS):
             flags_end = start + HEADER.size + FLAG_BYTES
-            self._flags = self.content[start:flags_end]
+            self.flags = self.content[start:flags_end]
             start = flags_end
         for end in [*self._appended_offsets(start), len(self.content)]:
             self._run_part(start, end)
@@ -182,9 +160,9 @@ class _RecordScan:
         Returns:
             The offsets, ascending; none if no data was appended, or the flags are damaged.
         """
-        if not self._flags:
+        if not self.flags:
             return []
-        values = struct.unpack("<8B8B3Q", self._flags[HEADER.size :])
+        values = struct.unpack("<8B8B3Q", self.flags[HEADER.size :])
         first_incompatible_flag = values[8]
         offsets = [offset for offset in values[16:] if offset]
         is_ascending = offsets == sorted(set(offsets))
@@ -192,23 +170,6 @@ class _RecordScan:
         if first_incompatible_flag & APPENDED_DATA_FLAG and is_ascending and lies_in_file:
             return offsets
         return []
-
-    def flags_without_offsets(self) -> bytes:
-        """Returns the flags record without its offsets of appended data.
-
-        It is for a file in which the appended data directly follows the rest, so that readers need no offsets.
-
-        Returns:
-            Bytes of the record; empty if the file has no flags.
-        """
-        flags = bytearray(self._flags)
-        if flags:
-            # The record has 8 bytes of compatible flags, 8 of incompatible ones, and then the offsets.
-            first_incompatible_flag = HEADER.size + 8
-            first_offset = first_incompatible_flag + 8
-            flags[first_incompatible_flag] &= ~APPENDED_DATA_FLAG
-            flags[first_offset:] = bytes(len(flags) - first_offset)
-        return bytes(flags)
 
     def _run_part(self, start: int, end: int) -> None:
         """Finds the records between two offsets.
@@ -221,8 +182,8 @@ class _RecordScan:
         """
         content = self.content
         offsets = self.offsets
-        # The present run of sound records: its first byte, and the number of records before it.
-        run_start = position = start
+        position = start
+        # The number of records before the present run of sound ones.
         records_before_run = len(offsets)
         while position < end:
             header = self.definitions.header(position)
@@ -260,13 +221,11 @@ class _RecordScan:
                 self._add_loss(0, omitted_bytes.stop - omitted_bytes.start, 0.0)
             while len(offsets) > records_before_run and offsets[-1] >= omitted_bytes.start:
                 offsets.pop()
-            self.kept_parts.append(slice(run_start, omitted_bytes.start))
-            run_start = position = omitted_bytes.stop
+            position = omitted_bytes.stop
             records_before_run = len(offsets)
         if position > end and len(offsets) > records_before_run:
             # The last record is cut off.
-            position = offsets.pop()
-        self.kept_parts.append(slice(run_start, position))
+            offsets.pop()
 
     def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
         """Returns whether ``RECORDS_OF_CHAIN`` records from an offset on fit the definitions, or all up to the end.
