@@ -24,7 +24,7 @@ NOISE_RATIO = 4.0
 """Change of the barometer's height over its scatter at rest from which on it is no noise."""
 
 MAX_SATELLITE_SHARE = 0.5
-"""Change of the altitude by satellites, as a share of the barometer's, up to which it contradicts that one; a choice.
+"""Change of the altitude by satellites, as a share of the barometer's, up to which it speaks against that one; a choice.
 
 A vehicle that lands at another height changes both alike.
 """
@@ -54,11 +54,11 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
     duration = min(flight_end, sensors.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
     is_large = abs(change) >= limit
-    # The satellites' altitude may have wandered the other way: that contradicts a rise as well.
-    satellite_share = heights.satellite_change / change if change else 0.0
-    satellites_confirm = abs(satellite_share) > MAX_SATELLITE_SHARE
+    # An altitude by satellites that changed the other way has itself wandered, and speaks against no barometer.
+    satellite_share = abs(heights.satellite_change / change) if change else 0.0
+    is_level_by_satellites = satellite_share <= MAX_SATELLITE_SHARE
     is_one_place = heights.distance <= MAX_DISTANCE
-    if not is_large or satellites_confirm or not is_one_place:
+    if not (is_large and is_level_by_satellites and is_one_place):
         return
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
