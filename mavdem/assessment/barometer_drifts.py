@@ -24,7 +24,7 @@ NOISE_RATIO = 4.0
 """Change of the barometer's height over its scatter at rest from which on it is no noise."""
 
 MAX_SATELLITE_SHARE = 0.5
-"""Change of the altitude by satellites, as a share of the barometer's, up to which it speaks against that one; a choice.
+"""Change of the altitude by satellites, as a share of the barometer's, up to which it denies that one; a choice.
 
 A vehicle that lands at another height changes both alike.
 """
