@@ -105,7 +105,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
         A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
         samples in which it was at the limit, or off, and the ``duration`` of these samples, s. A limit at full throttle
         says so (``is_full_throttle``), and is good while the vehicle climbs: the pilot asked for all thrust, and got
-        it.
+        it. The time of an event that began before the record is -inf.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:
@@ -141,10 +141,9 @@ def _lasting_events(
     """
     is_true = condition.is_true[:, motor]
     for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
-        # An event that lasts to the end of the record has an infinite end.
-        recorded_end = min(end, time[-1])
-        recorded = (start, recorded_end)
-        duration = recorded_end - start
+        # An event that lasts to an end of the record is infinite there.
+        recorded_start, recorded_end = recorded = (max(start, time[0]), min(end, time[-1]))
+        duration = recorded_end - recorded_start
         if duration <= condition.min_duration:
             continue
         share = is_true[in_intervals(time, [recorded])].mean()

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from math import isfinite
 from pathlib import Path
 from textwrap import wrap
 
@@ -202,7 +203,8 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
             if former_boot is not None and boot > former_boot:
                 yield [CLOCK_BEGINS_ANEW]
             former_boot = boot
-            name = "event" if event.time is None else f"{event.time:.0f} s"
+            has_time = event.time is not None and isfinite(event.time)
+            name = f"{event.time:.0f} s" if has_time else "event"
             yield _whole_row(name, event, columns, first_of(total))
 
 

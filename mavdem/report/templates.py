@@ -19,7 +19,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
 from importlib.resources import files
-from math import ceil, degrees, isfinite, tau
+from math import ceil, degrees, inf, isfinite, tau
 from operator import attrgetter
 from shlex import quote
 from typing import Any, NamedTuple
@@ -302,6 +302,8 @@ def _environment() -> Environment:
     )
     environment.globals |= {
         "counted": counted,
+        "inf": inf,
+        "interval": interval,
         "list_separator": list_separator,
         "period": period,
         "tau": tau,
@@ -432,15 +434,31 @@ def period(time: float | None, until: float | None = None) -> str:
     """Returns when something was measured, to follow a clause: " at 3.2 s", " from 3.2 to 4.0 s"; empty if unknown.
 
     Args:
-        time: the moment, or the start of the interval, s since boot.
-        until: end of the interval, s since boot; None for a moment.
+        time: the moment, or the start of the interval, s since boot; infinite where that was before the record.
+        until: end of the interval, s since boot; None for a moment, infinite where it was still so at the end of it.
     """
     if time is None:
         return ""
+    if not isfinite(time):
+        if until is None:
+            return " before the record"
+        return f" until {until:.1f} s" if isfinite(until) else " since before the record"
     start = f"{time:.1f}"
     if until is None or f"{until:.1f}" == start:
         return f" at {start} s"
     return f" from {start} to {until:.1f} s" if isfinite(until) else f" from {start} s on"
+
+
+def interval(time: float, until: float | None = None) -> str:
+    """Returns how long something lasted, to follow a clause: " from 3.2 s", " from 3.2 s to 4.0 s", " until 4.0 s".
+
+    Args:
+        time: its start, s since boot; infinite where it was so before the record, whose start is not that of it.
+        until: its end, s since boot; None where it was still so at the end of the record.
+    """
+    if not isfinite(time):
+        return " throughout the record" if until is None else period(time, until)
+    return f" from {time:.1f} s" + ("" if until is None else f" to {until:.1f} s")
 
 
 def as_clause(text: object) -> str:

@@ -1,6 +1,7 @@
 """A learned flight as a Rerun recording with its layout: flight, motion, wind, loops, forecasts, learning, report."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -100,7 +101,9 @@ def write_recording(target: Target, assessment: Assessment) -> None:
             log_text(recording, "report", "Report", report),
         ]
         for event in timeline.events:
-            log_event(recording, event.seconds, event.fact.sentence, event.fact.level)
+            # What was so before the record has no finite time: it is listed at the start.
+            time = event.seconds if isfinite(event.seconds) else timeline.span[0]
+            log_event(recording, time, event.fact.sentence, event.fact.level)
         layout = blueprint(rrb.Tabs(*views, active_tab=0), play_state="paused")
         recording.send_blueprint(layout, make_active=True)
 

@@ -6,6 +6,7 @@ from hover import X_QUAD_PARAMETERS, Hover, changed, columns, pulses, with_pulse
 from pytest import approx, mark
 
 from mavdem.assessment.motion import motion_events
+from mavdem.assessment.motor_events import motor_events
 from mavdem.assessment.saturated_motor import (
     saturation_losses,
     with_motors_limited_before,
@@ -14,8 +15,10 @@ from mavdem.assessment.saturated_motor import (
 from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending, FailedFirst, MotionEvent
+from mavdem.facts.event import Event
 from mavdem.facts.motors import MotorWatchFact
 from mavdem.ingest.vocabulary import attitude_target, quaternion
+from mavdem.view.first_tab import events_text
 
 HOVER = Hover(sway=0.0)
 NAMES = geometry().names
@@ -171,3 +174,21 @@ def test_a_known_cause_and_an_impact_stay():
     crashed = Fact(Ending.CRASHED, time=45.0, cause=None, boot=0)
     assert with_saturated_motor(lost, losses_of_motor) == lost
     assert with_saturated_motor(crashed, losses_of_motor) == crashed
+
+
+def test_a_limit_that_began_before_the_record_has_a_duration_but_no_start_in_words():
+    made = flight()
+    outputs = pulses(made)
+    time = made.messages["SERVO_OUTPUT_RAW"]["time"]
+    outputs[1] = np.where(time < 20.0, 2000.0, outputs[1])
+    event = next(
+        motor_events(Signals(with_pulses(made, outputs), inputs="motors"), 0, [(-np.inf, np.inf)])
+    )
+    assert event.code is MotionEvent.MOTOR_AT_ITS_STOP and event.start_time == -np.inf
+    assert event.figures["duration"] == approx(event.end_time - time[0])
+    assert event.sentence.endswith(
+        f"was at its upper limit 100 % of the time until {event.end_time:.1f} s."
+    )
+    whole = event.replace(until=None)
+    assert whole.sentence.endswith("throughout the record.")
+    assert events_text([Event(event.start_time, event)]).count("inf") == 0

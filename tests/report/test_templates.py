@@ -1,6 +1,7 @@
 """What the screens say, one golden file a screen; layouts as text, Markdown and HTML, notebooks, and the palette."""
 
 from functools import partial
+from math import inf
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -30,6 +31,8 @@ from mavdem.report.screen import analysis_blocks, pole_sentences
 from mavdem.report.templates import (
     as_clause,
     capitalize_first,
+    interval,
+    period,
     rounded_below,
     rounded_up,
     sentences_by_axes,
@@ -226,3 +229,21 @@ def test_one_dropout_is_singular_and_several_are_plural():
         for count in (1, 2)
     ]
     assert "dropped out 1 time," in texts[0] and "dropped out 2 times," in texts[1]
+
+
+@mark.parametrize(
+    "words, text",
+    [
+        (period(3.2), " at 3.2 s"),
+        (period(3.2, 4.0), " from 3.2 to 4.0 s"),
+        (period(-inf), " before the record"),
+        (period(-inf, 4.0), " until 4.0 s"),
+        (period(-inf, inf), " since before the record"),
+        (interval(3.2), " from 3.2 s"),
+        (interval(3.2, 4.0), " from 3.2 s to 4.0 s"),
+        (interval(-inf, 4.0), " until 4.0 s"),
+        (interval(-inf), " throughout the record"),
+    ],
+)
+def test_what_began_before_the_record_is_worded_without_a_start(words, text):
+    assert words == text
