@@ -17,6 +17,7 @@ from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.report.pages.flight_page import live_page
 from mavdem.report.pages.page import PageLink
+from mavdem.report.templates import Medium, sentences_for
 from mavdem.serve.library import Library
 
 PAGE_SECONDS = 5.0
@@ -179,16 +180,18 @@ class LinkMonitor:
         is_silent = frames > 0 and frames == self._frames_at_last_page
         self._silent_pages = self._silent_pages + 1 if is_silent else 0
         self._frames_at_last_page = frames
-        self._page = live_page(
-            session.link.name,
-            MODEL_AXIS,
-            session.history,
-            session.status,
-            session.time_account(),
-            None,
-            PageLink("Flights", "/"),
-            self._latest_flight,
-        )
+        # Who reads the page in a browser has no options of `mavdem live` to add.
+        with sentences_for(Medium(has_terminal=False)):
+            self._page = live_page(
+                session.link.name,
+                MODEL_AXIS,
+                session.history,
+                session.status,
+                session.time_account(),
+                None,
+                PageLink("Flights", "/"),
+                self._latest_flight,
+            )
 
 
 def _ignore(_: object) -> None:

@@ -11,7 +11,9 @@ from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from serving import serving
 
+from mavdem.facts import Fact
 from mavdem.facts.serve import RefusalReason
+from mavdem.facts.session import RowsFact
 from mavdem.ingest import read_log
 from mavdem.live.raw_recording import RawRecording
 from mavdem.serve import link_monitor
@@ -75,6 +77,19 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
         seconds += link_monitor.PAGE_SECONDS * (not live._is_over())
     live._link.close()
     assert seconds == 60
+
+
+@mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
+def test_the_page_of_a_server_advises_no_option_that_the_server_lacks(tmp_path, monkeypatch, code):
+    slow = Fact(code, can_ask=True, because=Fact(RowsFact.NO_LIVE_MOTORS))
+    assert slow.remedy == "Ask for more with `--request-rate 100`."
+    monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
+    live = LinkMonitor(f"udpin:127.0.0.1:{free_port()}", Library(tmp_path), Mock(), Mock())
+    session = Mock()
+    session.intake.recording.frame_count = 0
+    live._update_page(session)
+    live._link.close()
+    assert "`mavdem live LINK --request-rate 100`" in live.page
 
 
 @mark.slow
