@@ -35,6 +35,13 @@ class AttitudeError:
     """(N,) whether the setpoint of the angle is known."""
 
 
+WITHOUT_SETPOINT_SHARE = 0.5
+"""Share of an angle that counts as its error where its setpoint was not recorded: the rest may be intended.
+
+A choice, in the middle, since such an angle may be intended wholly or not at all.
+"""
+
+
 class LargestError(NamedTuple):
     """The largest error of roll and pitch in an interval, as witnesses state it: figures of their facts."""
 
@@ -44,6 +51,11 @@ class LargestError(NamedTuple):
     """Whether the setpoint was known at that time."""
     time: float
     """When it was so large, s since boot."""
+
+    @property
+    def counted_angle(self) -> float:
+        """What counts as error of the angle, rad: all of it with a setpoint, ``WITHOUT_SETPOINT_SHARE`` without."""
+        return self.angle if self.has_setpoint else WITHOUT_SETPOINT_SHARE * self.angle
 
 
 def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError | None:
@@ -63,8 +75,8 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
     angle = float(error.magnitude[row])
     has_setpoint = bool(error.has_setpoint[row])
     if not has_setpoint:
-        # Without a setpoint the error is half of the lean (:func:`attitude_error`).
-        angle *= 2
+        # Without a setpoint the error is only a share of the lean (:func:`attitude_error`).
+        angle /= WITHOUT_SETPOINT_SHARE
     return LargestError(angle, has_setpoint, float(error.time[row]))
 
 
@@ -72,9 +84,9 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     """Computes the error of roll and pitch in a boot.
 
     The error is the distance of an angle from the range of its setpoints in the last ``MAX_SETPOINT_DELAY`` seconds. So
-    a step of the setpoint is no error until the vehicle had time to follow it. If the setpoint was not recorded, half
-    of the angle counts as error, and the other half as intended. If body rates are commanded instead of angles, as in
-    Acro mode, every angle counts as intended.
+    a step of the setpoint is no error until the vehicle had time to follow it. If the setpoint was not recorded, the
+    share ``WITHOUT_SETPOINT_SHARE`` of the angle counts as error, and the rest as intended. If body rates are commanded
+    instead of angles, as in Acro mode, every angle counts as intended.
 
     Args:
         signals: signals of the vehicle.
@@ -96,7 +108,9 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     lowest = scipy.ndimage.minimum_filter1d(setpoints, window, axis=0, origin=shift)
     highest = scipy.ndimage.maximum_filter1d(setpoints, window, axis=0, origin=shift)
     tilts = tracking.angles[:, TILT_COLUMNS]
-    error_without_setpoint = np.where(tracking.is_rate_controlled, 0.0, tilts / 2)
+    error_without_setpoint = np.where(
+        tracking.is_rate_controlled, 0.0, WITHOUT_SETPOINT_SHARE * tilts
+    )
     error_with_setpoint = tilts - np.clip(tilts, lowest, highest)
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T

@@ -108,8 +108,9 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
 def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
     """Returns how far the attitude left its setpoint, which supports that a motor was lost.
 
-    If it did not, that proves nothing, since other motors may hold the attitude. Without a recorded setpoint, half of
-    the lean is taken for its error; then the fact has the whole lean.
+    If it did not, that proves nothing, since other motors may hold the attitude. Where no setpoint was recorded, only a
+    share of the lean counts as error (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact states the
+    whole lean.
 
     Args:
         signals: signals of the vehicle.
@@ -117,14 +118,14 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
         interval: start and end of the loss, s since boot.
 
     Returns:
-        One fact, ``ATTITUDE_LEFT_SETPOINT`` with the largest error; empty if the error stayed below ``MIN_LEAN_ERROR``.
+        One fact, ``ATTITUDE_LEFT_SETPOINT`` with the largest error; empty if the error stayed below ``MIN_LEAN_ERROR``,
+        or was not recorded.
     """
     error = attitude_error(signals, boot)
     if error is None:
         return ()
     largest = largest_error(error, interval)
-    is_in_interval = in_intervals(error.time, [interval])
-    if largest is None or error.magnitude[is_in_interval].max() < MIN_LEAN_ERROR:
+    if largest is None or largest.counted_angle < MIN_LEAN_ERROR:
         return ()
     return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
 

@@ -58,7 +58,7 @@ class Backlog:
         return len(self._batches)
 
     @property
-    def now(self) -> float:
+    def analysed_until(self) -> float:
         """Everything that arrived before this time is analysed, s of the monotonic clock."""
         return self._batches[0].arrival_time if self._batches else clock.monotonic()
 
@@ -70,7 +70,7 @@ class Backlog:
     @property
     def delay(self) -> float:
         """How long the oldest batch has waited, s; 0 without one."""
-        return clock.monotonic() - self.now
+        return clock.monotonic() - self.analysed_until
 
     def add(self, batches: list[FrameBatch]) -> None:
         """Adds what was received."""
@@ -124,8 +124,8 @@ class Backlog:
             was last too slow; otherwise None.
         """
         now = clock.monotonic()
-        # ``self.now`` is the time of arrival up to which all frames are analysed.
-        delay = now - self.now
+        # ``self.analysed_until`` is the time of arrival up to which all frames are analysed.
+        delay = now - self.analysed_until
         self._postpone_tasks(delay)
         self.longest_delay = max(self.longest_delay, delay)
         if delay >= BEHIND_DELAY:

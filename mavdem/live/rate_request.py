@@ -248,6 +248,8 @@ class RateRequest:
         # one setting at a time may await one.
         self._next_setting_time = NEVER
         self._is_restoring = False
+        # Whether ``RATES_CONTESTED`` was reported, which is said once for all messages.
+        self._is_contest_reported = False
         self._intervals: list[_MessageInterval] = []
         for message_id in messages:
             name = definitions_by_id()[message_id].name
@@ -415,13 +417,9 @@ class RateRequest:
             interval.fall_count += 1
         if interval.fall_count <= 1:
             self._report(interval, RateFact.RATE_FELL, former_rate=interval.reachable_rate)
-        contested = [
-            message
-            for message in self._intervals
-            if message.fall_count == MAX_TRIES and message.is_reported
-        ]
-        # If this message is the only one at the limit, it is the first there: the fact has not been reported yet.
-        if contested == [interval]:
+        is_contested = interval.is_reported and interval.fall_count == MAX_TRIES
+        if is_contested and not self._is_contest_reported:
+            self._is_contest_reported = True
             self.events.append(Fact(RateFact.RATES_CONTESTED))
 
     def _report(self, interval: _MessageInterval, code: RateFact, **figures: Any) -> None:

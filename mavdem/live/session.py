@@ -92,9 +92,9 @@ class LiveSession:
         self.intake = LinkIntake(link, stream.frame_reader, recording, log)
         self.backlog = Backlog()
         self._latencies = LatencyMeter()
-        self._silence = SilenceMonitor()
+        self._silence_monitor = SilenceMonitor()
         self._learning = FlightLearning(stream.axis, settings, executor, prior, log)
-        self._milestones = Milestones(stream.axis, log)
+        self._milestone_reporter = Milestones(stream.axis, log)
         self.judging = ModelJudging(executor, recording_name)
         self._clock_speed = ClockSpeed(log)
         self._rates = RateNegotiation(
@@ -108,7 +108,7 @@ class LiveSession:
             stream,
             intake=self.intake,
             backlog=self.backlog,
-            silence=self._silence,
+            silence=self._silence_monitor,
             latencies=self._latencies,
             learning=self._learning,
             judging=self.judging,
@@ -122,9 +122,14 @@ class LiveSession:
     def step(self, timeout: float = 0.1) -> None:
         """Performs one iteration of the session: receives, records, analyses for a while, reports, and sends requests.
 
-        The link is emptied first, since its buffer is small. Analysis then goes on for ``STEP_SECONDS`` only, even if
-        more waits, so that the link is emptied again soon. Once in ``STATUS_PERIOD`` the model is judged and the status
-        reported. All times are s of the monotonic clock.
+        The order matters. The link is emptied first, since its buffer is small. What the computer is too slow for is
+        put off before any analysis. Analysis then goes on for ``STEP_SECONDS`` only, even if more waits, so that the
+        link is emptied again soon. What happened is reported once the messages that show it are analysed, and message
+        rates are requested by what came until then. Once in ``STATUS_PERIOD`` the model is judged and the status
+        reported.
+
+        There are two clocks: what is analysed is at ``backlog.analysed_until`` of this computer's monotonic clock, and
+        at ``stream.now`` of the vehicle's clock, both in s.
 
         Args:
             timeout: longest time to wait for a message of the link while none waits for analysis, s.
@@ -136,17 +141,19 @@ class LiveSession:
         end_time = clock.monotonic() + STEP_SECONDS
         while self.backlog and clock.monotonic() < end_time:
             self._analyse()
-        self._milestones.note_first_model(self._learning, self.stream.now, self.stream.takeoff_time)
+        self._milestone_reporter.note_first_model(
+            self._learning, self.stream.now, self.stream.takeoff_time
+        )
         for event in self.stream.drain_events():
             self._presentation.log(event.fact)
         for fact in self.link.drain_events():
             self._presentation.log(fact)
         now = clock.monotonic()
-        analysed_time = self.backlog.now
+        analysed_time = self.backlog.analysed_until
         self._clock_speed.update(analysed_time, self.stream.now)
         self._rates.update(
             analysed_time,
-            self._silence.message_time,
+            self._silence_monitor.message_time,
             is_busy=self.backlog.is_late,
             clock_speed=self._clock_speed.speed,
         )
@@ -165,8 +172,8 @@ class LiveSession:
         self.judging.update(now, self._learning, self.stream, is_busy=fits_wait)
         self.report_gain_advice()
         status = self._update_status(now)
-        self._milestones.margins_follow = self.gain_adviser is not None
-        self._milestones.update(self._learning, status, self.stream.now)
+        self._milestone_reporter.margins_follow = self.gain_adviser is not None
+        self._milestone_reporter.update(self._learning, status, self.stream.now)
 
     def _postpone_tasks(self) -> None:
         """Puts off the tasks that a computer which falls behind the link can do without, before any analysis.
@@ -204,7 +211,7 @@ class LiveSession:
         first_arrival = batches[0].arrival_time
         if self._report.time_account.is_due(first_arrival):
             self._report.account_for(first_arrival)
-        silence = self._silence.note_messages(first_arrival, batches[-1].arrival_time)
+        silence = self._silence_monitor.note_messages(first_arrival, batches[-1].arrival_time)
         # The boot is compared below: frames of a rebooted vehicle increase it.
         former_boot = self.stream.boot
         frames = [frame for batch in batches for frame in batch.frames]
@@ -212,8 +219,8 @@ class LiveSession:
             self._take_row(row, first_arrival)
         self.history.advance(self.stream.now, self.stream.boot)
         self._withdraw_landing()
-        motion_silence = self._silence.note_samples(self.stream.sample_count)
-        self._silence.note_attitudes(self.stream.attitude_count)
+        motion_silence = self._silence_monitor.note_samples(self.stream.sample_count)
+        self._silence_monitor.note_attitudes(self.stream.attitude_count)
         silences = ((MissingMessages.MESSAGES, silence), (MissingMessages.MOTION, motion_silence))
         for missing, seconds in silences:
             fact = resumption(missing, seconds)
@@ -307,7 +314,7 @@ class LiveSession:
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""
-        return self._report.account_for(self.backlog.now)
+        return self._report.account_for(self.backlog.analysed_until)
 
     def final_model(self) -> Learned:
         """Returns the last model before the last landing; in flight, a model of the latest samples.
@@ -336,7 +343,7 @@ class LiveSession:
             status: status of the session, with the judgement of the final model.
             model: the final model; None without one.
         """
-        self._milestones.report_end(self._learning, status, self.stream.now, model)
+        self._milestone_reporter.report_end(self._learning, status, self.stream.now, model)
 
     def report_gain_advice(self, *, is_at_end: bool = False) -> None:
         """Starts the advice of gains when it is due, and reports advice that is ready.

@@ -65,7 +65,7 @@ class StatusReport:
         if (
             is_motion_silent
             and status.vehicle is None
-            and self.silence.has_attitudes(self.backlog.now)
+            and self.silence.has_attitudes(self.backlog.analysed_until)
         ):
             silence = status.obstacle
         rates = status.rates
@@ -96,7 +96,7 @@ class StatusReport:
         """That the link is lost, or what has not come for ``SILENCE_SECONDS``; None while messages come."""
         if self.intake.is_lost:
             return Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False)
-        return self.silence.silence(self.backlog.now)
+        return self.silence.silence(self.backlog.analysed_until)
 
     def _learning_obstacle(self, *, is_flying: bool) -> Fact | None:
         """Returns the reason why there is no new model of a vehicle whose rows arrive.

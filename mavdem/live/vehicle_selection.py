@@ -58,7 +58,7 @@ class Component:
         frame_count: number of its frames, undecoded ones and copies included.
         message_counts: number of its messages by id, without damaged and unknown ones.
         parameters: the latest PARAM_VALUE of each parameter, by name.
-        parameter_count: number of PARAM_VALUEs that were taken, repeated ones included.
+        parameters_version: increases whenever ``parameters`` is written: the same version means the same values.
         uncounted_gap_seconds: duration of the gaps in which its sequence numbers may have wrapped, s.
     """
 
@@ -73,7 +73,7 @@ class Component:
         self.frame_count = 0
         self.message_counts = Counter[int]()
         self.parameters: dict[bytes, Message] = {}
-        self.parameter_count = 0
+        self.parameters_version = 0
         self.uncounted_gap_seconds = 0.0
         self._heartbeat_count = 0
         self._links = SenderLinks()
@@ -148,20 +148,19 @@ class Component:
             ignores.
         """
         self.frame_count += 1
-        missing_before = self._links.missing
-        sequence = frame.sequence
         is_readable = frame.checksum == CHECKSUM_MATCHES
-        if not self._links.take(frame.content, frame.message_id, sequence, is_readable):
+        missing_before = self._links.missing
+        is_new = self._links.take(frame.content, frame.message_id, frame.sequence, is_readable)
+        if not is_new:
             return False
+        missing_in_gap = self._links.missing - missing_before
         # The first frame comes after an infinite gap, in which nothing is missing.
         gap = max(now - self._last_frame_time, 0.0)
-        self._last_frame_time = now
-        is_long_gap = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
-        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
-        if is_long_gap and not is_next:
+        if self._may_have_wrapped(gap, frame.sequence):
             self.uncounted_gap_seconds += gap
-            self._uncounted_messages += self._links.missing - missing_before
-        self._last_sequence = sequence
+            self._uncounted_messages += missing_in_gap
+        self._last_frame_time = now
+        self._last_sequence = frame.sequence
         # The mean interval is an exponential moving average over about ``INTERVAL_MEMORY_FRAMES`` frames. A long gap
         # counts as ``MAX_COUNTED_GAP`` only, so that a single one does not spoil it.
         change = min(gap, MAX_COUNTED_GAP) - self._mean_interval
@@ -171,6 +170,19 @@ class Component:
             if definitions_by_id()[frame.message_id].name in ATTITUDE_MESSAGES:
                 self.attitude_count += 1
         return True
+
+    def _may_have_wrapped(self, gap: float, sequence: int) -> bool:
+        """Returns whether the sequence numbers may have wrapped in the gap before a frame: it was long.
+
+        A frame with the very next number ends a pause of the sender, in which nothing was sent or lost.
+
+        Args:
+            gap: time since the frame before, s; infinite for the first frame.
+            sequence: sequence number of the frame.
+        """
+        is_long_gap = SEQUENCE_NUMBERS / 2 * self._mean_interval < gap < inf
+        is_next = (sequence - self._last_sequence) % SEQUENCE_NUMBERS == 1
+        return is_long_gap and not is_next
 
     def take_message(self, message: Message) -> None:
         """Takes what a message tells about its component: a parameter, or from a HEARTBEAT its type and autopilot.
@@ -184,7 +196,7 @@ class Component:
             parameter = message.values[0]
             if parameter in self.parameters or len(self.parameters) < MAX_ROWS:
                 self.parameters[parameter] = message
-                self.parameter_count += 1
+                self.parameters_version += 1
         elif message.name == "HEARTBEAT":
             self._heartbeat_count += 1
             self.vehicle_type = enum_name("MAV_TYPE", message.values[0])
@@ -231,8 +243,9 @@ class VehicleSelector:
         if vehicle is None:
             return {}
         store = self.components.get((vehicle.system, PARAMETER_STORE_COMPONENT))
-        store_count = 0 if store is None else store.parameter_count
-        source = (vehicle.name, vehicle.autopilot, vehicle.parameter_count, store_count)
+        # The decoded values are kept until what they depend on changes.
+        store_version = 0 if store is None else store.parameters_version
+        source = (vehicle.name, vehicle.autopilot, vehicle.parameters_version, store_version)
         if source != self._decoded_from:
             messages: dict[bytes, Message] = {}
             if store is not None:

@@ -235,7 +235,7 @@ class ChangeHypotheses:
         probabilities = []
         for change in changes:
             change_probabilities = self.explain(deviation._replace(change=change))
-            probabilities.append(1 - change_probabilities.healthy)
+            probabilities.append(1 - change_probabilities.unchanged)
         return float(np.mean(probabilities))
 
 
@@ -280,7 +280,7 @@ class ChangeProbabilities(ImmutableResult):
     """(S,) posterior probabilities of all hypotheses."""
 
     @property
-    def healthy(self) -> float:
+    def unchanged(self) -> float:
         """Probability that nothing changed but what changes from flight to flight."""
         return self.groups["healthy"]
 

@@ -56,7 +56,7 @@ class Deviation(NamedTuple):
     """Mean angle of the flight from level, rad."""
 
     @property
-    def usual(self) -> Array:
+    def usual_half_widths(self) -> Array:
         """(3,) half widths of the interval that has 90 % of healthy flights' deviations, for known scales."""
         return coverage_factor() * self.scale
 

@@ -225,7 +225,7 @@ def _assessment(
     effort = evidence.effort
     # The effort says nothing of a single motor, and a weak motor takes little of it; so the two are independent.
     same_effort_probability = 1.0 if effort is None else 1 - effort.probability
-    change_probability = 1 - change.healthy * same_effort_probability
+    change_probability = 1 - change.unchanged * same_effort_probability
     probabilities = change.fault, change_probability
     if change.fault >= MIN_REPORTED_PROBABILITY:
         return _fault(flight, change, change_probability, reference)
@@ -239,7 +239,7 @@ def _assessment(
         unsure = Fact(
             HealthUnknown.HEALTH_UNSURE,
             loss=lost_thrust(DETECTABLE_RISE),
-            usual=evidence.deviation.usual,
+            usual=evidence.deviation.usual_half_widths,
             **reference,
         )
         return HealthAssessment(MotorHealth.UNKNOWN, unsure)
@@ -293,27 +293,33 @@ def _drift(
     change_probability: float,
     reference: JsonValues,
 ) -> Fact:
-    """Returns the fact on a change that is no fault: of the effort, of the balance, or a balance never seen before.
+    """Returns the fact on a flight that differs from the healthy ones, without a single motor being at fault.
 
-    The more probable of the changes of effort and balance is reported. Of a changed balance, the likeliest cause is
-    given, and the motor's name if that motor is the cause with a probability of ``MIN_NAMED_PROBABILITY``.
+    Either the balance, which is the torque in roll, pitch and yaw relative to the thrust, or the effort, which is the
+    mean output times the voltage, changed; the more probable change is reported. Of a changed balance, the likeliest
+    cause is given, and the motor's name if that motor is the cause with a probability of ``MIN_NAMED_PROBABILITY``. If
+    no change is probable enough, the balance is reported as outside of nearly all healthy flights'.
 
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
-        change_probability: Probability that anything changed.
-        reference: Figures of all facts on the flights of comparison.
+        change_probability: Probability that anything changed, 0 to 1.
+        reference: Figures that all facts get: the number of healthy flights, and whether they were chosen by the user.
+
+    Returns:
+        The fact, with its figures: probabilities from 0 to 1, shifts of the balance relative to the mean command.
     """
     change = evidence.change
     effort = evidence.effort
     balance_figures: JsonValues = {
         "shift": evidence.deviation.change,
-        "usual": evidence.deviation.usual,
+        "usual": evidence.deviation.usual_half_widths,
         **reference,
     }
     if change_probability < MIN_REPORTED_PROBABILITY:
         return Fact(MotorsBetween.BALANCE_OUTSIDE, **balance_figures)
-    balance_probability = 1 - change.healthy
+    balance_probability = 1 - change.unchanged
+    # The effort is not known in every flight.
     if effort is not None and effort.probability > balance_probability:
         return Fact(
             MotorsBetween.EFFORT_CHANGED,

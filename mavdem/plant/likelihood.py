@@ -251,9 +251,9 @@ class GrayBoxModel(NamedTuple):
     def _channel_responses(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the frequency response of the body rate to the motors' torque, for each channel of the inputs.
 
-        The inputs are delayed, brought from samples to continuous time, and multiplied by the frequency response of the
-        axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies beyond the Nyquist frequency into
-        those below it, so the response is summed over all folds of each frequency.
+        Each response is a product of three: a delay, the step from samples to continuous time, and the plant, which is
+        the frequency response of the axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies
+        beyond the Nyquist frequency into those below it, so the response is summed over all folds of each frequency.
 
         Args:
             thetas: b parameter vectors θ (b, k).
@@ -281,12 +281,17 @@ class GrayBoxModel(NamedTuple):
         # predict that sample: such a response is held from the sample on.
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
-        hold = min(1.0, RESPONSE_SECONDS / dt) * held_spectrum * np.exp(-0.5j * omega * dt)
+        # With samples further apart than the autopilot's response lasts, it is held for a part of the interval only.
+        # The spectrum is that of the whole interval, scaled: at low frequencies they are the same.
+        held_part = min(1.0, RESPONSE_SECONDS / dt)
+        half_sample_delay = np.exp(-0.5j * omega * dt)
+        hold = held_part * held_spectrum * half_sample_delay
         interpolated_response = delay_response * np.sum(plant * interpolation, axis=1)
         held_response = delay_response * np.sum(plant * hold, axis=1)
         responses = [interpolated_response, held_response]
-        for value in self.refinement_values(thetas).T:
-            responses.append(interpolated_response * value[:, None])
+        # The channel of a refinement adds its signal, weighted by the parameter of the refinement, to the inputs.
+        for weight in self.refinement_values(thetas).T:
+            responses.append(interpolated_response * weight[:, None])
         return np.array(responses)
 
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:

@@ -157,7 +157,7 @@ class SinkThread(threading.Thread):
         # Part of the latest batch may be in the sink. A file then cuts off its incomplete end, so that it can be read.
         # If that fails too, the trouble above is all there is to report.
         with suppress(OSError):
-            self.sink.delivered(arrived=False)
+            self.sink.end_batch(is_complete=False)
 
     def _open(self) -> None:
         """Opens the sink with a new recording, if it is not open, rows wait for it, and an attempt is due.
@@ -201,7 +201,7 @@ class SinkThread(threading.Thread):
             self._next_status = wall.monotonic() + STATUS_PERIOD
             self._send_status(recording, self._last_row, self._writer.channels)
         recording.flush(timeout_sec=FLUSH_SECONDS)
-        self.sink.delivered()
+        self.sink.end_batch()
         self.trouble = ""
 
     def _send_rows(

@@ -135,11 +135,11 @@ class Sink:
         """
         raise NotImplementedError
 
-    def delivered(self, arrived: bool = True) -> None:
+    def end_batch(self, is_complete: bool = True) -> None:
         """Is called after each batch that was sent to the sink, which may put its data in order then.
 
         Args:
-            arrived: whether all of the batch has arrived; False if sending failed and part of it may be missing.
+            is_complete: whether all of the batch has arrived; False if sending failed and part of it may be missing.
         """
 
     def close(self) -> None:
@@ -175,10 +175,10 @@ class RecordingFile(Sink):
         recording.save(self.path, write_footer=False)
         return True
 
-    def delivered(self, arrived: bool = True) -> None:
+    def end_batch(self, is_complete: bool = True) -> None:
         """Remembers how much has arrived, and cuts the file where not all did; see :class:`Sink`."""
         self.complete_bytes = self.path.stat().st_size
-        if not arrived:
+        if not is_complete:
             self.broken = True
             self._cut_to_complete_messages()
 

@@ -37,8 +37,8 @@ PEAK_ABOVE_REST = 18.0
 """Specific force above gravity, m/s², of a knock: no manoeuvre of 240 real flights felt as much. A value of 14 found
 one impact too many, one of 25 missed one."""
 
-MIN_WINDOWS = 3
-"""Number of windows of rest whose median is taken for the force at rest; a choice."""
+MIN_SAMPLES = 3
+"""Number of samples from which a median is taken for the force at rest; a choice: the least that bear an outlier."""
 
 
 SELECTED_IMU = 0
@@ -132,7 +132,7 @@ def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerW
     witnesses = []
     for number, force in sorted(forces.items()):
         is_used = _is_used(signals.telemetry.parameters, number)
-        witness = _accelerometer_witness(signals, boot, number, is_used, force)
+        witness = _measured_accelerometer(signals, boot, number, is_used, force)
         if witness is not None:
             witnesses.append(witness)
     return tuple(witnesses)
@@ -166,8 +166,8 @@ def _imu_mask(parameters: Parameters) -> int | None:
     return None
 
 
-def _accelerometer_witness(
-    signals: Signals, boot: int, number: int, is_used: bool | None, force_of_log: TimeSeries
+def _measured_accelerometer(
+    signals: Signals, boot: int, number: int, is_used: bool | None, specific_forces: TimeSeries
 ) -> AccelerometerWitness | None:
     """Measures one accelerometer in a boot.
 
@@ -176,13 +176,13 @@ def _accelerometer_witness(
         boot: number of the boot.
         number: number of the IMU.
         is_used: whether the parameters use it; None if they do not say it.
-        force_of_log: specific force (N, 3) of all boots, m/s².
+        specific_forces: specific force (N, 3) of all boots, m/s².
 
     Returns:
-        Specific force, sample rate and gravity at rest; None if the boot has fewer samples than ``MIN_WINDOWS``.
+        Specific force, sample rate and gravity at rest; None if the boot has fewer samples than ``MIN_SAMPLES``.
     """
-    force = series_of_boot(force_of_log, boot)
-    if force is None or len(force.time) < MIN_WINDOWS:
+    force = series_of_boot(specific_forces, boot)
+    if force is None or len(force.time) < MIN_SAMPLES:
         return None
     magnitude = np.linalg.norm(force.values, axis=1)
     duration = force.time[-1] - force.time[0]
@@ -196,7 +196,7 @@ def _accelerometer_witness(
         force=force.values,
         rate=(len(force.time) - 1) / duration if duration > 0 else 0.0,
         gravity_at_rest=float(np.median(magnitude_at_rest))
-        if len(magnitude_at_rest) >= MIN_WINDOWS
+        if len(magnitude_at_rest) >= MIN_SAMPLES
         else None,
     )
 

@@ -337,8 +337,7 @@ class Transmitter:
     def _block_frames(self, motion: Motion) -> list[TimedFrame]:
         """Returns the frames that are sent during some rows of the flight in which no fault happens.
 
-        Replies that wait go out in the first row, before the scheduled messages of that row, and wait no longer. Each
-        frame gets the next sequence number, by which a receiver finds lost frames. The clock moves to the last row.
+        The first block after boot begins the schedule; the clock moves to the last row of the block.
 
         Args:
             motion: Rows of the flight; there may be none.
@@ -356,20 +355,32 @@ class Transmitter:
             self.schedule = self._initial_schedule(float(clock[0]))
             self._is_first_block = False
         self.clock = float(clock[-1])
+        # Replies that wait go out in the first row, before the scheduled messages of that row.
         messages = [*self._replies, *self._scheduled_messages(motion, clock)]
+        self._replies = []
         # The sort is stable: within a row, messages keep the order of replies and streams.
         messages.sort(key=itemgetter(0))
-        self._replies = []
+        return self._numbered_frames(messages, motion.time)
+
+    def _numbered_frames(self, messages: list[OutgoingMessage], times: Array) -> list[TimedFrame]:
+        """Encodes messages as frames with consecutive sequence numbers, by which a receiver finds lost frames.
+
+        Args:
+            messages: Messages in the order in which they are sent.
+            times: Time of each row of the motion (N,), s.
+
+        Returns:
+            A frame for each message, with the time of its row.
+        """
         sender = FrameSender(self.system, AUTOPILOT_COMPONENT)
         definitions = definitions_by_name()
-        times = motion.time.tolist()
-        sequence = self._sequence
+        row_times = times.tolist()
         frames = []
         for row, name, content in messages:
-            frames.append((times[row], encode_frame(content, definitions[name], sender, sequence)))
+            frame = encode_frame(content, definitions[name], sender, self._sequence)
+            frames.append((row_times[row], frame))
             # The sequence number is one byte.
-            sequence = (sequence + 1) % 256
-        self._sequence = sequence
+            self._sequence = (self._sequence + 1) % 256
         return frames
 
     def _scheduled_messages(self, motion: Motion, clock: Array) -> Iterator[OutgoingMessage]:

@@ -67,7 +67,7 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         )
 
     def late(session):
-        session._silence.message_time -= 60
+        session._silence_monitor.message_time -= 60
         return Mock(**{"to_json.return_value": "{}"})
 
     monkeypatch.setattr("mavdem.cli.live.run_session", fly)

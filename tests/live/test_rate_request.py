@@ -272,3 +272,16 @@ def test_parameters_of_the_motors_are_asked_for_one_by_one_until_they_come():
                 known[name] = Message("PARAM_VALUE", 0.0, 0.0, (name, 1.0, 9))
     assert set(tries.values()) == {3} and tries.keys() == {name.encode() for name in names}
     assert request.frames_due(99.0, None, known) == []
+
+
+def test_contested_rates_are_reported_once_although_a_second_message_is_contested_later():
+    request = request_of(50.0)
+    for second in range(600):
+        is_set_back = second % 30 < 10
+        first_rate = 4.0 if is_set_back else 50.0
+        second_rate = 4.0 if is_set_back and not 10 <= second < 300 else 50.0
+        request.frames_due(float(second), {30: first_rate, 36: second_rate})
+        request.take_reply(told("COMMAND_ACK", SET_INTERVAL, 0))
+    fallen = {fact.subject for fact in request.events if fact.code is RateFact.RATE_FELL}
+    assert fallen == {"ATTITUDE", "SERVO_OUTPUT_RAW"}
+    assert request.events.count(Fact(RateFact.RATES_CONTESTED)) == 1

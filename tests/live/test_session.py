@@ -395,7 +395,7 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
     delays = []
 
     def made(_, t, y, u, *_weak):
-        delays.append(now[0] - one.backlog.now)
+        delays.append(now[0] - one.backlog.analysed_until)
         return Estimate(t, y, y, np.array([t + 0.25]), ahead, ahead, ahead)
 
     monkeypatch.setattr(mavdem.OnlineLearner, "update", made)
@@ -409,7 +409,11 @@ def test_a_slow_computer_reports_it_and_puts_off_fits_then_plots_but_no_row(now,
     one._take_row = slow
     while arriving or one.backlog:
         here = [piece for piece in arriving[:4000] if piece[0] <= now[0]]
-        one.link.script, sent, behind = [here], len(one.link.sent), one.backlog.now < now[0] - 0.6
+        one.link.script, sent, behind = (
+            [here],
+            len(one.link.sent),
+            one.backlog.analysed_until < now[0] - 0.6,
+        )
         del arriving[: len(here)]
         one.step(0.0)
         if behind:

@@ -243,7 +243,7 @@ def test_what_is_missing_is_said(missing, code):
 def surely(change, scale=0.002):
     """A deviation of which flights and their mean show all but ``scale``."""
     found = Deviation(change, np.full(3, 1.12 * scale), 1000.0)
-    assert found.usual == approx(1.842 * scale, rel=1e-3)
+    assert found.usual_half_widths == approx(1.842 * scale, rel=1e-3)
     return found
 
 

@@ -72,6 +72,7 @@ SERIOUS = (Level.BAD, Level.WATCH)
 """Levels of facts by which a review says that something is wrong."""
 
 VERDICTS = ("right", "none", "wrong")
+"""What :func:`verdict` says of a review: it states the mishap, misses it, or states another one."""
 
 
 def scenario(kind: str, number: int) -> Scenario:
@@ -102,7 +103,7 @@ def scenario(kind: str, number: int) -> Scenario:
         mishap["start"] += flight_times(sound).hover
         shortest = mishap["start"] + mishap.get("seconds", 0.0) + MARGIN_SECONDS
         values["duration"] = max(values["duration"], shortest)
-    if KINDS[kind].get("motor"):
+    if KINDS[kind].get("names_motor"):
         mishap["motor"] = int(rng.integers(rotor_count(values["vehicle"]["frame"]))) + 1
     return scenario_from_values(values | {"mishap": mishap})
 
@@ -171,23 +172,27 @@ def motors_named(text: str) -> set[int]:
 
 
 def verdict(kind: str, motor: int, review: Assessment) -> str:
-    """Returns whether a review is "right", "none" or "wrong" about a flight.
+    """Returns one of ``VERDICTS`` on what a review says of a simulated mishap. failures.toml lists the codes.
 
-    Wrong is a headline, or its cause, that states another event than those of the kind, and a motor that is named and
-    did not fail.
+    - "wrong": the headline or its cause states a serious event that the kind neither expects nor permits, or a motor
+      is named that did not fail.
+    - "right": a serious or prominent statement has an expected code, and names the failed motor where it must; or the
+      kind needs no alarm, and the headline is none.
+    - "none": the review says nothing wrong, but misses the mishap.
 
     Args:
         kind: What went wrong.
         motor: The motor that failed; 0 for none.
         review: The review.
     """
-    right = codes(kind, "right")
-    unnamed = codes(kind, "unnamed")
+    expected = codes(kind, "expected")
+    without_motor = codes(kind, "without_motor")
     # The lights of tracking, margins and log say nothing of an event.
-    harmless = {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
-    harmless |= right | codes(kind, "allowed") | set(TABLES["neutral"]) | set(TABLES["remarks"])
-    must_name_motor = KINDS[kind].get("motor", False)
-    is_right = False
+    permitted = {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
+    permitted |= expected | codes(kind, "permitted")
+    permitted |= set(TABLES["always_permitted"]) | set(TABLES["remarks"])
+    must_name_motor = KINDS[kind].get("names_motor", False)
+    states_mishap = False
     for fact, place in statements(review):
         code = str(fact.code)
         is_serious = fact.level in SERIOUS
@@ -195,14 +200,16 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
         motors = motors_named(fact.subject) if is_serious else set()
         if (is_prominent or place == "motors") and motors - {motor}:
             return "wrong"
-        if is_prominent and is_serious and code not in harmless:
+        if is_prominent and is_serious and code not in permitted:
             return "wrong"
-        if code in right and (is_serious or is_prominent):
-            is_right = is_right or not must_name_motor or motor in motors or code in unnamed
-    if is_right:
+        if code in expected and (is_serious or is_prominent):
+            names_enough = not must_name_motor or motor in motors or code in without_motor
+            states_mishap = states_mishap or names_enough
+    if states_mishap:
         return "right"
     is_remark = str(review.headline.code) in TABLES["remarks"]
-    if KINDS[kind].get("quiet") and review.headline.level is not Level.BAD and not is_remark:
+    is_alarm = review.headline.level is Level.BAD or is_remark
+    if KINDS[kind].get("needs_no_alarm") and not is_alarm:
         return "right"
     return "none"
 
@@ -222,7 +229,7 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
         review = assess(without_gains(flown_log(flight, path)))
     except Unreadable as refusal:
         # A log that mixes two vehicles is refused.
-        is_right = str(refusal.fact.code) in codes(kind, "right")
+        is_right = str(refusal.fact.code) in codes(kind, "expected")
         result = "right" if is_right else "wrong"
         return [
             row | {"verdict": result, "headline": str(refusal), "lights": "", "false lights": ""}

@@ -418,27 +418,29 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
 
 
 def common_action(actions: Sequence[Fact | None]) -> Fact | None:
-    """Returns one action for several axes, as one sentence.
+    """Returns the one next step for several axes: the action of the first axis that needs one.
 
-    The first action stands for all. Only if it is to lower gains by a third are the changes of the other axes with the
-    same action added to it.
+    A light states one next step, and a flight after it shows what the other axes still need. But gains that are to be
+    lowered by a third are lowered on all axes at once, before that flight: their changes are joined in one action.
 
     Args:
         actions: the action of each axis; None if nothing is to be done.
+
+    Returns:
+        The action; None if no axis needs one.
     """
-    known_actions = [action for action in actions if action is not None]
-    if not known_actions:
+    needed_actions = [action for action in actions if action is not None]
+    if not needed_actions:
         return None
-    first_action = known_actions[0]
+    first_action = needed_actions[0]
     if first_action.code is not LoopAction.LOWER_BY_A_THIRD:
         return first_action
-    changes = []
-    axes = []
-    for action in known_actions:
-        if action.code is LoopAction.LOWER_BY_A_THIRD:
-            changes += action.figures["changes"]
-            axes.append(action.figures["axis"])
-    # The sentence on one axis has no list of axes.
-    if len(axes) == 1:
+    reductions = [action for action in needed_actions if action.code is LoopAction.LOWER_BY_A_THIRD]
+    if len(reductions) == 1:
+        # The action of a single axis has no list of axes ("names").
         return first_action
-    return first_action.replace(changes=changes, names=axes)
+    gain_changes = []
+    for reduction in reductions:
+        gain_changes += reduction.figures["changes"]
+    axes = [reduction.figures["axis"] for reduction in reductions]
+    return first_action.replace(changes=gain_changes, names=axes)

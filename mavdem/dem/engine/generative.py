@@ -240,22 +240,27 @@ class GenerativeModel:
     def _regressor_layout(self) -> RegressorLayout:
         """Which columns of the joint vector [ỹ; η̃; X], and which parameters, belong to each row of [A B] and of C.
 
-        X = [x; x′; …; v; v′; …] stacks the states and then the inputs, order after order.
+        X = [x; x′; …; v; v′; …] stacks n states and then r inputs, order after order: the states have derivatives up to
+        order p, the noise of the states up to order q, and the inputs up to order d.
+
+        The regressors of [A B] are needed up to order q. Where d < q, the highest derivatives of the inputs are not
+        modelled, that is, they are zero. Their column is ``joint_size``, one past the last: users of this layout append
+        a column of zeros to the joint vector there.
         """
         n, r, m = self.sizes
-        # (p + 1, n): one row of columns for each order of x.
-        x_columns = self.hidden_columns.start + np.arange(n * (self.p + 1)).reshape(-1, n)
-        # (q + 1, r): the same of v. Inputs have derivatives up to order d only; instead of higher ones stands the
-        # index after the last column, where the users of this layout put zeros.
+        orders_of_x = self.p + 1
+        orders_of_w = self.q + 1
+        # One row of columns for each order: (p + 1, n) of x, (q + 1, r) of v.
+        first_x_column = self.hidden_columns.start
+        x_columns = first_x_column + np.arange(orders_of_x * n).reshape(orders_of_x, n)
+        first_v_column = first_x_column + orders_of_x * n
+        v_columns = first_v_column + np.arange(orders_of_w * r).reshape(orders_of_w, r)
         column_of_zeros = self.joint_size
-        v_columns = np.full((self.q + 1, r), column_of_zeros)
-        modelled_orders = min(self.d, self.q) + 1
-        first_v_column = x_columns[-1, -1] + 1
-        v_columns[:modelled_orders] = first_v_column + np.arange(modelled_orders * r).reshape(-1, r)
+        v_columns[self.d + 1 :] = column_of_zeros
         # The numbers of the parameters, arranged like A, B and C.
         A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
         return RegressorLayout(
-            state_columns=np.hstack([x_columns[: self.q + 1], v_columns]),
+            state_columns=np.hstack([x_columns[:orders_of_w], v_columns]),
             output_columns=x_columns,
             state_parameters=np.hstack([A, B]),
             output_parameters=C,
