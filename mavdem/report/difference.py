@@ -199,6 +199,20 @@ def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None)
     return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
 
 
+def conclusion_without_change(difference: VehicleDifference) -> str:
+    """Returns the sentence on all quantities of a comparison in which none changed: whether that is known.
+
+    Args:
+        difference: comparison of two groups of flights of a vehicle, quantity by quantity.
+
+    Returns:
+        The sentence; empty if a quantity changed.
+    """
+    if difference.changes_with(QuantityOutcome.CHANGED):
+        return ""
+    return _change_sentences(difference)[0].lead
+
+
 def _change_sentences(
     difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
 ) -> list[Sentence]:

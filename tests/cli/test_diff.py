@@ -14,6 +14,7 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
 from mavdem.report.charts.comparison_charts import flight_series
+from mavdem.report.difference import difference_blocks
 from mavdem.report.pages.difference_page import comparison_page
 
 
@@ -139,3 +140,26 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     assert "hase margin on roll 57 → 17°" in page
     assert ", with ATC_RAT_RLL_P 0.1 → 0.2" in page
     assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page
+
+
+@mark.parametrize(
+    "half_widths, conclusion",
+    [
+        ({}, "Nothing that was compared changed."),
+        ({"lag_interval": 1.0}, "No change is significant."),
+        (
+            {
+                "trim_share_interval": (0.2,) * 4,
+                "effect_interval": (200.0,) * 4,
+                "damping_interval": 20.0,
+                "lag_interval": 1.0,
+            },
+            "Whether anything changed is not known: all intervals are too wide.",
+        ),
+    ],
+)
+def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, conclusion):
+    difference = vehicle_difference(flown("alpha", [0]), flown("alpha", [1], **half_widths))
+    assert conclusion in [sentence.lead for sentence in difference_blocks(difference)]
+    page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
+    assert f'<p class="headline"><strong>{conclusion}' in page

@@ -28,6 +28,7 @@ from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import (
     Review,
     change_text,
+    conclusion_without_change,
     difference_blocks,
     headline_blocks,
     light_blocks,
@@ -208,7 +209,7 @@ def _main_difference(
 
     If the logs are the same flight, or of two vehicles, only that is said. Otherwise three changes are named, as far as
     there are any: that of the quantity with the lowest p-value, the largest relative change of a
-    controller gain, and the largest change of a phase margin.
+    controller gain, and the largest change of a phase margin. Without any it is what the comparison says of all.
 
     Args:
         names: names of the flights, A and B.
@@ -242,7 +243,7 @@ def _main_difference(
         changed="" if surest is None else change_text(surest, difference),
         gain=max(gains, key=lambda gain: abs(gain.after / gain.before - 1), default=None),
         margin=None if surest in margin_changes else _largest_margin_change(margin_changes),
-        has_margins=bool(margin_changes),
+        without_change=conclusion_without_change(difference),
     )
     return [headline_sentence(sentence.text) for sentence in sentences]
 
