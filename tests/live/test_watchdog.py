@@ -443,4 +443,4 @@ def test_what_was_asked_for_in_vain_is_not_advised():
     assert "Ask for VIBRATION" in str(status.overall_judgement.next_step)
     asked = replace(status, absent_messages=frozenset({"VIBRATION"})).overall_judgement
     assert asked.lights["vibration"] == unknown.replace(is_asked=True)
-    assert str(asked.next_step) == "VIBRATION was asked for, and does not come."
+    assert str(asked.next_step) == "Look for the vibration in the autopilot's own log."
