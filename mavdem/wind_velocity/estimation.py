@@ -316,7 +316,7 @@ def estimate_wind(
         band=half_width(variances.mean(axis=1) + winds.var(axis=1)),
         along=np.einsum("tij,tj->ti", fine.body_axes, fine.velocity - [*mean_wind_velocity, 0.0]),
         minutes=tuple(_minutes(winds, variances, fine.time, fine.step)),
-        profile=tuple(_profile(wind_velocity, step_heights, fine.step)),
+        profile=tuple(_profile(winds, variances, step_heights, fine.step)),
         drag=flight_drag,
         status=status,
         reasons={doubt.figure: doubt.reason for doubt in doubts},
@@ -380,13 +380,14 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
     return minutes
 
 
-def _profile(wind_velocity: Array, heights: Array, step: float) -> list[dict[str, float]]:
+def _profile(winds: Array, variances: Array, heights: Array, step: float) -> list[dict[str, float]]:
     """Returns the mean wind by height, in layers of ``LAYER_HEIGHT``.
 
     Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out: one gust would decide them.
 
     Args:
-        wind_velocity: wind velocity, north and east (T, 2), m/s.
+        winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
+        variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         heights: heights of the vehicle (T,), m.
         step: time step, s.
 
@@ -397,15 +398,15 @@ def _profile(wind_velocity: Array, heights: Array, step: float) -> list[dict[str
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers = []
     for layer in np.unique(layer_of_step):
-        wind_of_layer = wind_velocity[layer_of_step == layer]
-        if len(wind_of_layer) * step < INDEPENDENT_SECONDS:
+        rows = layer_of_step == layer
+        if np.count_nonzero(rows) * step < INDEPENDENT_SECONDS:
             continue
-        north, east = wind_of_layer.mean(axis=0).tolist()
+        mean = _mean_wind(winds[rows], variances[rows], step)
         layers.append(
             {
                 "height": LAYER_HEIGHT * (layer + 0.5),
-                "speed": np.hypot(north, east),
-                "direction": meteorological_direction(north, east),
+                "speed": mean.speed,
+                "direction": mean.direction,
             }
         )
     if len(layers) < 2:

@@ -382,3 +382,12 @@ def test_a_missing_yaw_and_a_ground_spin_are_left_out_and_a_clock_jump_is_refuse
     assert refused(wind_of_signals, late).code is NoWind.CLOCK_JUMPS
     still = Signals(changed(telemetry, "LOCAL_POSITION_NED", vx=0.0))
     assert refused(wind_of_signals, still).code is NoWind.NOT_MEASURED
+
+
+def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
+    """Of an uncertain drag the mean over the posterior is larger than the median, which is reported."""
+    time, attitude, velocity, _ = flight(legs=0.0, turning=0.0, seed=5)
+    wind = mavdem.estimate_wind(time, attitude, velocity, height=5.0 + 10 * (time > time.mean()))
+    by_height, by_minute = ([one["speed"] for one in part] for part in (wind.profile, wind.minutes))
+    assert by_height == approx(by_minute, rel=0.005)
+    assert min(by_height) < wind.speed < max(by_height)
