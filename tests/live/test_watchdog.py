@@ -301,6 +301,8 @@ def test_the_status_stands_in_its_place_on_a_terminal():
 
 def test_a_flying_vehicle_without_a_judgement_is_not_called_grounded():
     assert SessionStatus().overall_judgement.headline.code is SessionFact.NOT_FLYING
+    # After a crash too the vehicle is on the ground: much has to be done then before the next take-off.
+    assert "before take-off" not in str(SessionStatus().overall_judgement.next_step)
     assert (
         SessionStatus(is_flying=True).overall_judgement.headline.code is SessionFact.BEING_LEARNED
     )
