@@ -10,11 +10,15 @@ from mavdem.containers import Numbers
 from mavdem.dataset import resampling, segments
 from mavdem.ingest.telemetry import MAX_GAP_SECONDS
 
-MEMORY_SECONDS = 4.5
-"""Duration that a stream keeps, s: more than the ``DECISION_SECONDS`` that rates and steps are decided from."""
+MEMORY_SECONDS = 9.0
+"""Duration that a stream keeps, s.
+
+It is more than the ``DECISION_SECONDS`` that rates and steps are decided from, and than the recent flight in which a
+limit cycle is looked for.
+"""
 
 MAX_SAMPLES = 8192
-"""Samples that a stream keeps, a choice: 4.5 s at 1800 Hz. It bounds the memory for hostile stamps."""
+"""Samples that a stream keeps, a choice: 9 s at 900 Hz. It bounds the memory for hostile stamps."""
 
 DECISION_SECONDS = 2.0
 """Duration of the streams by which rates, the step of the grid and the way of sampling are decided, s: a choice."""
@@ -24,7 +28,7 @@ SAMPLES_PER_CLEANING = 64
 
 
 class SampleStream:
-    """Time stamps and values of one stream of samples, attitude or one port of motor outputs, in the last 4.5 s.
+    """Time stamps and values of one stream of samples, attitude or one port of motor outputs, in the last 9 s.
 
     Attributes:
         time: stamps, s of the boot clock, ascending.

@@ -140,8 +140,10 @@ def detect_starting_limit_cycle(
 ) -> Oscillation | None:
     """Detects a limit cycle that has just started, for a warning in flight.
 
-    There is no time to see whether an oscillation lasts. So it is reported only if it turns the vehicle fast
-    (``MIN_DANGEROUS_RATE``) and motors reach their limits.
+    It is reported only if motors reach their limits. One that turns the vehicle fast (``MIN_DANGEROUS_RATE``) is
+    reported at once. A slower one is reported if it still goes on and the windows of a recorded flight show it for
+    ``MIN_DURATION``, as after the flight: motors that go from stop to stop cannot control the vehicle, however little
+    it turns.
 
     Args:
         motors: outputs of the motors so far.
@@ -158,13 +160,11 @@ def detect_starting_limit_cycle(
     )
     limit_times = motors.time[(upper_limits | lower_limits).any(axis=1)]
     latest_limit_time = limit_times.max(initial=-np.inf)
-    cycles = list[Oscillation]()
-    for window_seconds in STARTING_WINDOWS:
-        # Without a motor at a limit no cycle would count. The one window more covers what resampling spreads.
-        if latest_limit_time < now - (STARTING_SPAN + 1) * window_seconds:
-            continue
+
+    def recent_cycles(window_seconds: float, min_duration: float) -> list[Oscillation]:
+        """Returns the limit cycles of both axes that reach the motors' limits, in the latest windows of a length."""
         segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
-        min_duration = STARTING_DURATION * window_seconds
+        cycles = list[Oscillation]()
         for axis, tilt in tilts.items():
             cycles += _limit_cycles(
                 axis,
@@ -176,12 +176,17 @@ def detect_starting_limit_cycle(
                 flight_duration=np.inf,
                 min_duration=min_duration,
             )
-    dangerous = [
-        cycle
-        for cycle in cycles
-        if cycle.at_limit >= MIN_AT_LIMIT_SHARE and cycle.rate >= MIN_DANGEROUS_RATE
-    ]
-    return _strongest(dangerous)
+        return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
+
+    starting_cycles = list[Oscillation]()
+    for window_seconds in STARTING_WINDOWS:
+        # Without a motor at a limit no cycle would count. The one window more covers what resampling spreads.
+        if latest_limit_time >= now - (STARTING_SPAN + 1) * window_seconds:
+            starting_cycles += recent_cycles(window_seconds, STARTING_DURATION * window_seconds)
+    fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
+    if fast_cycles or not starting_cycles:
+        return _strongest(fast_cycles)
+    return _strongest(recent_cycles(WINDOW_LENGTHS[0], MIN_DURATION))
 
 
 def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:

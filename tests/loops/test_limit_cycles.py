@@ -8,18 +8,25 @@ from scipy.signal import cont2discrete, lfilter
 
 from mavdem.assessment.condition import condition_of
 from mavdem.dataset.signals import Signals
+from mavdem.loops.limit_cycles import MIN_DURATION, detect_starting_limit_cycle
 
 HOVER = Hover(hovering=40.0)
 
 
 def found(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
     """Of a hover with a roll rate (N,), deg/s, and a roll command (N,), µs, that are functions of time, s."""
+    return condition_of(hover_signals(rate, command, hertz, offset, pitch)).oscillation
+
+
+def hover_signals(rate, command, hertz=100.0, offset=0.0, pitch=0.0):
+    """The hover that ``found`` judges."""
     telemetry = HOVER.telemetry(attitude_time=hertz, motor_time=hertz)
     time = HOVER.stamps(hertz)
     telemetry = with_limited_outputs(telemetry, X_QUAD, command(time), offset)
     roll_rate = np.radians(rate(time))
-    turning = changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
-    return condition_of(Signals(turning)).oscillation
+    return Signals(
+        changed(telemetry, "ATTITUDE", rollspeed=roll_rate, pitchspeed=pitch * roll_rate)
+    )
 
 
 def with_limited_outputs(telemetry, signs, command, offset=0.0):
@@ -116,6 +123,26 @@ def test_what_is_steered_to_identify_is_none(phase):
 def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
     one = found(gusts(100.0), swinging(17.0, 900.0))
     assert round(one.frequency) == 17 and one.rate < 20.0
+
+
+def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted():
+    """Two windows that overlap by half show it, as in the review of a flight; only a fast one is reported at once."""
+    begun, ended = 20.0, 32.0
+
+    def swings(size):
+        return lambda time: swinging(17.0, size)(time) * ((time >= begun) & (time < ended))
+
+    signals = hover_signals(swings(6.0), swings(900.0))
+    found_at = [
+        now
+        for now in np.arange(begun - 5.0, ended + 5.0, 0.5)
+        if detect_starting_limit_cycle(
+            signals.motors, {"roll": signals.attitudes[0]}, int(signals.motors.boot[0]), 12.0, now
+        )
+    ]
+    assert begun + MIN_DURATION / 2 <= found_at[0] <= begun + MIN_DURATION + 0.5
+    assert ended - 0.5 <= found_at[-1] <= ended + 2.0
+    assert len(found_at) == 1 + (found_at[-1] - found_at[0]) / 0.5
 
 
 def test_where_messages_come_too_slowly_the_frequency_is_not_told():
