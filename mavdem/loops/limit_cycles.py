@@ -160,33 +160,52 @@ def detect_starting_limit_cycle(
     )
     limit_times = motors.time[(upper_limits | lower_limits).any(axis=1)]
     latest_limit_time = limit_times.max(initial=-np.inf)
-
-    def recent_cycles(window_seconds: float, min_duration: float) -> list[Oscillation]:
-        """Returns the limit cycles of both axes that reach the motors' limits, in the latest windows of a length."""
-        segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
-        cycles = list[Oscillation]()
-        for axis, tilt in tilts.items():
-            cycles += _limit_cycles(
-                axis,
-                tilt,
-                motors,
-                [segment],
-                window_seconds,
-                # No oscillation lasts for a good part of an infinite flight: only limits and growth count.
-                flight_duration=np.inf,
-                min_duration=min_duration,
-            )
-        return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
-
     starting_cycles = list[Oscillation]()
     for window_seconds in STARTING_WINDOWS:
         # Without a motor at a limit no cycle would count. The one window more covers what resampling spreads.
         if latest_limit_time >= now - (STARTING_SPAN + 1) * window_seconds:
-            starting_cycles += recent_cycles(window_seconds, STARTING_DURATION * window_seconds)
+            segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
+            min_duration = STARTING_DURATION * window_seconds
+            starting_cycles += _cycles_at_limits(
+                motors, tilts, segment, window_seconds, min_duration
+            )
     fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
     if fast_cycles or not starting_cycles:
         return _strongest(fast_cycles)
-    return _strongest(recent_cycles(WINDOW_LENGTHS[0], MIN_DURATION))
+    window_seconds = WINDOW_LENGTHS[0]
+    segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
+    return _strongest(_cycles_at_limits(motors, tilts, segment, window_seconds, MIN_DURATION))
+
+
+def _cycles_at_limits(
+    motors: MotorOutputs,
+    tilts: Mapping[str, Attitude],
+    segment: Segment,
+    window_seconds: float,
+    min_duration: float,
+) -> list[Oscillation]:
+    """Returns the limit cycles of a segment in which motors reach their limits.
+
+    Args:
+        motors: outputs of the motors.
+        tilts: attitude by axis, "roll" and "pitch".
+        segment: the segment.
+        window_seconds: length of the windows of the spectra, s.
+        min_duration: duration that the windows of a limit cycle must cover together, s.
+    """
+    cycles = list[Oscillation]()
+    for axis, tilt in tilts.items():
+        cycles += _limit_cycles(
+            axis,
+            tilt,
+            motors,
+            [segment],
+            window_seconds,
+            # No oscillation lasts for a good part of an infinite flight: only limits and growth count.
+            flight_duration=np.inf,
+            min_duration=min_duration,
+        )
+    return [cycle for cycle in cycles if cycle.at_limit >= MIN_AT_LIMIT_SHARE]
 
 
 def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:

@@ -314,13 +314,13 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     information[DRAG_PARAMETERS:, DRAG_PARAMETERS:] += (
         np.einsum("ktij,ltji->kl", relative_slopes, relative_slopes) / 2
     )
-    speeds = mean_air_speed(points, grid) / SPEED_SCALE
+    speeds = mean_air_speed(points, grid)
     return _Expansion(
         filtered_motion.log_likelihoods[0],
         gradient,
         information,
-        central_differences(speeds),
-        central_differences(log_prior_of_force(points, grid)),
+        central_differences(speeds / SPEED_SCALE),
+        central_differences(log_prior_of_force(points, speeds)),
     )
 
 
@@ -338,8 +338,7 @@ def steered_share(grid: MotionGrid) -> float:
         Share of the variance of the force's changes, 0 to 1.
     """
     steps = max(round(STEERED_SECONDS / grid.step), 1)
-    # The body's axes (rows i, at each time t) turn a force along them into one north, east and down (j).
-    force = np.einsum("tij,ti->tj", grid.body_axes, grid.force)[:, :2]
+    force = grid.level_force[:, HORIZONTAL]
     velocity = grid.velocity[:, HORIZONTAL]
     both_complete = grid.complete[steps:] & grid.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
@@ -349,7 +348,7 @@ def steered_share(grid: MotionGrid) -> float:
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
-    scale = np.sqrt(max(force_power * velocity_power, MIN_POWER))
+    scale = np.sqrt(max(float(force_power * velocity_power), MIN_POWER))
     opposition = -(force_changes @ velocity_changes) / scale
     return max(float(opposition), 0.0) ** 2
 
@@ -384,14 +383,12 @@ def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
 
 def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Returns the air speed (N,), m/s, at which the drag of scaled parameters (N, 10) causes the mean force."""
-    # The force north, east and down (j), from its components along the body's axes (i) at each time t.
-    level_forces = np.einsum("tij,ti->tj", grid.body_axes, grid.force)
-    force = level_forces[grid.complete, :2].mean(axis=0)
+    force = grid.level_force[grid.complete, HORIZONTAL].mean(axis=0)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
     return air_speed(linear, quadratic, np.hypot(*force))
 
 
-def log_prior_of_force(scaled_parameters: Array, grid: MotionGrid) -> Array:
+def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
     """Returns the log prior density (N,) of the mean force by N sets of scaled parameters, up to a constant.
 
     Any speed u of the wind up to about ``SPEED_SCALE`` is as probable as another: its density is half-normal. The force
@@ -400,12 +397,11 @@ def log_prior_of_force(scaled_parameters: Array, grid: MotionGrid) -> Array:
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters.
-        grid: motion of the flight, from which the mean force follows.
+        speeds: (N,) air speeds, m/s, at which their drag causes the mean force (:func:`mean_air_speed`).
     """
-    speed = mean_air_speed(scaled_parameters, grid)
     linear, quadratic = np.exp(scaled_parameters[:, [LOG_LINEAR, LOG_QUADRATIC]]).T
-    force_slope = linear + 2 * quadratic * speed
-    log_density: Array = -((speed / SPEED_SCALE) ** 2) / 2 - np.log(force_slope)
+    force_slopes = linear + 2 * quadratic * speeds
+    log_density: Array = -((speeds / SPEED_SCALE) ** 2) / 2 - np.log(force_slopes)
     return log_density
 
 

@@ -18,7 +18,13 @@ from mavdem.dataset.position_fix import (
     most_satellites,
 )
 from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
-from mavdem.dataset.time_series import TimeSeries, clean_series, float_column, recorded_series
+from mavdem.dataset.time_series import (
+    TimeSeries,
+    clean_series,
+    float_column,
+    recorded_series,
+    series_of_boot,
+)
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact
 from mavdem.facts.lights import Unjudged
@@ -264,10 +270,9 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
     """
     duration = 0.0
     for boot in np.unique(ground_motion.boot).tolist():
-        is_of_boot = ground_motion.boot == boot
-        time = ground_motion.time[is_of_boot]
-        flights = _flights(signals, boot, time, ground_motion.values[is_of_boot, HEIGHT])
-        recorded_intervals = intervals.intersection(flights, [(time[0], time[-1])])
+        motion = ground_motion.of_boot(boot)
+        flights = _flights(signals, boot, motion.time, motion.values[:, HEIGHT])
+        recorded_intervals = intervals.intersection(flights, [(motion.time[0], motion.time[-1])])
         duration += sum(end - start for start, end in recorded_intervals)
     return float(duration)
 
@@ -285,8 +290,7 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
     """
     boots = np.unique(ground_motion.boot).tolist()
     for boot in boots:
-        time = ground_motion.time[ground_motion.boot == boot]
-        if measures_velocity(telemetry, boot, time).any():
+        if measures_velocity(telemetry, boot, ground_motion.of_boot(boot).time).any():
             return
     has_velocity = bool(boots)
     if has_velocity or _lacks_fix(telemetry):
@@ -375,9 +379,8 @@ def _free_flight(
     Returns:
         The motion; ``None`` where the boot has no attitude or velocity.
     """
-    is_of_boot = ground_motion.boot == boot
-    velocity_time = ground_motion.time[is_of_boot]
-    ground_values = ground_motion.values[is_of_boot]
+    motion_in_boot = ground_motion.of_boot(boot)
+    velocity_time, ground_values = motion_in_boot.time, motion_in_boot.values
     angles_of_boot = [angle.angle_series.of_boot(boot) for angle in angles]
     if len(velocity_time) < 2 or not all(len(angle.time) for angle in angles_of_boot):
         return None
@@ -449,15 +452,12 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
     """
     is_known = np.ones(len(time), np.bool_)
     for name in ESTIMATOR_FLAG_MESSAGES:
-        flags = recorded_series(telemetry, name, "flags")
+        flags = series_of_boot(recorded_series(telemetry, name, "flags"), boot)
         if flags is None:
             continue
-        is_of_boot = flags.boot == boot
-        if not np.any(is_of_boot):
-            continue
-        valid = horizontal_velocity_valid(flags.values[is_of_boot].astype(np.int64))
+        valid = horizontal_velocity_valid(flags.values.astype(np.int64))
         # Between two messages that differ, the interpolated value is neither 0 nor 1.
-        unknown = np.interp(time, flags.time[is_of_boot], ~valid)
+        unknown = np.interp(time, flags.time, ~valid)
         is_known &= unknown == 0
     return is_known
 
@@ -485,15 +485,13 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
         Longest time, s, in which the lean was at least ``STUCK_LEAN``, and the position moved by less than
         ``STUCK_DISTANCE`` in each second.
     """
-    if position is None:
-        return 0.0
-    is_of_boot = position.boot == boot
-    if not np.any(is_of_boot):
+    position_in_boot = series_of_boot(position, boot)
+    if position_in_boot is None:
         return 0.0
     times = [motion.time - 1.0, motion.time]
     distances = []
-    for component in position.values[is_of_boot].T:
-        a_second_ago, now = np.interp(times, position.time[is_of_boot], component)
+    for component in position_in_boot.values.T:
+        a_second_ago, now = np.interp(times, position_in_boot.time, component)
         distances.append(now - a_second_ago)
     distance = np.linalg.norm(distances, axis=0)
     roll, pitch, _ = motion.attitude.T

@@ -94,6 +94,12 @@ class MotionGrid(NamedTuple):
         has_velocity = np.isfinite(self.velocity).all(axis=1)
         return np.asarray(has_force & has_velocity)
 
+    @property
+    def level_force(self) -> Array:
+        """Specific force north, east and down (T, 3), m/s², without its part along body z."""
+        # The body's axes (rows i, at each time t) turn a force along them into one north, east and down (j).
+        return np.asarray(np.einsum("tij,ti->tj", self.body_axes, self.force))
+
     def select(self, rows: Flags | slice) -> MotionGrid:
         """Returns only some of the steps; the time step stays the same, so that there may be gaps.
 

@@ -10,9 +10,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.dem.engine.generative import GenerativeModel
-from mavdem.dem.engine.model_structure import (
-    RegressorMoments,
-)
+from mavdem.dem.engine.model_structure import RegressorMoments
 
 
 class SufficientStatistics(NamedTuple):

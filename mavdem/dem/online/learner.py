@@ -73,7 +73,6 @@ after an unusual sample.
 DEFAULT_HORIZONS = (1, 5, 10, 25, 50)
 """Steps ahead that are predicted unless others are given."""
 
-
 MAX_STEP_DEVIATION = 0.5
 """Deviation of a step from ``dt``, in units of ``dt``, beyond which there is a gap."""
 

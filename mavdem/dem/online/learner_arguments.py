@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from mavdem.dem.validation import (
     validated_count,
     validated_table,
 )
-
-if TYPE_CHECKING:
-    pass
 
 MIN_MIXER_COSINE = 0.9
 """Cosine of the angle between two estimates of the axis mixer, above which they differ by chance only; a choice."""
