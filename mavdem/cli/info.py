@@ -22,7 +22,7 @@ from mavdem.documents.inventory import analysis_document, vehicle_document
 from mavdem.facts import Fact
 from mavdem.facts.learnability import NotLearnableReason
 from mavdem.ingest import Log
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Sentence, headline_sentence
 from mavdem.report.condition import component_id, stream_contents, vehicle_contents
 from mavdem.report.review import review_title, vehicle_title
 from mavdem.report.screen import conclusion, instance_blocks
@@ -109,7 +109,7 @@ def _print_analyses(
     )
     for values, signals, analysis in zip(document["vehicles"], all_signals, analyses, strict=True):
         loss = loss_of_flight(signals)
-        headlines = [] if loss is None else [Sentence("", str(loss))]
+        headlines = [] if loss is None else [headline_sentence(loss)]
         print_screen(
             vehicle_title(log, signals, analysis),
             summary=vehicle_contents(values),

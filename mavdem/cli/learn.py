@@ -20,7 +20,7 @@ from mavdem.cli.options import (
     verbose_option,
     window_options,
 )
-from mavdem.cli.output import print_json, print_screen, progress, report_error, report_parts
+from mavdem.cli.output import print_json, print_screen, progress, report_error
 from mavdem.cli.output_files import check_output_folder
 from mavdem.cli.result_folders import (
     chosen_recordings,
@@ -37,7 +37,7 @@ from mavdem.documents.flight import report_document
 from mavdem.experiments.window import Length
 from mavdem.report.blocks import Blocks
 from mavdem.report.review import review_title
-from mavdem.report.screen import analysis_blocks, detail_blocks, flight_title
+from mavdem.report.screen import analysis_body, conclusion, detail_blocks, flight_title
 from mavdem.results import PAGE_FILE, RESULT_FILES
 
 PAGE_LINES = 1
@@ -162,6 +162,12 @@ def _print_assessment(assessment: Assessment, *, verbose: bool) -> None:
     else:
         title = flight_title(analysis.flights, assessment.simulated)
         details = detail_blocks(analysis.learned)
-    parts = report_parts(analysis_blocks(assessment))
-    conclusion = [parts.headline, parts.next_step]
-    print_screen(title, parts.body, details, conclusion, verbose=verbose, reserved_lines=PAGE_LINES)
+    flight_conclusion = conclusion(assessment.judgement)
+    print_screen(
+        title,
+        analysis_body(analysis, assessment),
+        details,
+        [flight_conclusion.headline, flight_conclusion.next_step],
+        verbose=verbose,
+        reserved_lines=PAGE_LINES,
+    )

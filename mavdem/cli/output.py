@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 from rich.console import Console
@@ -19,7 +19,7 @@ from mavdem.cli.streams import (
 )
 from mavdem.cli.tables import terminal_tables
 from mavdem.facts import Fact
-from mavdem.report.blocks import SCREEN_LINES, Block, Blocks, Sentence
+from mavdem.report.blocks import SCREEN_LINES, Block, Sentence
 
 TERMINAL_LINES = 24
 """Lines of a terminal that nobody has enlarged, up to which texts in tables may take more than one line."""
@@ -61,24 +61,6 @@ def print_blocks(blocks: Iterable[Block]) -> None:
     """Prints sentences and tables on standard output, with an empty line after each."""
     for block in blocks:
         print_to_stdout("\n".join([*_block_lines(block), ""]))
-
-
-class ReportParts(NamedTuple):
-    """Sentences and tables of a report on a flight, by where :func:`print_screen` shows them."""
-
-    headline: Block
-    """The one sentence that matters most."""
-
-    body: Blocks
-    """Lights that need attention, and what the command reports beside the headline."""
-
-    next_step: Block
-    """What the user should do next."""
-
-
-def report_parts(blocks: Blocks) -> ReportParts:
-    """Parts a report whose first block is the headline, and whose last block is the next step."""
-    return ReportParts(headline=blocks[0], body=blocks[1:-1], next_step=blocks[-1])
 
 
 def print_screen(

@@ -1,6 +1,6 @@
 """Event: a fact of a flight, at the time when it became known."""
 
-from math import nan
+from math import isfinite, nan
 from typing import NamedTuple
 
 from mavdem.facts.fact import Fact
@@ -23,6 +23,11 @@ class Event(NamedTuple):
     def sentence(self) -> str:
         """What happened, and what to do about it."""
         return self.fact.advised
+
+    @property
+    def has_time(self) -> bool:
+        """Whether its time is known: what was so before the record has no finite one."""
+        return isfinite(self.seconds)
 
     @property
     def is_alarm(self) -> bool:

@@ -83,10 +83,7 @@ def summary(learned: Learned) -> str:
 
 
 def analysis_blocks(assessment: Assessment) -> Blocks:
-    """Returns the report of a log: headline, lights, model or why there is none, condition, wind, and next step.
-
-    Tier "a" is a log of which a full model can be learned. Without such a model the sentences on the tier and on the
-    vehicle's condition take its place.
+    """Returns the report of a log: headline, what was found, and next step.
 
     Args:
         assessment: assessment of the log.
@@ -94,16 +91,28 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     Returns:
         The report, with the headline first and the next step last.
     """
-    analysis = assessment.analysis
     flight_conclusion = conclusion(assessment.judgement)
-    if analysis is None:
+    if assessment.analysis is None:
         return flight_conclusion.blocks
+    body = analysis_body(assessment.analysis, assessment)
+    return [flight_conclusion.headline, *body, flight_conclusion.next_step]
+
+
+def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
+    """Returns what was found in a log: lights, model or why there is none, condition, and wind.
+
+    Tier "a" is a log of which a full model can be learned. Without such a model the sentences on the tier and on the
+    vehicle's condition take its place.
+
+    Args:
+        analysis: the analysis of the assessment.
+        assessment: assessment of the log.
+
+    Returns:
+        The report without its headline and next step.
+    """
     has_full_model = analysis.learned is not None and analysis.tier.tier == "a"
-    blocks = [
-        flight_conclusion.headline,
-        *flight_conclusion.lights,
-        *_learned_blocks(analysis),
-    ]
+    blocks = [*conclusion(assessment.judgement).lights, *_learned_blocks(analysis)]
     for alarm in analysis.alarms:
         if not alarm.is_weak:
             blocks.append(Sentence(str(alarm.fact), "Motors:"))
@@ -114,8 +123,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
     blocks += vehicle_blocks(analysis.axes, is_doubtful=is_flight_doubtful)
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
-    blocks += air_blocks(assessment)
-    return [*blocks, flight_conclusion.next_step]
+    return [*blocks, *air_blocks(assessment)]
 
 
 def instance_blocks(assessment: Assessment) -> Blocks:

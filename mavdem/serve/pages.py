@@ -23,9 +23,9 @@ from mavdem.documents.library import Recordings
 from mavdem.errors import Refusal
 from mavdem.facts.serve import ListingOrder, Permission, RefusalReason, Stage
 from mavdem.fleet.difference import baseline_differences, vehicle_difference
-from mavdem.fleet.flights import vehicles_of
+from mavdem.fleet.flights import has_shared_name, vehicles_of
 from mavdem.fleet.parameter_changes import changed_parameters, states_without_gains
-from mavdem.fleet.row import SYSTEM_ID_BASIS, FlightRows
+from mavdem.fleet.row import FlightRows
 from mavdem.fleet.workers import PAGES, POLL_SECONDS
 from mavdem.ingest.formats import detect_format
 from mavdem.machine import LOOPBACK
@@ -345,7 +345,7 @@ class Pages:
             name=name,
             entries=entries,
             baseline=len({row.key for row in healthy_rows}),
-            is_shared_name=any(row.vehicle_basis == SYSTEM_ID_BASIS for row in rows),
+            is_shared_name=has_shared_name([rows]),
             troubles=self._visible_library.rows_with_trouble(entries),
             **self._visible_library.visitor_values(request),
         )

@@ -5,7 +5,6 @@ and the torque of the wind.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
 from typing import NamedTuple
 
 import rerun.blueprint as rrb
@@ -102,6 +101,6 @@ def events_text(events: Iterable[Event]) -> str:
     lines = ["**Events**"]
     for event in events:
         mark = EVENT_MARKS.get(event.fact.level, "")
-        time = f"{event.seconds:.1f} s · " if isfinite(event.seconds) else ""
+        time = f"{event.seconds:.1f} s · " if event.has_time else ""
         lines.append(f"{time}{mark}{event.sentence}")
     return utf8_text("\n\n".join(lines))

@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import groupby
-from math import inf, isfinite
+from math import inf
 from operator import itemgetter
 from uuid import UUID, uuid4
 
@@ -310,7 +310,7 @@ class LiveView:
         """Shows an event in the log, at its time of the timeline, or at 0 where that is not known."""
         if self._closed:
             return
-        time = event.seconds if isfinite(event.seconds) else 0.0
+        time = event.seconds if event.has_time else 0.0
         for thread in self._threads:
             thread.log(event._replace(seconds=time))
 

@@ -1,7 +1,6 @@
 """A learned flight as a Rerun recording with its layout: flight, motion, wind, loops, forecasts, learning, report."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -102,7 +101,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
         ]
         for event in timeline.events:
             # What was so before the record has no finite time: it is listed at the start.
-            time = event.seconds if isfinite(event.seconds) else timeline.span[0]
+            time = event.seconds if event.has_time else timeline.span[0]
             log_event(recording, time, event.fact.sentence, event.fact.level)
         layout = blueprint(rrb.Tabs(*views, active_tab=0), play_state="paused")
         recording.send_blueprint(layout, make_active=True)

@@ -121,7 +121,7 @@ class Timeline(NamedTuple):
         labelled_events = [
             (event, label)
             for event, label in zip(self.events, labels, strict=True)
-            if np.isfinite(event.seconds)
+            if event.has_time
         ]
         # Where numbers have no room beside each other, the first ones are drawn: how the flight was lost, then alarms,
         # and of those the latest, since what a flight ended with comes after what led to it.
@@ -480,24 +480,21 @@ def _live_charts(motor_names: Iterable[str], axis: str, columns: _LiveColumns) -
     from mavdem.live.history import REPORTED_HORIZON
 
     time = columns.time
-    measured_angle = ANGLE_UNIT.scale * columns.measured_angle
     predicted_angle = ANGLE_UNIT.scale * columns.predicted_angle
     predicted_half_width = ANGLE_UNIT.scale * columns.predicted_half_width
     horizon = f"{REPORTED_HORIZON:g} s ahead"
     setpoints = {"roll": columns.roll_setpoint, "pitch": columns.pitch_setpoint}
-    angle_lines = [
-        Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[axis]),
-        Line("measured", MEASURED, time, measured_angle),
-        Line.with_band(horizon, PREDICTED, time, predicted_angle, predicted_half_width),
-    ]
-    yield over_time(axis.capitalize(), ANGLE_UNIT.name, angle_lines)
-    other_axis = "pitch" if axis == "roll" else "roll"
-    other_angle = columns.pitch if axis == "roll" else columns.roll
-    other_lines = [
-        Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[other_axis]),
-        Line("measured", MEASURED, time, ANGLE_UNIT.scale * other_angle),
-    ]
-    yield over_time(other_axis.capitalize(), ANGLE_UNIT.name, other_lines)
+    angles = {"roll": columns.roll, "pitch": columns.pitch, axis: columns.measured_angle}
+    for name in (axis, "pitch" if axis == "roll" else "roll"):
+        angle_lines = [
+            Line("setpoint", TRUTH, time, ANGLE_UNIT.scale * setpoints[name]),
+            Line("measured", MEASURED, time, ANGLE_UNIT.scale * angles[name]),
+        ]
+        if name == axis:
+            angle_lines.append(
+                Line.with_band(horizon, PREDICTED, time, predicted_angle, predicted_half_width)
+            )
+        yield over_time(name.capitalize(), ANGLE_UNIT.name, angle_lines)
     yield over_time("Height", "m", [Line("height", MEASURED, time, columns.height)])
 
     motor_lines = []

@@ -7,7 +7,6 @@ of ``mavdem/report``; charts are drawn by uPlot (MIT), which a page contains wit
 import re
 from collections.abc import Mapping, Sequence
 from datetime import date
-from math import isfinite
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -155,7 +154,7 @@ class PageEvent(NamedTuple):
     @property
     def has_time(self) -> bool:
         """Whether its time is known."""
-        return isfinite(self.event.seconds)
+        return self.event.has_time
 
     @property
     def boot(self) -> int | None:
