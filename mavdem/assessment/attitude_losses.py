@@ -171,8 +171,6 @@ class _AttitudeLoss(NamedTuple):
             has ``is_at_landing``. It lasts from the onset, or from an earlier knock,
             until the end of the loss, s since boot; without an end if the record ended first.
         """
-        is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
-        has_setpoint = bool(self.error.has_setpoint[is_in_interval].all())
         # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
         onset = self._onset()
         height = self.sensors.height_at(onset)
@@ -187,7 +185,7 @@ class _AttitudeLoss(NamedTuple):
         if is_caught:
             # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
             code = MotionEvent.ATTITUDE_CAUGHT
-            level = None if has_setpoint else Level.UNKNOWN
+            level = None if self._has_setpoint else Level.UNKNOWN
         largest = self._largest_error()
         event = Fact(
             code,
@@ -212,6 +210,12 @@ class _AttitudeLoss(NamedTuple):
         if knock_time is not None and knock is not None:
             witnesses = (*witnesses, knock)
         return weighed_event(event, witnesses)
+
+    @property
+    def _has_setpoint(self) -> bool:
+        """Whether the setpoint was known throughout the loss."""
+        is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
+        return bool(self.error.has_setpoint[is_in_interval].all())
 
     def _largest_error(self) -> LargestError:
         """Returns the largest error of the loss; where the setpoint was not recorded it is the whole lean."""
@@ -275,13 +279,11 @@ class _AttitudeLoss(NamedTuple):
         """
         if self.end == inf:
             return False
-        is_in_interval = in_intervals(self.error.time, [(self.start, self.end)])
-        angle = float(self.error.magnitude[is_in_interval].max())
-        has_setpoint = bool(self.error.has_setpoint[is_in_interval].all())
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
         # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
         sink_rate = max([0.0, *sink_rates.values()])
-        serious_angle = 2 * LOST_ANGLE if has_setpoint else FAR_ANGLE
+        angle = self._largest_error().counted_angle
+        serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
         duration = min(self.end, self.error.time[-1]) - self.start
         severity = max(sink_rate / FALL_SPEED, angle / serious_angle, duration / RECOVERY_SECONDS)
         return severity < 1

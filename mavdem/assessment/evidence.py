@@ -11,7 +11,7 @@ from math import inf
 
 import numpy as np
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Integers
 from mavdem.assessment.axis.margins import AxisMargins, axes_with_doubtful_loop, margins_of
 from mavdem.assessment.axis.overrides import flight_overrides
 from mavdem.assessment.axis.tracking import MODES_WITHOUT_ANGLE_SETPOINT, tracking_of_axes
@@ -91,9 +91,13 @@ class Evidence:
     @property
     def was_in_air(self) -> bool:
         """Whether the vehicle flew, or fell after a restart of the autopilot in flight."""
-        if self.has_flown:
-            return True
-        return any(event.code is ReportedEvent.RESTARTED_IN_FLIGHT for event in self.events)
+        return self.has_flown or bool(self.restarts_in_flight)
+
+    @property
+    def restarts_in_flight(self) -> Facts:
+        """The events that the autopilot restarted in flight, in order of boot and time."""
+        restarted = ReportedEvent.RESTARTED_IN_FLIGHT
+        return tuple(event for event in self.events if event.code is restarted)
 
     @cached_property
     def trust(self) -> tuple[SensorTrust, ...]:
@@ -192,6 +196,17 @@ class Evidence:
                 return []
         free_flight = phases.free_flight_intervals(self.signals, boot)
         return intersection(free_flight, self._intervals_before_loss(boot))
+
+    def flight_segments(self, boots: Integers) -> Segments:
+        """Returns the intervals of :meth:`flights` in some boots as segments, in order of boot and time.
+
+        Args:
+            boots: (N,) number of the boot of each sample of a series.
+        """
+        segments = []
+        for boot in np.unique(boots).tolist():
+            segments += [Segment(boot, start, end) for start, end in self.flights(boot)]
+        return tuple(segments)
 
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
         """Yields the part of a series in each flight, for flights with at least one sample.

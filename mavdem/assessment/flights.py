@@ -42,7 +42,8 @@ def segments_of_boots(
 
     Args:
         signals: signals of the vehicle.
-        intervals_of_boot: a function of :mod:`mavdem.dataset.phases`, which takes the signals and the number of a boot.
+        intervals_of_boot: a function that takes the signals and the number of a boot, and returns intervals of it, s,
+            such as :func:`flights_in_boot`.
 
     Returns:
         The segments, in order of boot and time.

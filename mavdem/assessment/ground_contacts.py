@@ -255,12 +255,13 @@ class _Contact:
         if rest is not None and rest.angle is not None:
             _, pose = rest.statements
             statements.append(pose)
-        attitude_error = largest_error(self.error, time_around)
-        is_far = self._largest_error(time_around) > MAX_LANDING_LEAN
-        if attitude_error is not None and (self.loss is not None or is_far):
-            statements.append(
-                supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **attitude_error._asdict())
-            )
+        largest = largest_error(self.error, time_around)
+        if largest is not None:
+            is_far = largest.counted_angle > MAX_LANDING_LEAN
+            if self.loss is not None or is_far:
+                statements.append(
+                    supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict())
+                )
         start, _ = time_around
         for report in self.reports:
             if self._is_crash_report(report, start, time + SEARCH_SECONDS):
@@ -292,11 +293,6 @@ class _Contact:
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
         return supporting_statements(self.sensors.sinking(interval))
-
-    def _largest_error(self, interval: TimeInterval) -> float:
-        """Returns the largest error of roll and pitch in an interval, rad; 0 without samples."""
-        is_in_interval = in_intervals(self.error.time, [interval])
-        return float(self.error.magnitude[is_in_interval].max(initial=0.0))
 
     def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
         """Returns the event of a contact, of the kind that height, speed, pose and stick show.
@@ -332,10 +328,12 @@ class _Contact:
         is_hit = code is MotionEvent.HIT
         event_time = contact if is_hit else onset
         height = self._height_of_contact(event_time)
+        interval = (onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)
+        largest = largest_error(self.error, interval)
         event = Fact(
             code,
             time=event_time,
-            angle=self._largest_error((onset - MAX_SETPOINT_DELAY, onset + RECOVERY_SECONDS)),
+            angle=0.0 if largest is None else largest.counted_angle,
             height=height,
             speed=contact_speed,
             boot=self.sensors.boot,

@@ -1,6 +1,6 @@
 """Judgement of a vehicle by the evidence of a log: its lights, its loops, the headline, and the next step that fits."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
@@ -213,10 +213,10 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
     """
     if evidence.not_flown is not None:
         return evidence.not_flown
-    for event in evidence.events:
+    restarts = evidence.restarts_in_flight
+    if restarts:
         # A restart in flight is the reason for whatever followed.
-        if event.code is ReportedEvent.RESTARTED_IN_FLIGHT:
-            return event
+        return restarts[0]
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
         # A limit cycle drives motors to their limits, and so explains their light.
@@ -244,12 +244,11 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return open_ends[0]
     if not evidence.has_operated:
         return _reason_on_ground(evidence)
-    watched = _first_to_watch(evidence, vehicle_lights)
-    return _nothing_wrong(lights) if watched is None else watched
+    return _first_to_watch(_facts_to_watch(evidence, vehicle_lights), lights)
 
 
-def _first_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Fact | None:
-    """Returns the most important fact that is to be watched, for a vehicle of which nothing is bad.
+def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts:
+    """Returns the facts among which the headline is searched for a vehicle of which nothing is bad.
 
     Attitudes far from their setpoint come first, then the lights, and last the warnings of the autopilot, except those
     that its own state contradicts.
@@ -259,7 +258,7 @@ def _first_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Fact 
         vehicle_lights: lights of the vehicle, the most important first.
 
     Returns:
-        The fact; None if nothing is to be watched.
+        The facts, the most important first, of any level but bad.
     """
     # Only events of the attitude have the figure "angle", its distance from the setpoint.
     far_attitudes = [
@@ -270,10 +269,7 @@ def _first_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Fact 
         for fact in evidence.warnings_in_flight(tuple(ReportedEvent))
         if not fact.figures.get("is_contradicted")
     ]
-    for fact in (*far_attitudes, *vehicle_lights, *warnings):
-        if fact.level is Level.WATCH:
-            return fact
-    return None
+    return (*far_attitudes, *vehicle_lights, *warnings)
 
 
 def _worst_event(bad_events: Sequence[Fact]) -> Fact:
@@ -344,9 +340,19 @@ def headline_by_lights(lights: NamedFacts) -> Fact:
         The first light of the vehicle that is to be watched or, without one, that nothing is wrong with those that were
         checked.
     """
-    for name in VEHICLE_LIGHTS:
-        if lights[name].level is Level.WATCH:
-            return lights[name]
+    return _first_to_watch([lights[name] for name in VEHICLE_LIGHTS], lights)
+
+
+def _first_to_watch(facts: Iterable[Fact], lights: NamedFacts) -> Fact:
+    """Returns the first fact that is to be watched or, without one, that nothing is wrong with what was checked.
+
+    Args:
+        facts: facts of which none is bad, the most important first.
+        lights: the lights by name; none of those of the vehicle is bad.
+    """
+    for fact in facts:
+        if fact.level is Level.WATCH:
+            return fact
     return _nothing_wrong(lights)
 
 

@@ -1,6 +1,6 @@
 """Motors whose output stays at its upper limit in flight, stands still, or is off while others carry the vehicle."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import inf
 from typing import NamedTuple
@@ -122,43 +122,43 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
     )
     off = _MotorCondition(MotionEvent.MOTOR_OFF, is_stopped, min_duration=MAX_SETPOINT_DELAY)
     for condition in (at_limit, off):
-        for motor, name in enumerate(motors.geometry.names):
-            yield from _lasting_events(signals, commands.time, boot, condition, motor, name)
+        yield from _lasting_events(signals, motors.geometry.names, commands.time, boot, condition)
 
 
 def _lasting_events(
-    signals: Signals, time: Array, boot: int, condition: _MotorCondition, motor: int, name: str
+    signals: Signals, names: Sequence[str], time: Array, boot: int, condition: _MotorCondition
 ) -> Iterator[Fact]:
-    """Yields an event for each interval in which a condition holds for one motor, with figures as of `motor_events`.
+    """Yields an event for each interval in which a condition holds for a motor, with figures as of `motor_events`.
 
     Args:
         signals: signals of the vehicle.
+        names: names of the k motors.
         time: times of the samples of the condition (N,), s since boot.
         boot: number of the boot.
         condition: the condition, for all motors.
-        motor: index of the motor.
-        name: its name.
     """
-    is_true = condition.is_true[:, motor]
-    for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
-        # An event that lasts to an end of the record is infinite there.
-        recorded_start, recorded_end = recorded = (max(start, time[0]), min(end, time[-1]))
-        duration = recorded_end - recorded_start
-        if duration <= condition.min_duration:
-            continue
-        share = is_true[in_intervals(time, [recorded])].mean()
-        event = Fact(
-            condition.code,
-            time=start,
-            until=None if np.isinf(end) else end,
-            subject=name,
-            share=share,
-            duration=share * duration,
-            boot=boot,
-        )
-        if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
-            event = _rated_by_throttle(signals, boot, recorded, event)
-        yield event
+    for motor, name in enumerate(names):
+        is_true = condition.is_true[:, motor]
+        for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
+            # An event that lasts to an end of the record is infinite there.
+            recorded = (max(start, time[0]), min(end, time[-1]))
+            recorded_start, recorded_end = recorded
+            duration = recorded_end - recorded_start
+            if duration <= condition.min_duration:
+                continue
+            share = is_true[in_intervals(time, [recorded])].mean()
+            event = Fact(
+                condition.code,
+                time=start,
+                until=None if np.isinf(end) else end,
+                subject=name,
+                share=share,
+                duration=share * duration,
+                boot=boot,
+            )
+            if event.code is MotionEvent.MOTOR_AT_ITS_STOP:
+                event = _rated_by_throttle(signals, boot, recorded, event)
+            yield event
 
 
 def _frozen_outputs(

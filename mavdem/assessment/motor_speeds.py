@@ -308,8 +308,7 @@ def _reaction_of_attitude(error: AttitudeError, interval: TimeInterval) -> Facts
     largest = largest_error(error, interval_of_error)
     if largest is None:
         return ()
-    is_in_interval = in_intervals(error.time, [interval_of_error])
-    if error.magnitude[is_in_interval].max() > MIN_LEAN_ERROR:
+    if largest.counted_angle > MIN_LEAN_ERROR:
         return (supporting_statement(WitnessFact.ATTITUDE_LEFT_SETPOINT, **largest._asdict()),)
     held = contradicting_statement(
         WitnessFact.ATTITUDE_HELD,

@@ -62,10 +62,7 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:
         return ()
     boot = loss.figures["boot"]
-    end = loss.time + 2 * RECOVERY_SECONDS
-    if loss.until is not None:
-        end = min(end, loss.until)
-    interval = (loss.time, end)
+    interval = (loss.time, min(loss.end_time, loss.time + 2 * RECOVERY_SECONDS))
     return (
         *_rise_of_command(signals, loss, interval),
         *_loss_of_attitude(signals, boot, interval),

@@ -7,7 +7,6 @@ import numpy as np
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.dataset.axes import TILT_AXES
-from mavdem.dataset.segments import Segment
 from mavdem.facts import Fact, Facts
 from mavdem.facts.noise import NoiseFact
 from mavdem.loops.axis_loops import Loop
@@ -140,12 +139,7 @@ def noise_of(evidence: Evidence) -> MeasuredNoise:
     signals = evidence.signals
     if signals.attitude is None:
         return MeasuredNoise({}, {})
-    segments = [
-        Segment(boot, start, end)
-        for boot in np.unique(signals.attitude.boot).tolist()
-        for start, end in evidence.flights(boot)
-    ]
-    spectra = vibration_spectra(signals, segments)
+    spectra = vibration_spectra(signals, evidence.flight_segments(signals.attitude.boot))
     lines = {name: find_spectral_lines(spectrum) for name, spectrum in spectra.items()}
     noise = MeasuredNoise(spectra, lines)
     controller = controller_if_known(signals.for_axis("roll"))

@@ -14,7 +14,6 @@ from mavdem.dataset.quality import STOP_MARGIN, samples_at_limits
 from mavdem.dataset.segments import in_segments, settled_segments
 from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import FailedFirst, MotionEvent
-from mavdem.facts.events import ReportedEvent
 from mavdem.facts.learnability import MotorObstacle
 from mavdem.facts.motors import MotorsLight, MotorWatchFact, TrimFact
 from mavdem.loops.limit_cycles import MIN_AT_LIMIT_SHARE
@@ -55,8 +54,7 @@ def motors_light(evidence: Evidence) -> Fact:
         facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
     if hover is None:
         # After a restart in flight the motors stand still, and the vehicle falls.
-        restarted = ReportedEvent.RESTARTED_IN_FLIGHT
-        facts += [event for event in evidence.events if event.code is restarted]
+        facts += evidence.restarts_in_flight
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         not_measured = MotorsLight.MOTORS_NOT_SEEN
@@ -217,7 +215,7 @@ def _duration(event: Fact) -> float:
     """Returns the duration of an event, s; infinite for one that lasted to the end of the record."""
     if event.time is None:
         return 0.0
-    return inf if event.until is None else event.until - event.time
+    return event.end_time - event.time
 
 
 def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:

@@ -1,11 +1,9 @@
 """Status light of vibration: acceleration and clipping of each IMU against the limits of its autopilot."""
 
-import numpy as np
-
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.flights import settled_flight
 from mavdem.assessment.limits import LEVELS_BY_SEVERITY, Limits
-from mavdem.dataset.segments import Segment, in_segments
+from mavdem.dataset.segments import in_segments
 from mavdem.facts import Fact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest.telemetry import Telemetry
@@ -56,11 +54,7 @@ def vibration_light(evidence: Evidence) -> Fact:
         return unknown_vibration
     levels = vibration.levels
     settled = settled_flight(signals)
-    free_flight = [
-        Segment(boot, start, end)
-        for boot in np.unique(levels.boot).tolist()
-        for start, end in evidence.flights(boot)
-    ]
+    free_flight = evidence.flight_segments(levels.boot)
     is_in_segment = in_segments(levels, *(settled or free_flight))
     if not is_in_segment.any():
         return unknown_vibration
@@ -73,11 +67,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     is_in_flight = in_segments(levels, *free_flight)
     all_clips = int(vibration.clips[is_in_flight].sum(axis=0).max())
     has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
-    figures_of_clips = {}
     if has_clipped_unsettled:
         clips = all_clips
-        figures_of_clips["has_clipped_unsettled"] = True
-    return Fact(
+    fact = Fact(
         VibrationLight.VIBRATION_MEASURED,
         max(limits.level(largest_level), CLIP_LIMITS.level(clips), key=LEVELS_BY_SEVERITY.index),
         subject=f"IMU {imu + 1}",
@@ -86,5 +78,5 @@ def vibration_light(evidence: Evidence) -> Fact:
         acceptable_vibration=limits.bad if largest_level > limits.bad else limits.watch,
         clips=clips,
         is_settled=bool(settled),
-        **figures_of_clips,
     )
+    return fact.replace(has_clipped_unsettled=True) if has_clipped_unsettled else fact
