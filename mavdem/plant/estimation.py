@@ -209,9 +209,7 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
 
 def _is_possible(fit: GrayBoxFit) -> bool:
     """Returns whether the refinements of a fit are possible: jumps come early, by at most ``MAX_JUMP_ADVANCE``."""
-    values = fit.model.refinement_values(fit.theta).tolist()
-    refinements = dict(zip(fit.model.refinements, values, strict=True))
-    return 0 <= refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_ADVANCE
+    return 0 <= fit.refinements.get(Refinement.JUMPS, 0.0) <= MAX_JUMP_ADVANCE
 
 
 def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
@@ -282,18 +280,9 @@ def _physical_parameters(
     jacobian = parameter_gradient(values_at, theta, values).T
     covariance = jacobian @ inverse(fit.curvature) @ jacobian.T
 
-    refinement_values = model.refinement_values(theta).tolist()
-    refinements = dict(zip(model.refinements, refinement_values, strict=True))
     logarithm_slopes = _slopes_of_log_estimates(values)
     likelihood_sd = np.sqrt(np.diag(logarithm_slopes @ covariance @ logarithm_slopes.T))
-    figures = _identifiability_figures(
-        fit,
-        windows,
-        likelihood_sd,
-        spectrum_range,
-        damping=damping,
-        thrust_curve=refinements.get(Refinement.THRUST_CURVE, 0.0),
-    )
+    figures = _identifiability_figures(fit, windows, likelihood_sd, spectrum_range, damping)
     status, reasons = identifiability(figures)
     bias = 0.0
     if status["effect"] == Status.BIASED:
@@ -329,7 +318,7 @@ def _physical_parameters(
             map(WindComponent, model.wind, sizes.tolist(), model.wind_times(theta).tolist())
         ),
         noise=level * float(model.noise(theta)),
-        refinements=refinements,
+        refinements=fit.refinements,
         windows=len(windows.rate),
     )
     return freeze(estimate)
@@ -340,9 +329,7 @@ def _identifiability_figures(
     windows: FlightWindows,
     likelihood_sd: Array,
     spectrum_range: Array,
-    *,
     damping: float,
-    thrust_curve: float,
 ) -> IdentifiabilityFigures:
     """Collects the figures of a fit that decide which of its parameters are identifiable.
 
@@ -352,14 +339,11 @@ def _identifiability_figures(
         likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone.
         spectrum_range: range of the logarithms of the same over the assumed spectra (3,).
         damping: estimated damping, 1/s.
-        thrust_curve: relative change of the effect for one standard deviation of the inputs; 0 without one.
     """
     relative_sd = dict(
         zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
     )
-    thrust_curve_sd = OmissionErrors.thrust_curve_damping * thrust_curve / damping
-    relative_sd["damping"] = hypot(relative_sd["damping"], thrust_curve_sd)
-    return IdentifiabilityFigures(
+    figures = IdentifiabilityFigures(
         wind_share=_wind_share(fit, windows),
         alias_share=_alias_share(fit, windows),
         sd=relative_sd,
@@ -367,8 +351,10 @@ def _identifiability_figures(
         lag=np.exp(fit.theta[fit.model.lag_index]),
         dt=windows.dt,
         unpredicted_share=windows.unpredicted_share,
-        thrust_curve=thrust_curve,
+        thrust_curve=fit.refinements.get(Refinement.THRUST_CURVE, 0.0),
     )
+    damping_sd = hypot(relative_sd["damping"], figures.thrust_curve_damping_error / damping)
+    return figures._replace(sd=relative_sd | {"damping": damping_sd})
 
 
 def with_omission_errors(
@@ -426,7 +412,7 @@ def with_omission_errors(
     if figures.lag_unresolved:
         damping_error = errors.unresolved_lag_damping
     damping_variance = damping_spectrum_variance * damping**2 + damping_error**2
-    damping_variance += (errors.thrust_curve_damping * figures.thrust_curve) ** 2
+    damping_variance += figures.thrust_curve_damping_error**2
     # Relative variance of the lag.
     lag_variance = lag_spectrum_variance + errors.lag**2
     lag_variance += (errors.unpredicted_lag * figures.unpredicted_share) ** 2

@@ -15,6 +15,7 @@ from mavdem.dem.engine.gauss_newton import (
     QuadraticExpansion,
     gauss_newton,
 )
+from mavdem.facts.model import Refinement
 from mavdem.plant.likelihood import GrayBoxModel
 from mavdem.plant.sampled_plant import FIRST_ORDER, GAUSSIAN_KERNEL
 from mavdem.plant.windows import FlightWindows
@@ -95,6 +96,12 @@ class GrayBoxFit(NamedTuple):
 
     levels: Array
     """Standard deviation of each window's prediction errors (W,), relative to what θ predicts."""
+
+    @property
+    def refinements(self) -> dict[Refinement, float]:
+        """Estimated parameter of each refinement that the model has, by the name of the refinement."""
+        values = self.model.refinement_values(self.theta).tolist()
+        return dict(zip(self.model.refinements, values, strict=True))
 
     @property
     def evidence(self) -> float:

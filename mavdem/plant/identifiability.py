@@ -199,6 +199,11 @@ class IdentifiabilityFigures(NamedTuple):
         """Whether the motors are quicker than one step of samples that are fast enough (``MIN_RESOLVED_RATE``)."""
         return self.lag < self.dt <= 1 / MIN_RESOLVED_RATE
 
+    @property
+    def thrust_curve_damping_error(self) -> float:
+        """Error of the damping by the change of the effect with the command, 1/s; negative where the effect falls."""
+        return OmissionErrors.thrust_curve_damping * self.thrust_curve
+
 
 class _Check(NamedTuple):
     """Result of one check whether a parameter is identified."""
