@@ -22,6 +22,7 @@ from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Light
 from mavdem.facts.model import ModelName
+from mavdem.facts.vibration import VibrationLight
 from mavdem.ingest import Log
 from mavdem.motors.hover import HoverFigures
 from mavdem.plant import DetectedGust, Physical, WindTorque
@@ -131,6 +132,20 @@ HOVER = HoverFigures(
     roll=8.0,
     pitch=0.6,
 )
+
+
+def measured_vibration(level):
+    """The light of an IMU that vibrates by 40 m/s², of which 30 are acceptable."""
+    return Fact(
+        VibrationLight.VIBRATION_MEASURED,
+        level,
+        subject="IMU 1",
+        vibration=40.0,
+        acceptable_vibration=30.0,
+        axis="",
+        clips=0,
+        is_settled=True,
+    )
 
 
 def analysis(parameters):

@@ -1,5 +1,6 @@
 """The headline is the worst that was found, and the next step fits its reason."""
 
+from made_up_analysis import measured_vibration
 from partial_records import partial_record
 from pytest import mark
 from refusals import prose
@@ -17,7 +18,6 @@ from mavdem.facts.learnability import NotLearnableReason
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import LoopAction
 from mavdem.facts.motors import MotorsLight, MotorWatchFact
-from mavdem.facts.vibration import VibrationLight
 from mavdem.motors.motor_changes import MotorAlarm, thrust_losses
 
 GROUNDED = Fact(NotLearnableReason.NEVER_ARMED)
@@ -95,16 +95,7 @@ def test_a_bad_battery_does_not_hide_the_advice_on_bad_vibration():
     assert known[Light.VIBRATION] in following.figures["also"]
 
 
-BAD_VIBRATION = Fact(
-    VibrationLight.VIBRATION_MEASURED,
-    Level.BAD,
-    subject="IMU 1",
-    vibration=40.0,
-    acceptable_vibration=30.0,
-    axis="",
-    clips=0,
-    is_settled=True,
-)
+BAD_VIBRATION = measured_vibration(Level.BAD)
 
 
 def test_the_next_step_says_do_not_fly_once():

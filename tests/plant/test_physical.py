@@ -345,22 +345,30 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
             assert_allclose(found, variance[k], rtol=4 * np.sqrt(2 / flights))
 
 
-def test_what_the_model_leaves_out_adds_its_variances():
-    """Where the likelihood knows everything exactly: two effects, damping, lag and delay."""
-    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
-    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
-    covariance = with_omission_errors(
+ESTIMATES = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
+"""Two effects, damping, lag and delay."""
+
+
+def covariance_by_omissions(**figures):
+    """The covariance of the ``ESTIMATES`` by what the model leaves out alone, with these figures of the fit."""
+    return with_omission_errors(
         np.zeros((5, 5)),
-        values,
+        ESTIMATES,
         np.full(2, 0.5),
         np.zeros(3),
         0.0,
         effect_unknown=False,
-        figures=figures,
+        figures=limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01, **figures),
     )
+
+
+def test_what_the_model_leaves_out_adds_its_variances():
+    """Where the likelihood knows everything exactly: two effects, damping, lag and delay."""
+    covariance = covariance_by_omissions()
     errors = limits.OmissionErrors
     relative = np.full((2, 2), errors.effect**2) + errors.motor**2 * np.eye(2)
-    assert_allclose(covariance[:2, :2], np.outer(values[:2], values[:2]) * relative)
+    effects = ESTIMATES[:2]
+    assert_allclose(covariance[:2, :2], np.outer(effects, effects) * relative)
     others = [errors.damping**2, (0.05 * errors.lag) ** 2, errors.delay**2]
     assert_allclose(covariance[2:, 2:], np.diag(others))
 
@@ -370,48 +378,22 @@ def test_an_effect_that_changes_with_the_command_widens_intervals():
 
     And slow torque by quick commands is taken for damping.
     """
-    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
-    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
-    straight, curved = (
-        with_omission_errors(
-            np.zeros((5, 5)),
-            values,
-            np.full(2, 0.5),
-            np.zeros(3),
-            0.0,
-            effect_unknown=False,
-            figures=figures._replace(thrust_curve=curve),
-        )
-        for curve in (0.0, -0.18)
-    )
+    straight = covariance_by_omissions()
+    curved = covariance_by_omissions(thrust_curve=-0.18)
     added = np.zeros((5, 5))
-    added[:2, :2] = np.outer(values[:2], values[:2]) * 0.18**2 / 3
+    added[:2, :2] = np.outer(ESTIMATES[:2], ESTIMATES[:2]) * 0.18**2 / 3
     added[2, 2] = (0.18 * limits.OmissionErrors.thrust_curve_damping) ** 2
     assert_allclose(curved - straight, added, atol=1e-12)
 
 
 def test_commands_that_nothing_predicts_widen_the_intervals():
     """Of 10 % of the commands' variance nobody knows how long they last: added to all that the model leaves out."""
-    values = np.array([40.0, -20.0, 1.5, 0.05, 0.01])
-    figures = limits.IdentifiabilityFigures(0.1, 0.1, {}, {}, lag=0.05, dt=0.01)
-
-    def variances(share):
-        covariance = with_omission_errors(
-            np.zeros((5, 5)),
-            values,
-            np.full(2, 0.5),
-            np.zeros(3),
-            0.0,
-            effect_unknown=False,
-            figures=figures._replace(unpredicted_share=share),
-        )
-        return covariance.diagonal()
-
+    added = covariance_by_omissions(unpredicted_share=0.1) - covariance_by_omissions()
     errors = limits.OmissionErrors
     error = 0.1 * np.array([errors.unpredicted_effect, errors.unpredicted_lag])
-    expected = [*(values[:2] * error[0]) ** 2, 0.0, (0.05 * error[1]) ** 2]
+    expected = [*(ESTIMATES[:2] * error[0]) ** 2, 0.0, (0.05 * error[1]) ** 2]
     expected.append((0.1 * errors.unpredicted_delay) ** 2)
-    assert_allclose(variances(0.1) - variances(0.0), expected, atol=1e-15)
+    assert_allclose(added.diagonal(), expected, atol=1e-15)
 
 
 def test_noise_of_commands_is_what_nothing_predicts():

@@ -1,30 +1,17 @@
 """Remedies that forbid to fly, sentences that name the margins, and what a step towards them reaches."""
 
+from made_up_analysis import measured_vibration
 from pytest import mark
 
 from mavdem.facts import Fact, Level
 from mavdem.facts.ending import Ending, FailedFirst
 from mavdem.facts.loops import GainFact, LoopFact
 from mavdem.facts.motors import MotorsLight
-from mavdem.facts.vibration import VibrationLight
 from mavdem.report.templates import forbids_flight, sentence_templates
 
 
 def lost(cause):
     return Fact(Ending.CONTROL_LOST, time=9.0, height=2.0, cause=cause, word=None)
-
-
-def vibration(level):
-    return Fact(
-        VibrationLight.VIBRATION_MEASURED,
-        level,
-        subject="IMU 1",
-        vibration=40.0,
-        acceptable_vibration=30.0,
-        axis="",
-        clips=0,
-        is_settled=True,
-    )
 
 
 @mark.parametrize(
@@ -35,9 +22,9 @@ def vibration(level):
         lost(Fact(FailedFirst.THROTTLE_CLOSED_FIRST)),
         lost(Fact(FailedFirst.LIMIT_FIRST, subject="motor 1")),
         Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 2", share=0.1),
-        vibration(Level.BAD),
-        vibration(Level.WATCH),
-        vibration(Level.GOOD),
+        measured_vibration(Level.BAD),
+        measured_vibration(Level.WATCH),
+        measured_vibration(Level.GOOD),
     ],
 )
 def test_a_fact_forbids_flight_where_its_remedy_says_so(fact):
