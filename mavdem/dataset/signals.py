@@ -44,11 +44,11 @@ from mavdem.dataset.time_series import (
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.ingest.flight_modes import announced_names, mode_name
 from mavdem.ingest.mavlink.dialect import enum_name
-from mavdem.ingest.mavlink.sender_links import DEGREES_PER_UNIT
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps, selected_rows
 from mavdem.ingest.vocabulary import (
     ARMED,
     CUSTOM_MODE,
+    DEGREES_PER_UNIT,
     LANDING_MODES,
     MILLIMETRES_PER_METRE,
     Injection,

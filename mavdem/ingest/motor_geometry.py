@@ -69,10 +69,8 @@ def motor_geometry(
     """
     if autopilot == "PX4":
         wiring = _px4_wiring(parameters, moving_channels, bank_size)
-        rotors = _px4_rotors(parameters)
     else:
         wiring = _ardupilot_wiring(vehicle, parameters)
-        rotors = _ardupilot_rotors(vehicle, parameters)
     channel_of_motor = wiring.channel_of_motor
     channel_source = wiring.source
     # With fewer channels than the vehicle has motors, some of the parameters did not arrive. Then the channels are
@@ -89,8 +87,10 @@ def motor_geometry(
         return None
     motors = tuple(sorted(channel_of_motor))
     channels = [channel_of_motor[motor] for motor in motors]
-    if not rotors.positions and autopilot != "PX4" and motors == X_QUAD_MOTORS:
-        rotors = _old_quadrotor(vehicle, parameters)
+    if autopilot == "PX4":
+        rotors = _px4_rotors(parameters)
+    else:
+        rotors = _ardupilot_rotors(vehicle, parameters, motors)
     rotors, position_source = _rotors_or_assumption(rotors, motors)
     drivers = [
         wiring.driver_of_channel[channel]
@@ -245,15 +245,18 @@ OLD_FRAME_CLASSES = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
 """FRAME_CLASS by MAV_TYPE before ArduCopter 3.5, where the class was compiled in and FRAME was the type."""
 
 
-def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
+def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int]) -> _Rotors:
     """Looks up the rotors of the frame that ArduPilot's parameters name.
 
     FRAME_CLASS is the kind of frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
-    ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type.
+    ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type. Logs of
+    these versions may lack the MAV_TYPE too; a vehicle with the motors 1 to 4 is then a quadrotor, since quadrotors
+    alone have these.
 
     Args:
         vehicle: MAV_TYPE without its prefix.
         parameters: The autopilot's parameters by name.
+        motors: Numbers of the motors, ascending.
 
     Returns:
         The rotors on a circle of radius 1; none if the frame is not known.
@@ -261,30 +264,13 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters) -> _Rotors:
     frame_class = int(parameters.get("FRAME_CLASS", 0))
     frame_type = int(parameters.get("FRAME_TYPE", -1))
     if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
-        frame_class = OLD_FRAME_CLASSES.get(vehicle, 0)
+        default_class = FRAME_CLASS_QUAD if motors == X_QUAD_MOTORS else 0
+        frame_class = OLD_FRAME_CLASSES.get(vehicle, default_class)
         frame_type = int(parameters["FRAME"])
     if frame_class == FRAME_CLASS_TRI:
         positions = {motor: _on_circle(b) for motor, b in TRICOPTER_BEARINGS.items()}
         return _Rotors(positions)
     return _frame_rotors(frame_class, frame_type)
-
-
-def _old_quadrotor(vehicle: str, parameters: Parameters) -> _Rotors:
-    """Looks up the rotors of a vehicle with four motors whose log does not name its kind, by FRAME.
-
-    Logs of ArduCopter before 3.5 may lack the kind of frame, which was compiled in. Quadrotors alone have the motors 1
-    to 4, and FRAME says how these are arranged.
-
-    Args:
-        vehicle: MAV_TYPE without its prefix.
-        parameters: The autopilot's parameters by name.
-
-    Returns:
-        The rotors on a circle of radius 1; none if the kind is known, or the log has no FRAME.
-    """
-    if vehicle in OLD_FRAME_CLASSES or "FRAME" not in parameters:
-        return _Rotors()
-    return _frame_rotors(FRAME_CLASS_QUAD, int(parameters["FRAME"]))
 
 
 def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:

@@ -27,7 +27,9 @@ from mavdem.ingest.telemetry import (
     MAX_GAP_SECONDS,
     MICROSECONDS,
     Fields,
+    begins_value,
     fields_by_rule,
+    firsts_of_seconds,
     interpolated,
     selected_rows,
 )
@@ -84,8 +86,7 @@ def attitude_quaternion(topics: Topics) -> Fields:
     valid_rows = np.flatnonzero(is_valid)
     # Between equal stamps nothing can be interpolated: the first message of each stamp is used. Stamps ascend.
     valid_time = attitude["time"][valid_rows]
-    is_first = np.ones(len(valid_time), dtype=np.bool_)
-    is_first[1:] = valid_time[1:] > valid_time[:-1]
+    is_first = begins_value(valid_time)
     attitude_time = valid_time[is_first]
     quaternions = quaternions[valid_rows[is_first]]
     if len(quaternions) < 2:
@@ -438,13 +439,6 @@ SETPOINT_TYPE_LAND = 4
 """Values of position_setpoint_triplet.current.type of take-off and landing (PX4 ``PositionSetpoint.msg``)."""
 
 
-def _firsts_of_seconds(time: Array) -> Array:
-    """Returns the first of the stamps (N,), s, ascending, in each second that has any."""
-    is_first = np.ones(len(time), dtype=np.bool_)
-    is_first[1:] = np.diff(np.floor(time)) > 0
-    return time[is_first]
-
-
 def extended_sys_state(topics: Topics) -> Fields:
     """Makes EXTENDED_SYS_STATE (PX4's EXTENDED_SYS_STATE.hpp): on the ground or in the air, by the land detector.
 
@@ -467,11 +461,11 @@ def extended_sys_state(topics: Topics) -> Fields:
         return {}
     # The first stamp in a second is the first one of some topic in that second, and these are few.
     seconds_of_topics = [
-        _firsts_of_seconds(topic["time"])
+        firsts_of_seconds(topic["time"])
         for instances in topics.values()
         for topic in instances.values()
     ]
-    second_starts = _firsts_of_seconds(np.sort(np.concatenate(seconds_of_topics)))
+    second_starts = firsts_of_seconds(np.sort(np.concatenate(seconds_of_topics)))
     stamps = [topic["time"] for topic in (land_detector, control_mode, target) if topic]
     time = np.unique(np.concatenate([*stamps, second_starts]))
     time = time[time >= land_detector["time"].min()]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.confidence import Interval
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.sources import Flaw, Repair
@@ -203,9 +203,7 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int3
             part = part.astype(np.uint16)
         order = np.argsort(part, kind="stable").astype(np.int32)
         sorted_values = part[order]
-        is_first = np.ones(len(part), dtype=np.bool_)
-        is_first[1:] = sorted_values[1:] != sorted_values[:-1]
-        first_rows = np.flatnonzero(is_first)
+        first_rows = np.flatnonzero(begins_value(sorted_values))
         # The part before the first row of the first value is empty.
         groups = np.split(order + np.int32(begin), first_rows)[1:]
         for value, rows in zip(sorted_values[first_rows].tolist(), groups, strict=True):
@@ -215,6 +213,18 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int3
         rows_of_parts = parts.pop(value)
         rows_of_values[value] = np.concatenate(rows_of_parts)
     return rows_of_values
+
+
+def begins_value(values: NDArray[Any]) -> Flags:
+    """Returns whether each element of an ascending column (N,) is the first one of its value."""
+    is_first = np.ones(len(values), dtype=np.bool_)
+    is_first[1:] = values[1:] > values[:-1]
+    return is_first
+
+
+def firsts_of_seconds(time: Array) -> Array:
+    """Returns the first of the stamps (N,), s, ascending, in each second that has any."""
+    return time[begins_value(np.floor(time))]
 
 
 SORTED_ROWS = 1 << 20

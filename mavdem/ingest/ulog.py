@@ -37,7 +37,7 @@ from mavdem.ingest.ulog_other_records import (
     OtherRecords,
     is_of_later_format,
 )
-from mavdem.ingest.ulog_records import FILE_HEADER_BYTES, RecordLoss, SoundRecords, sound_records
+from mavdem.ingest.ulog_records import RecordLoss, SoundRecords, sound_records
 from mavdem.ingest.ulog_topics import LoggedTopic, parse_records
 from mavdem.ingest.vocabulary import version_text
 from mavdem.log_formats import FORMAT_SIGNATURES, Format
@@ -146,15 +146,19 @@ def _sound_records_of(path: PathName) -> SoundRecords:
         path: The file.
 
     Raises:
-        Unreadable: The file cannot be opened, is no ULog, is cut in its header, or is of a later version of the format.
+        Unreadable: The file cannot be opened, is no ULog, is cut in its header or its flags record, or is of a later
+            version of the format.
     """
     source = os.fspath(path)
     content = file_content(path)
     if content[: len(MAGIC)] != MAGIC:
         raise Unreadable(SourceFact.FORMAT_UNKNOWN, path=source, name="ulog")
-    if len(content) < FILE_HEADER_BYTES:
-        raise Unreadable(SourceFact.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True)
-    records = sound_records(content)
+    try:
+        records = sound_records(content)
+    except EOFError:
+        raise Unreadable(
+            SourceFact.ULOG_WITHOUT_FLIGHT, path=source, names=(), damaged=True
+        ) from None
     if is_of_later_format(records):
         raise Unreadable(SourceFact.ULOG_OF_LATER_FORMAT, path=source)
     return records

@@ -58,14 +58,8 @@ FIRMWARE_DEFAULT = 1
 AIRFRAME_DEFAULT = 2
 """Bit of a default value: it is that of the chosen airframe."""
 
-COMPATIBLE_FLAGS = slice(HEADER.size, HEADER.size + 8)
-"""Bytes of the flags record without which a reader can do."""
-
-INCOMPATIBLE_FLAGS = slice(HEADER.size + 8, HEADER.size + 16)
-"""Bytes of the flags record that a reader must know."""
-
 DEFAULTS_FLAG = 1
-"""Bit of the first compatible flag: the file has default values of parameters."""
+"""Bit of the compatible flags: the file has default values of parameters."""
 
 START_STAMP_OFFSET = 8
 """Offset of the time of the start, behind the magic and the version of the format."""
@@ -129,8 +123,7 @@ class OtherRecords:
 
 def is_of_later_format(records: SoundRecords) -> bool:
     """Returns whether the flags of a file have an incompatible bit that is not known here."""
-    flags = records.flags[INCOMPATIBLE_FLAGS]
-    return int.from_bytes(flags, "little") & ~APPENDED_DATA_FLAG != 0
+    return records.flags.incompatible & ~APPENDED_DATA_FLAG != 0
 
 
 def read_other_records(
@@ -183,7 +176,7 @@ def read_other_records(
             other.texts.append(LoggedText(level, stamp, text))
         elif kind == DROPOUT and has_begun_data:
             other.dropout_durations.extend(DURATION.unpack_from(content, offset + HEADER.size))
-    if not records.flags or not records.flags[COMPATIBLE_FLAGS][0] & DEFAULTS_FLAG:
+    if not records.flags.compatible & DEFAULTS_FLAG:
         other.firmware_defaults.clear()
         other.airframe_defaults.clear()
     return other

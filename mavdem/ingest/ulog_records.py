@@ -44,11 +44,11 @@ TYPE_BYTES = re.compile(b"[BFIMPQARDLCSO]")
 UNWRITTEN_BYTES = re.compile(rb"\0+|\xff+")
 """What a card holds where nothing was written."""
 
-FLAG_BYTES = 40
-"""Number of bytes of the flags: 8 compatible ones, 8 incompatible ones, and three offsets of appended data."""
+FLAGS = struct.Struct("<QQ3Q")
+"""Compatible flags, incompatible flags, and the offsets of appended data, in the flags record behind its header."""
 
 APPENDED_DATA_FLAG = 1
-"""Bit of the first incompatible flag: data was appended, at the offsets behind the flags."""
+"""Bit of the incompatible flags: data was appended, at the offsets behind the flags."""
 
 RECORDS_OF_CHAIN = 5
 """Number of records in a row that must fit the definitions for the search after damage to end: a choice.
@@ -72,14 +72,25 @@ class RecordLoss(NamedTuple):
     """Sum of the times, s, between the last record before each place and the first one behind it."""
 
 
+class FileFlags(NamedTuple):
+    """What the flags record of a file holds ("Flag Bits Message"); zeros where a file has none."""
+
+    compatible: int = 0
+    """Flags without which a reader can do, 64 bits; the first byte of the file is the lowest."""
+    incompatible: int = 0
+    """Flags that a reader must know, likewise."""
+    appended_offsets: tuple[int, ...] = (0, 0, 0)
+    """Offsets at which data was appended to the file, for example after a crash of the system; unused ones are 0."""
+
+
 @dataclass(frozen=True)
 class SoundRecords:
     """The records of a ULog file without its damaged places. The file itself is not copied."""
 
     content: FileContent
     """The file."""
-    flags: bytes
-    """The record of flags, which may follow the header; empty where there is none."""
+    flags: FileFlags
+    """The flags, whose record may follow the header of the file."""
     loss: RecordLoss
     """What was lost by damage."""
     offsets: Offsets
@@ -100,6 +111,9 @@ def sound_records(content: FileContent) -> SoundRecords:
 
     Returns:
         The sound records, and a summary of the loss.
+
+    Raises:
+        EOFError: The file ends within its header, or within its flags record.
     """
     scan = _RecordScan(content)
     scan.run()
@@ -117,7 +131,7 @@ class _RecordScan:
 
     Attributes:
         content: Bytes of the file.
-        flags: The record of flags; empty where there is none.
+        flags: The flags; zeros where there are none.
         loss: What was lost by damage so far.
         offsets: Offsets of the records that are kept: 64-bit numbers, of which a long log has millions.
         definitions: The definitions that were read so far.
@@ -134,25 +148,31 @@ class _RecordScan:
         self.offsets = array("q")
         self.definitions = RecordDefinitions(content)
         self._data_runs = RecordRuns(content, self.definitions.possible_data_records)
-        self.flags = b""
+        self.flags = FileFlags()
 
     def run(self) -> None:
-        """Finds the records of the whole file, part by part where data was appended to it."""
+        """Finds the records of the whole file, part by part where data was appended to it.
+
+        Raises:
+            EOFError: The file ends within its header, or within its flags record.
+        """
         start = FILE_HEADER_BYTES
+        if len(self.content) < start:
+            raise EOFError("the file ends within its header")
         header = self.content[start : start + HEADER.size]
-        if header == HEADER.pack(FLAG_BYTES, FLAG_BITS):
-            flags_end = start + HEADER.size + FLAG_BYTES
-            self.flags = self.content[start:flags_end]
-            start = flags_end
+        if header == HEADER.pack(FLAGS.size, FLAG_BITS):
+            flags_start = start + HEADER.size
+            start = flags_start + FLAGS.size
+            if len(self.content) < start:
+                raise EOFError("the file ends within its flags record")
+            compatible, incompatible, *offsets = FLAGS.unpack_from(self.content, flags_start)
+            self.flags = FileFlags(compatible, incompatible, tuple(offsets))
         for end in [*self._appended_offsets(start), len(self.content)]:
             self._run_part(start, end)
             start = end
 
     def _appended_offsets(self, first_record: int) -> list[int]:
-        """Returns the offsets at which data was appended to the file, for example after a crash of the system.
-
-        The flags record has eight bytes of compatible flags, eight of incompatible ones, and three offsets, of which
-        unused ones are 0 (https://docs.px4.io/main/en/dev_log/ulog_file_format.html, "Flag Bits Message").
+        """Returns the offsets at which data was appended to the file, if they can be right.
 
         Args:
             first_record: Offset after the flags, where the other records begin.
@@ -160,14 +180,10 @@ class _RecordScan:
         Returns:
             The offsets, ascending; none if no data was appended, or the flags are damaged.
         """
-        if not self.flags:
-            return []
-        values = struct.unpack("<8B8B3Q", self.flags[HEADER.size :])
-        first_incompatible_flag = values[8]
-        offsets = [offset for offset in values[16:] if offset]
+        offsets = [offset for offset in self.flags.appended_offsets if offset]
         is_ascending = offsets == sorted(set(offsets))
         lies_in_file = all(first_record < offset < len(self.content) for offset in offsets)
-        if first_incompatible_flag & APPENDED_DATA_FLAG and is_ascending and lies_in_file:
+        if self.flags.incompatible & APPENDED_DATA_FLAG and is_ascending and lies_in_file:
             return offsets
         return []
 

@@ -20,6 +20,12 @@ from mavdem.ingest.telemetry import Fields
 MILLIMETRES_PER_METRE = 1000.0
 """MAVLink's altitudes, and the accuracies of its positions, are in mm."""
 
+DEGREES_PER_UNIT = 1e-7
+"""Unit of latitude and longitude in MAVLink's messages, such as GLOBAL_POSITION_INT, degrees."""
+
+UNITS_PER_DEGREE = 1e7
+"""Its reciprocal, by which degrees are multiplied: ``1 / DEGREES_PER_UNIT`` is rounded."""
+
 # Flags of HEARTBEAT.base_mode.
 
 ARMED = mavlink_constant("MAV_MODE_FLAG_SAFETY_ARMED")

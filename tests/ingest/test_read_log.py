@@ -184,6 +184,7 @@ LATER = (
     + ulog_files.message("B", bytes(8) + b"\x02" + bytes(31))
     + ulog_files.log()[16:]
 )
+FLAGGED = ulog_files.HEADER + ulog_files.message("B", bytes(40))
 BEYOND = ulog_files.definitions() + struct.pack("<HB", 20_000, 1) + bytes(99)
 """Hostile definitions, one that holds itself and one of a million numbers; and a length beyond the end."""
 BEGUN = dataflash_logs.formats() + dataflash_logs.told()
@@ -212,6 +213,10 @@ WITHOUT_CLOCK = b"FMT, 129, 0, ATT, ccc, Roll,Pitch,Yaw\nATT, 1, 2, 3\n"
             {"count": 20, "recording": False},
         ),
         ("a.ulg", ulog_files.HEADER[:9], SourceFact.ULOG_WITHOUT_FLIGHT, {"damaged": True}),
+        ("a.ulg", FLAGGED[:19], SourceFact.ULOG_WITHOUT_FLIGHT, {"names": (), "damaged": True}),
+        ("a.ulg", FLAGGED[:25], SourceFact.ULOG_WITHOUT_FLIGHT, {"names": (), "damaged": True}),
+        ("a.ulg", FLAGGED[:58], SourceFact.ULOG_WITHOUT_FLIGHT, {"names": (), "damaged": True}),
+        ("a.ulg", FLAGGED, SourceFact.ULOG_WITHOUT_FLIGHT, {"names": (), "damaged": False}),
         (
             "a.ulg",
             LOADS,

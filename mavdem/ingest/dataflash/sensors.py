@@ -27,7 +27,7 @@ from mavdem.ingest.telemetry import (
     fields_by_rule,
     selected_rows,
 )
-from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
+from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE, UNITS_PER_DEGREE
 
 
 class SensorMessages(NamedTuple):
@@ -75,10 +75,6 @@ FURTHER_SENSOR_MESSAGES = (
 
 INSTANCE_FIELD = "I"
 """Field with the number of the sensor, from 0."""
-
-
-MAVLINK_UNITS_PER_DEGREE = 1e7
-"""Latitude and longitude of MAVLink's positions are in 1e-7 degrees."""
 
 
 def rows_of_sensor(tables: Tables, name: str, old_names: tuple[str, ...], number: int) -> Columns:
@@ -208,7 +204,7 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     if not logged_columns:
         return NamedMessage(name, {})
     status, satellites, dilution, latitude, longitude = float_table(logged_columns, fields).T
-    units_per_degree = np.where(status >= STATUS_3D_FIX, MAVLINK_UNITS_PER_DEGREE, 0.0)
+    units_per_degree = np.where(status >= STATUS_3D_FIX, UNITS_PER_DEGREE, 0.0)
     columns = {
         "fix_type": status,
         "satellites_visible": satellites,

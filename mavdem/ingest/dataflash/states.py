@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.arrays import Array
-from mavdem.ingest.telemetry import Columns, Tables
+from mavdem.ingest.telemetry import Columns, Tables, begins_value, firsts_of_seconds
 from mavdem.ingest.vocabulary import (
     ARDUPILOT,
     ARMED,
@@ -231,8 +231,7 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
     ]
     # Those of each message are in order mostly, and such parts are sorted fastest by a stable sort.
     sorted_stamps = np.sort(np.concatenate(stamps), kind="stable")
-    is_first = np.append(True, sorted_stamps[1:] > sorted_stamps[:-1])
-    return sorted_stamps[is_first[: len(sorted_stamps)]]
+    return sorted_stamps[begins_value(sorted_stamps)]
 
 
 CONTRADICTION_SECONDS = 1.0
@@ -268,9 +267,7 @@ def _landed_states(changes: _StateChanges, boot_stamps: BootStamps) -> Columns:
         before = changes.before[is_of_boot]
         after = changes.after[is_of_boot]
         stamps = boot_stamps(boot)
-        # The first stamp of each second; the stamps ascend.
-        begins_second = np.append(True, np.diff(np.floor(stamps)) > 0)
-        time = np.union1d(stamps[begins_second[: len(stamps)]], change_time)
+        time = np.union1d(firsts_of_seconds(stamps), change_time)
         # Each row has the number of changes up to its time, 0 to C. The arrays of C + 1 elements that are made below
         # have one element for each of these numbers; indexing them by ``passed`` gives the value of each row.
         passed_changes = np.searchsorted(change_time, time, side="right")

@@ -29,6 +29,9 @@ class DecodedColumns:
     """The decoded columns of a recording: all of one in memory, the latest ones of a mapped file.
 
     Of a mapped file memory is scarce, while a column of hours is decoded again within a tenth of a second.
+
+    Attributes:
+        is_mapped: Whether the recording is a mapped file.
     """
 
     def __init__(self, data: Bytes) -> None:
@@ -37,8 +40,8 @@ class DecodedColumns:
         Args:
             data: The recording (B,).
         """
-        is_mapped = mapping_of(data) is not None
-        self._max_bytes = MAX_BYTES_OF_MAPPED_COLUMNS if is_mapped else np.inf
+        self.is_mapped = mapping_of(data) is not None
+        self._max_bytes = MAX_BYTES_OF_MAPPED_COLUMNS if self.is_mapped else np.inf
         self._bytes = 0
         # The keys are message and field; what was asked for last comes last.
         self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
@@ -63,7 +66,8 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
     """The columns of one message by field name, with ``time`` and ``boot``; read-only, and decoded on demand.
 
     A log has hundreds of fields, of which a review needs some dozens. So the recording stays where it is, in memory or
-    as a mapped file, and a column is decoded from it when it is asked for. It is then kept in ``DecodedColumns``.
+    as a mapped file. Of a mapped file a column is decoded when it is asked for; of a recording in memory all fields of
+    the message are decoded when the first one is. Each column that was asked for is kept in ``DecodedColumns``.
     """
 
     def __init__(
@@ -90,7 +94,6 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         self._decoded = decoded or DecodedColumns(data)
         self._payloads: SentPayloads | None = None
         # All fields of the messages (n,): of a recording in memory, where another copy is of no concern.
-        self._is_mapped = mapping_of(data) is not None
         self._table: NDArray[np.void] | None = None
         # ``time`` and ``boot`` are no fields of the message.
         self._clock_columns: Fields = {"time": boot_times.time, "boot": boot_times.boot}
@@ -115,7 +118,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
 
     def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:
         """Decodes a column; of a mapped recording that alone, else all fields when the first one is asked for."""
-        if self._is_mapped:
+        if self._decoded.is_mapped:
             return decoded_field(self._data, self._starts, self._definition, name, payloads)
         if self._table is None:
             self._table = decoded_payloads(self._data, self._starts, self._definition, payloads)

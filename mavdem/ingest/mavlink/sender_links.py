@@ -29,6 +29,7 @@ from mavdem.ingest.mavlink.sequence_counters import (
     attitude_reading,
 )
 from mavdem.ingest.mavlink.vehicle_tracks import Reading, ReadingColumns, VehicleTracks
+from mavdem.ingest.vocabulary import DEGREES_PER_UNIT
 
 MAX_LATE_STEPS = 32
 """Number of frames by which a late one is overtaken at most; a larger step back is of a sender that restarted."""
@@ -41,9 +42,6 @@ RECENT_FRAMES = 8192
 
 MAX_HEADING_PITCH = radians(60)
 """Pitch, rad, up to which the heading is used: where the nose points up or down it is not defined. A choice."""
-
-DEGREES_PER_UNIT = 1e-7
-"""Unit of latitude and longitude in MAVLink's messages, such as GLOBAL_POSITION_INT, degrees."""
 
 CLOCK_UNITS_PER_SECOND = 1000.0
 """Units of ``time_boot_ms`` in a second."""

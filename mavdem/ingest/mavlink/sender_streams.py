@@ -20,7 +20,6 @@ from mavdem.ingest.mavlink.payloads import decoded_field
 from mavdem.ingest.mavlink.sender_links import (
     ATTITUDE_LAYOUT,
     CLOCK_UNITS_PER_SECOND,
-    DEGREES_PER_UNIT,
     MAX_HEADING_PITCH,
     MAX_LATE_STEPS,
     POSITION_LAYOUT,
@@ -32,6 +31,7 @@ from mavdem.ingest.mavlink.sender_links import (
 )
 from mavdem.ingest.mavlink.sequence_counters import ATTITUDE_LAYOUTS, SEQUENCE_NUMBERS
 from mavdem.ingest.mavlink.vehicle_tracks import ReadingColumns
+from mavdem.ingest.vocabulary import DEGREES_PER_UNIT
 
 MIN_IRREGULAR_SHARE = 0.005
 """Share of frames whose sequence number does not follow that of the frame before, above which several links or two
