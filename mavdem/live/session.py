@@ -6,7 +6,6 @@ view's own queue. What is received is recorded first, and waits for its analysis
 
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import replace
 
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
@@ -113,6 +112,7 @@ class LiveSession:
             learning=self._learning,
             judging=self.judging,
             clock_speed=self._clock_speed,
+            rates=self._rates,
             time_account=TimeAccount(),
         )
         # When the status was reported last, s of the monotonic clock, and the obstacle that was reported last.
@@ -310,7 +310,7 @@ class LiveSession:
     @property
     def status(self) -> SessionStatus:
         """The status as of now."""
-        return replace(self._report.status, absent_messages=self._rates.absent_messages)
+        return self._report.status
 
     def time_account(self) -> dict[TimeUse, float]:
         """Returns the seconds of the session by what they were spent on; their sum is its age."""

@@ -16,7 +16,7 @@ from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
 from mavdem.facts.lights import Light
-from mavdem.facts.session import SessionFact
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
@@ -25,6 +25,15 @@ from mavdem.motors.motor_changes import MotorAlarm
 
 STATUS_PERIOD = 1.0
 """Time between two reports of a status, s: a choice."""
+
+LINK_OBSTACLES = (
+    LinkFact.CONNECTION_LOST,
+    RowsFact.NOTHING_RECEIVED,
+    VehicleFact.NO_VEHICLE_YET,
+    VehicleFact.CHOOSE_VEHICLE,
+    VehicleFact.TWO_VEHICLES_LIVE,
+)
+"""The obstacles with which no followed vehicle is received: the link is lost or silent, or none is followed on it."""
 
 
 class Latency(NamedTuple):
@@ -64,7 +73,7 @@ class UsefulHorizon(NamedTuple):
 class SessionStatus(ImmutableResult):
     """The status of a live session at one moment.
 
-    ``LiveStream.status`` fills in what concerns the link and the vehicle, ``LiveSession.status`` adds the rest.
+    ``LiveStream.status`` fills in what concerns the link and the vehicle, ``StatusReport.status`` adds the rest.
     """
 
     vehicle: str | None = None
@@ -145,8 +154,8 @@ class SessionStatus(ImmutableResult):
 
         Before a model is judged, everything that needs one is unknown. Each light is the worse of its two facts. A bad
         light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
-        the headline, so that it names those that need no model as well. In flight a bad headline makes landing the next
-        step.
+        the headline, so that it names those that need no model as well. Before a model is judged, that nothing is
+        received of the vehicle is the headline instead. In flight a bad headline makes landing the next step.
         """
         weak_motors = self._weak_motors
         judgement = self.model_judgement
@@ -171,17 +180,18 @@ class SessionStatus(ImmutableResult):
                 next_step = next_step_of(headline, lights, None)
         has_judged_light = any(name in lights_without_model for name in VEHICLE_LIGHTS)
         is_without_fault = isinstance(headline.code, HeadlineCode)
-        if self.model_judgement is None and has_judged_light and not weak_motors:
+        bad_lights = [fact for fact in lights.values() if fact.is_bad]
+        if bad_lights:
+            if not headline.is_bad:
+                headline = bad_lights[0]
+                next_step = next_step_of(headline, lights, None)
+        elif self.model_judgement is None and has_judged_light and self._is_received:
             # The next step stays: it says what the model waits for.
             headline = headline_by_lights(lights)
         elif is_without_fault and lights != judgement.lights:
             headline = headline_by_lights(lights)
             if headline.warns:
                 next_step = next_step_of(headline, lights, None)
-        bad_lights = [fact for fact in lights.values() if fact.is_bad]
-        if bad_lights and not headline.is_bad:
-            headline = bad_lights[0]
-            next_step = next_step_of(headline, lights, None)
         if self.is_flying and headline.is_bad:
             next_step = Fact(NextStep.LAND_NOW, because=headline)
         return Judgement(headline, next_step, lights)
@@ -202,6 +212,15 @@ class SessionStatus(ImmutableResult):
         if self.mean_wind is not None:
             lights[Light.WIND] = self.mean_wind.light
         return lights
+
+    @property
+    def _is_received(self) -> bool:
+        """Whether the followed vehicle is received now.
+
+        It is, if the obstacle is none of ``LINK_OBSTACLES`` but one of the kind of vehicle, of rates, of the phase of
+        flight or of learning: the lights that need no model are then up to date.
+        """
+        return self.obstacle is None or self.obstacle.code not in LINK_OBSTACLES
 
     @property
     def _reason_without_model(self) -> Fact:

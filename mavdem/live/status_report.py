@@ -9,6 +9,7 @@ from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.intake import LinkIntake
 from mavdem.live.judging import ModelJudging
 from mavdem.live.learning import FlightLearning
+from mavdem.live.rate_negotiation import RateNegotiation
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.silence import SilenceMonitor
 from mavdem.live.stream import LiveStream
@@ -43,6 +44,9 @@ class StatusReport:
 
     clock_speed: ClockSpeed
     """Knows how fast the vehicle's clock runs."""
+
+    rates: RateNegotiation
+    """Knows which messages do not come, although the vehicle was asked for them."""
 
     time_account: TimeAccount
     """The account of the session's time."""
@@ -87,6 +91,7 @@ class StatusReport:
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,
+            absent_messages=self.rates.absent_messages,
         )
         if self.learning.estimate is None:
             return status

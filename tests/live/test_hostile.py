@@ -13,8 +13,9 @@ from mavdem.facts.session import VehicleFact
 from mavdem.ingest.mavlink.dialect import definitions_by_id
 from mavdem.live import LiveStream
 from mavdem.live.messages import MESSAGE_FIELDS
-from mavdem.live.samples import MAX_SAMPLES, SampleStream
+from mavdem.live.samples import MAX_SAMPLES, MEMORY_SECONDS, SampleStream
 from mavdem.live.stream import MAX_EVENTS
+from mavdem.loops.limit_cycles import STARTING_SPAN, WINDOW_LENGTHS
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 
@@ -91,6 +92,8 @@ def test_close_stamps_take_bounded_memory():
         samples.add(100.0 + 1e-6 * number, (0.5,))
     assert len(samples.time) <= MAX_SAMPLES + 64
     assert samples.recent_count(samples.time[-1]) <= MAX_SAMPLES + 64
+    # What is kept must cover the recent flight in which a limit cycle is looked for.
+    assert STARTING_SPAN * WINDOW_LENGTHS[0] <= MEMORY_SECONDS
 
 
 def test_another_axis_is_refused():

@@ -26,7 +26,7 @@ from mavdem.facts.log import LogLight
 from mavdem.facts.margins import MarginsLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.facts.power import PowerLight
-from mavdem.facts.session import RowsFact, SessionFact
+from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.live import LiveStream
@@ -322,6 +322,24 @@ def test_the_headline_counts_lights_that_need_no_model():
     waiting = replace(status, model_judgement=None, obstacle=Fact(SessionFact.NOT_SETTLED))
     assert waiting.overall_judgement.headline.code is Headline.NOTHING_WRONG
     assert waiting.overall_judgement.next_step.figures["because"] == waiting.obstacle
+
+
+@mark.parametrize(
+    "obstacle",
+    [
+        Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False),
+        Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0),
+        Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MOTION, duration=3.0),
+        Fact(VehicleFact.TWO_VEHICLES_LIVE, subject="1:1"),
+    ],
+)
+def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
+    lights = {Light.MOTORS: Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)}
+    status = SessionStatus(obstacle=obstacle, worst_lights=lights)
+    assert status.overall_judgement.headline == obstacle
+    bad = Fact(MotorsLight.MOTORS_AT_LIMIT, Level.BAD)
+    status = replace(status, worst_lights={Light.MOTORS: bad})
+    assert status.overall_judgement.headline == bad
 
 
 def test_a_line_of_a_log_says_what_is_new(capsys):
