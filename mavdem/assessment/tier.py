@@ -52,6 +52,11 @@ class Tier(NamedTuple):
     next_tier: NextTier | None
     """The tier above; None for "a"."""
 
+    @property
+    def allows_full_model(self) -> bool:
+        """Whether a full model can be learned of the log, tier "a"."""
+        return self.tier == "a"
+
 
 def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier of a log: "a" for a full model, "b" for one of the slow motion, "c" for the condition only.

@@ -24,7 +24,7 @@ class Method(NamedTuple):
     """Trains a model on a flight. It must pickle, since it runs in other processes."""
 
     predicts: bool = False
-    """Whether the model also forecasts with unknown inputs."""
+    """Whether the model can also forecast without the inputs during the forecast (its method ``predict``)."""
 
 
 PLANT = Settings(forecasts="plant")
@@ -49,7 +49,7 @@ def _default_methods() -> Iterator[Method]:
 
     They are DEM by several settings; subspace identification, prediction-error method (PEM) and expectation
     maximisation (EM) with 2 or 4 states; joint vector autoregressions (VAR) of 4 and 10 lags; and three trivial
-    forecasts. Those that need no inputs over the forecast also forecast without them.
+    forecasts. Methods that can forecast without the inputs are marked by ``predicts``.
     """
     for name, settings in DEM_SETTINGS.items():
         yield Method(name, partial(learn, settings=settings), predicts=name is MethodName.JOINT)

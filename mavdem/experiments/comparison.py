@@ -22,10 +22,10 @@ from mavdem.experiments.held_out import Progress
 from mavdem.experiments.outcomes import Outcome, run_trial
 from mavdem.experiments.paired_test import MIN_PAIRS, Paired, paired
 from mavdem.experiments.scores import (
-    FROM_ZERO,
-    KNOWN,
-    UNKNOWN,
-    Question,
+    FROM_STATE_ZERO,
+    KNOWN_INPUTS,
+    UNKNOWN_INPUTS,
+    ForecastKind,
 )
 from mavdem.experiments.window import Window
 
@@ -40,8 +40,8 @@ def compare(
 ) -> Comparison:
     """Runs all methods on all windows and compares the first method with each of the others.
 
-    Each pair of a method and a window is a trial of its own, which any process may run. It uses all cores, in processes
-    that import the running script: call it below ``if __name__ == "__main__":``.
+    Each pair of a method and a window is an independent trial, and the trials are distributed over worker processes,
+    one per core. A worker imports the running script: call this function below ``if __name__ == "__main__":``.
 
     Args:
         windows: windows of one flight or several, at least one.
@@ -92,13 +92,13 @@ class Comparison:
         """The names of the flights, in order of appearance."""
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
-    def methods_of(self, question: Question) -> Names:
-        """Returns the names of the methods that answer a question.
+    def methods_of(self, kind: ForecastKind) -> Names:
+        """Returns the names of the methods that make forecasts of a kind.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
         """
-        return tuple(outcome.method for outcome in self.outcomes[0] if question in outcome.scores)
+        return tuple(outcome.method for outcome in self.outcomes[0] if kind in outcome.scores)
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of the comparison that is of one flight, as a comparison of its own.
@@ -114,7 +114,7 @@ class Comparison:
                 outcomes.append(window_outcomes)
         return Comparison(tuple(windows), self.methods, tuple(outcomes))
 
-    def summaries(self, flight: str, question: Question = KNOWN) -> tuple[JsonValues, ...]:
+    def summaries(self, flight: str, kind: ForecastKind = KNOWN_INPUTS) -> tuple[JsonValues, ...]:
         """Returns a summary of each method over the windows of one flight, the lowest median error ratio first.
 
         The error ratio of a forecast is its mean squared error over that of the constant mean (NMSE), on the whole test
@@ -122,7 +122,7 @@ class Comparison:
 
         Args:
             flight: name of the flight.
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             For each method a dictionary with these keys:
@@ -142,7 +142,7 @@ class Comparison:
               one; and ``reference``, the paired test of the first method against this one
               (:class:`mavdem.evaluate.Paired`).
         """
-        return self._summaries[flight, question]
+        return self._summaries[flight, kind]
 
     @cached_property
     def _outcomes_by_method(self) -> dict[str, tuple[Outcome, ...]]:
@@ -151,55 +151,53 @@ class Comparison:
         return dict(zip(self.methods, columns, strict=True))
 
     @cached_property
-    def _summaries(self) -> dict[tuple[str, Question], tuple[JsonValues, ...]]:
-        """The summaries of all methods, by name of the flight and question, as :meth:`summaries` returns them.
+    def _summaries(self) -> dict[tuple[str, ForecastKind], tuple[JsonValues, ...]]:
+        """The summaries of all methods, by name of the flight and kind of forecast, as :meth:`summaries` returns them.
 
         They are computed once for all, because the tests over flights and the document need them several times.
         """
         summaries = {}
         for flight in self.flights:
-            for question in Question:
-                summaries[flight, question] = self.of_flight(flight)._sorted_summaries(question)
+            for kind in ForecastKind:
+                summaries[flight, kind] = self.of_flight(flight)._sorted_summaries(kind)
         return summaries
 
-    def _sorted_summaries(self, question: Question) -> tuple[JsonValues, ...]:
+    def _sorted_summaries(self, kind: ForecastKind) -> tuple[JsonValues, ...]:
         """Returns the summaries of all methods over the windows of this comparison, the lowest error ratio first.
 
         Args:
-            question: the kind of forecast: what data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             A summary for each method, as JSON values.
         """
-        methods = self.methods_of(question)
-        summaries = [self._summary(method, question, methods[0]) for method in methods]
+        methods = self.methods_of(kind)
+        summaries = [self._summary(method, kind, methods[0]) for method in methods]
         return tuple(sorted(summaries, key=itemgetter("relative")))
 
-    def _summary(self, method: str, question: Question, reference: str) -> JsonValues:
+    def _summary(self, method: str, kind: ForecastKind, reference: str) -> JsonValues:
         """Returns the summary of a method over all windows; :meth:`summaries` says what its keys mean.
 
         Args:
             method: name of the method.
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
             reference: name of the method that it is compared with.
 
         Returns:
             Values by key.
         """
         outcomes = self._outcomes_by_method[method]
-        scores = [outcome.scores[question] for outcome in outcomes]
+        scores = [outcome.scores[kind] for outcome in outcomes]
         # Ratios and shares have the shape (windows, horizons), squared errors (windows, horizons, outputs).
         ratios = np.array([window_scores.ratio for window_scores in scores])
         squared_errors = np.array([window_scores.squared_error for window_scores in scores])
         inside_shares = np.array([window_scores.inside for window_scores in scores])
         reference_outcomes = self._outcomes_by_method[reference]
-        reference_ratios = np.array(
-            [outcome.scores[question].ratio for outcome in reference_outcomes]
-        )
+        reference_ratios = np.array([outcome.scores[kind].ratio for outcome in reference_outcomes])
         failures = [outcome.failure for outcome in outcomes if outcome.failure is not None]
         diverged_count = 0
         for outcome in outcomes:
-            if outcome.failure is None and not np.isfinite(outcome.mspe(question)).all():
+            if outcome.failure is None and not np.isfinite(outcome.mspe(kind)).all():
                 diverged_count += 1
         horizon_values = []
         for index, steps in enumerate(scores[0].steps):
@@ -230,51 +228,51 @@ class Comparison:
             "seconds": np.median([outcome.seconds for outcome in outcomes]),
         }
 
-    def tests(self, question: Question = KNOWN) -> dict[str, Paired]:
-        """Tests whether the first method has other errors over the whole test part than each of the other methods.
+    def tests(self, kind: ForecastKind = KNOWN_INPUTS) -> dict[str, Paired]:
+        """Tests whether the errors of the first method over the whole test part differ from those of each other method.
 
         Windows of a flight resemble each other, so a result for flights in general needs flights as pairs. With fewer
         than ``MIN_PAIRS`` flights no test could find a difference, and the windows of all flights are the pairs
         instead.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             The result by name of the other method, with the first method's error over that of the other.
         """
-        first_method, *other_methods = self.methods_of(question)
+        first_method, *other_methods = self.methods_of(kind)
         if len(self.flights) >= MIN_PAIRS:
-            summaries = self.over_flights(question)
+            summaries = self.over_flights(kind)
             return {
                 summary["method"]: summary["reference"]
                 for summary in summaries
                 if summary["method"] != first_method
             }
-        first_ratios = self._whole_test_ratios(first_method, question)
+        first_ratios = self._whole_test_ratios(first_method, kind)
         tests = {}
         for name in other_methods:
-            ratios = self._whole_test_ratios(name, question)
+            ratios = self._whole_test_ratios(name, kind)
             tests[name] = paired(first_ratios, ratios, self.windows)
         return tests
 
-    def _whole_test_ratios(self, method: str, question: Question) -> list[float]:
+    def _whole_test_ratios(self, method: str, kind: ForecastKind) -> list[float]:
         """Collects the error ratio of a method over the whole test part.
 
         Args:
             method: name of the method.
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             One ratio for each window.
         """
-        return [outcome.scores[question].ratio[-1] for outcome in self._outcomes_by_method[method]]
+        return [outcome.scores[kind].ratio[-1] for outcome in self._outcomes_by_method[method]]
 
-    def over_flights(self, question: Question = KNOWN) -> tuple[JsonValues, ...]:
+    def over_flights(self, kind: ForecastKind = KNOWN_INPUTS) -> tuple[JsonValues, ...]:
         """Returns each method's summary over all flights, the lowest error first; each flight counts the same.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             Plain values by name:
@@ -291,23 +289,23 @@ class Comparison:
         """
         summaries: list[JsonValues] = []
         for flight in self.flights:
-            summaries += self.summaries(flight, question)
+            summaries += self.summaries(flight, kind)
         overall = []
-        for method in self.methods_of(question):
+        for method in self.methods_of(kind):
             summaries_of_method = [summary for summary in summaries if summary["method"] == method]
             overall.append(overall_summary(method, summaries_of_method))
         return tuple(sorted(overall, key=itemgetter("relative")))
 
-    def to_dict(self, question: Question = KNOWN) -> JsonValues:
+    def to_dict(self, kind: ForecastKind = KNOWN_INPUTS) -> JsonValues:
         """Returns the comparison as values of a document; infinite errors stay infinite.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             Values by name:
 
-            - ``reference``: name of the first method; ``methods``: names of all that answer the question.
+            - ``reference``: name of the first method; ``methods``: names of all that make forecasts of the kind.
             - ``start``: "zero" for forecasts from state 0, otherwise "data".
             - ``verdicts``: results of :meth:`tests`.
             - ``over_flights``: results of :meth:`over_flights`.
@@ -315,23 +313,23 @@ class Comparison:
             - ``predictions``: the same values of predictions without the inputs; None if no method predicts, and in
               these values themselves.
         """
-        has_predictions = question != UNKNOWN and self.methods_of(UNKNOWN)
+        has_predictions = kind != UNKNOWN_INPUTS and self.methods_of(UNKNOWN_INPUTS)
         return {
-            "reference": self.methods_of(question)[0],
-            "methods": self.methods_of(question),
-            "start": "zero" if question == FROM_ZERO else "data",
-            "verdicts": self.tests(question),
-            "over_flights": self.over_flights(question),
-            "flights": [self._flight_values(flight, question) for flight in self.flights],
-            "predictions": self.to_dict(UNKNOWN) if has_predictions else None,
+            "reference": self.methods_of(kind)[0],
+            "methods": self.methods_of(kind),
+            "start": "zero" if kind == FROM_STATE_ZERO else "data",
+            "verdicts": self.tests(kind),
+            "over_flights": self.over_flights(kind),
+            "flights": [self._flight_values(flight, kind) for flight in self.flights],
+            "predictions": self.to_dict(UNKNOWN_INPUTS) if has_predictions else None,
         }
 
-    def _flight_values(self, flight: str, question: Question) -> JsonValues:
+    def _flight_values(self, flight: str, kind: ForecastKind) -> JsonValues:
         """Returns the values of one flight for the document.
 
         Args:
             flight: name of the flight.
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             What was sampled (``dt`` in s, names and units of the outputs), samples of the training part and of the part
@@ -341,13 +339,13 @@ class Comparison:
         part = self.of_flight(flight)
         train = part.windows[0].train
         test = part.windows[0].test
-        methods = self.methods_of(question)
+        methods = self.methods_of(kind)
         windows = []
         for window, outcomes in zip(part.windows, part.outcomes, strict=True):
             outcomes_by_method = {}
             for outcome in outcomes:
                 if outcome.method in methods:
-                    outcomes_by_method[outcome.method] = outcome.to_dict(question)
+                    outcomes_by_method[outcome.method] = outcome.to_dict(kind)
             windows.append(
                 {
                     "start": window.start,
@@ -362,7 +360,7 @@ class Comparison:
             "output_units": train.output_units,
             "training_samples": len(train),
             "forecast_samples": len(test),
-            "standings": self.summaries(flight, question),
+            "standings": self.summaries(flight, kind),
             "windows": windows,
         }
 

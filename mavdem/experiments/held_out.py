@@ -23,7 +23,7 @@ from mavdem.dem import Learned, Settings
 from mavdem.dem.engine.linalg import may_overflow
 from mavdem.dem.forecast.joint import JointModel
 from mavdem.dem.learning import learn_forecasts
-from mavdem.dem.record import cross_validation_folds
+from mavdem.dem.record import FoldPiece, cross_validation_folds
 from mavdem.errors import fact_from_error
 from mavdem.experiments.scores import error_over
 from mavdem.experiments.window import part_samples
@@ -235,10 +235,10 @@ def held_out_windows(
         except ValueError as error:
             failures = (fact_from_error(error),)
         # A fold may be a part of several flights.
-        for flight_index, first, stop in fold:
-            flight = flights[flight_index]
-            first = max(first, lead)
-            count = (stop - first) // steps
+        for piece in fold:
+            flight = flights[piece.segment]
+            first = max(piece.first, lead)
+            count = (piece.stop - first) // steps
             if count > 0:
                 part = HeldOutPart(
                     samples=flight[first - lead : first + count * steps],
@@ -247,6 +247,7 @@ def held_out_windows(
                     # At the beginning of a flight there is no sample before; its first one stands for it.
                     previous_output=flight.outputs[:1],
                 )
+                # If no training data remain, the baselines take their mean from the part itself.
                 parts.append(forecast_part(model, training or [part.samples], part, failures))
         progress(fold_number / FOLDS)
     if not parts:
@@ -274,9 +275,7 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
     return forecast_part(learned, [train], part)
 
 
-def training_pieces(
-    flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]
-) -> Iterator[Flight]:
+def training_pieces(flights: Sequence[Flight], fold: Sequence[FoldPiece]) -> Iterator[Flight]:
     """Yields the pieces of flights outside a fold that are long enough to learn from.
 
     If a fold cuts a part out of a flight, a piece before it and one after it remain. They stay separate: a model must
@@ -284,18 +283,19 @@ def training_pieces(
 
     Args:
         flights: segments of one vehicle.
-        fold: the samples that are held out: index of the flight, first sample, and the sample after the last.
+        fold: the samples that are held out, at most one piece of each flight.
     """
-    held_out = {flight_index: (first, stop) for flight_index, first, stop in fold}
+    pieces = {piece.segment: piece for piece in fold}
     min_samples = max(MIN_PIECE_SECONDS / flights[0].dt, 1)
     for flight_index, flight in enumerate(flights):
         end = len(flight)
-        # Without a part that is held out, the piece before it is the whole flight, and that after it is empty.
-        first, stop = held_out.get(flight_index, (end, end))
-        if first >= min_samples:
-            yield flight[:first]
-        if end - stop >= min_samples:
-            yield flight[stop:end]
+        # An empty piece at the end leaves the whole flight for training.
+        no_piece = FoldPiece(flight_index, first=end, stop=end)
+        held_out = pieces.get(flight_index, no_piece)
+        if held_out.first >= min_samples:
+            yield flight[: held_out.first]
+        if end - held_out.stop >= min_samples:
+            yield flight[held_out.stop :]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,10 +15,10 @@ from mavdem.containers import JsonValues
 from mavdem.errors import fact_from_error
 from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.scores import (
-    FROM_ZERO,
-    KNOWN,
-    UNKNOWN,
-    Question,
+    FROM_STATE_ZERO,
+    KNOWN_INPUTS,
+    UNKNOWN_INPUTS,
+    ForecastKind,
     Scores,
     baseline_errors,
     horizons,
@@ -58,28 +58,28 @@ class Outcome:
     seconds: float
     """Processor time of the training, s."""
 
-    scores: Mapping[Question, Scores]
-    """Errors by question: by what the forecast was given."""
+    scores: Mapping[ForecastKind, Scores]
+    """Errors by kind of forecast, that is, by the data that it may use."""
 
-    forecasts: Mapping[Question, Array]
-    """Forecast outputs of the whole test part, H samples of m outputs (H, m), by question."""
+    forecasts: Mapping[ForecastKind, Array]
+    """Forecast outputs of the whole test part, H samples of m outputs (H, m), by kind of forecast."""
 
-    def mspe(self, question: Question = KNOWN) -> Array:
+    def mspe(self, kind: ForecastKind = KNOWN_INPUTS) -> Array:
         """Returns the mean squared prediction error of each output over the whole test part.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             Errors (m,), in the squares of the outputs' units.
         """
-        return self.scores[question].squared_error[-1]
+        return self.scores[kind].squared_error[-1]
 
-    def to_dict(self, question: Question = KNOWN) -> JsonValues:
+    def to_dict(self, kind: ForecastKind = KNOWN_INPUTS) -> JsonValues:
         """Returns the values of this outcome for a document, without the forecasts themselves.
 
         Args:
-            question: kind of forecast: which data it may use.
+            kind: kind of forecast, by the data that it may use.
 
         Returns:
             Values by key. ``failure``, ``stable``, ``cautions`` and ``seconds`` are as in this class. ``mspe`` has the
@@ -87,8 +87,8 @@ class Outcome:
             horizon: ``relative``, the error over that of the constant mean, and ``inside_90_percent_band``, the share
             of samples inside the band, ``None`` without a band.
         """
-        errors = self.mspe(question)
-        scores = self.scores[question]
+        errors = self.mspe(kind)
+        scores = self.scores[kind]
         return {
             "failure": self.failure,
             "stable": self.stable,
@@ -150,25 +150,25 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
     )
 
 
-def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
+def infinite_scores(method: Method, window: Window) -> dict[ForecastKind, Scores]:
     """Returns the scores of a method that made no forecast: infinite errors at every horizon.
 
     Args:
-        method: the method; one that predicts has scores without the inputs too.
+        method: the method. If it can forecast without the inputs (``predicts``), it gets scores for that kind too.
         window: the window, whose test part gives horizons and number of outputs.
 
     Returns:
-        Scores by question, of the same shapes as those of a forecast.
+        Scores by kind of forecast, of the same shapes as those of a method that succeeds.
     """
     test = window.test
     output_count = test.outputs.shape[1]
-    questions = [KNOWN, FROM_ZERO]
+    kinds = [KNOWN_INPUTS, FROM_STATE_ZERO]
     if method.predicts:
-        questions.append(UNKNOWN)
+        kinds.append(UNKNOWN_INPUTS)
     scores = {}
-    for question in questions:
-        steps = question_horizons(question, test)
-        scores[question] = Scores(
+    for kind in kinds:
+        steps = horizons_of_kind(kind, test)
+        scores[kind] = Scores(
             steps,
             squared_error=np.full((len(steps), output_count), np.inf),
             inside=np.full(len(steps), np.nan),
@@ -179,27 +179,27 @@ def infinite_scores(method: Method, window: Window) -> dict[Question, Scores]:
     return scores
 
 
-def question_horizons(question: Question, test: Flight) -> tuple[int, ...]:
-    """Returns the horizons, in steps, at which the forecasts of one question are evaluated.
+def horizons_of_kind(kind: ForecastKind, test: Flight) -> tuple[int, ...]:
+    """Returns the horizons, in steps, at which the forecasts of one kind are evaluated.
 
     A forecast from state 0 has only the horizon of the whole test part, because it is not renewed from the data.
 
     Args:
-        question: the kind of forecast: what data it may use.
+        kind: kind of forecast, by the data that it may use.
         test: the test part.
 
     Returns:
         Numbers of steps.
     """
-    return (len(test),) if question == FROM_ZERO else horizons(len(test), test.dt)
+    return (len(test),) if kind == FROM_STATE_ZERO else horizons(len(test), test.dt)
 
 
 def evaluate_model(
     method: Method, window: Window, model: Forecaster
-) -> tuple[dict[Question, Scores], dict[Question, Array]]:
+) -> tuple[dict[ForecastKind, Scores], dict[ForecastKind, Array]]:
     """Forecasts the test part of a window (H samples, m outputs) at several horizons, and scores the forecasts.
 
-    A model is asked up to three questions: forecasts with known inputs, with known inputs from state 0, and, if it can,
+    A model makes up to three kinds of forecasts: with known inputs, with known inputs from state 0, and, if it can,
     without the inputs. For each horizon of h steps the test part is forecast in pieces of h samples, each from the
     filtered state at its start; the last horizon is the test part as one piece.
 
@@ -209,37 +209,37 @@ def evaluate_model(
         model: the model. If it estimates its own errors, the share of samples in its 90 % band is scored as well.
 
     Returns:
-        Scores, and forecasts (H, m) of the whole test part, by question.
+        Scores, and forecasts (H, m) of the whole test part, both by kind of forecast.
     """
     test = window.test
     forecasts = {
-        KNOWN: model.forecast(test.inputs),
-        FROM_ZERO: model.forecast(test.inputs, from_zero=True),
+        KNOWN_INPUTS: model.forecast(test.inputs),
+        FROM_STATE_ZERO: model.forecast(test.inputs, from_zero=True),
     }
     bands = {}
     if method.predicts:
-        forecasts[UNKNOWN] = model.predict(len(test))
+        forecasts[UNKNOWN_INPUTS] = model.predict(len(test))
     if isinstance(model, ProbabilisticForecaster):
-        bands[KNOWN] = model.forecast_band(test.inputs)
+        bands[KNOWN_INPUTS] = model.forecast_band(test.inputs)
         if method.predicts:
-            bands[UNKNOWN] = model.predict_band(len(test))
+            bands[UNKNOWN_INPUTS] = model.predict_band(len(test))
     baseline = baseline_errors(window.train, test)
     scores = {}
-    for question, forecast in forecasts.items():
-        horizons = question_horizons(question, test)
-        forecast_every = model.predict_every if question == UNKNOWN else model.forecast_every
+    for kind, forecast in forecasts.items():
+        steps = horizons_of_kind(kind, test)
+        forecast_every = model.predict_every if kind == UNKNOWN_INPUTS else model.forecast_every
         errors = []
-        # The last horizon is the whole test part, of which the forecast is there.
-        for horizon in horizons[:-1]:
+        # The forecast at the last horizon, the whole test part, is already made.
+        for horizon in steps[:-1]:
             rolling_forecast = forecast_every(horizon, test.inputs, test.outputs)
             errors.append(mspe(test.outputs, rolling_forecast).per_output)
         errors.append(mspe(test.outputs, forecast).per_output)
-        inside_shares = np.full(len(horizons), np.nan)
-        if question in bands:
-            is_inside = abs(test.outputs - forecast) <= bands[question]
-            inside_shares = np.array([is_inside[:horizon].mean() for horizon in horizons])
-        scores[question] = Scores(
-            horizons,
+        inside_shares = np.full(len(steps), np.nan)
+        if kind in bands:
+            is_inside = abs(test.outputs - forecast) <= bands[kind]
+            inside_shares = np.array([is_inside[:horizon].mean() for horizon in steps])
+        scores[kind] = Scores(
+            steps,
             squared_error=np.array(errors),
             inside=inside_shares,
             variance=baseline.variance,

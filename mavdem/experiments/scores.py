@@ -25,22 +25,22 @@ HORIZONS = (*learner.DEFAULT_HORIZONS, round(FORECAST_HORIZON_SECONDS * REFERENC
 """Horizons in steps of ``REFERENCE_RATE``: those of the online learner, and that of the paper, 150."""
 
 
-class Question(StrEnum):
-    """A question that forecasts of the outputs answer, by the data that they may use."""
+class ForecastKind(StrEnum):
+    """A kind of forecast of the outputs, by the data that it may use."""
 
-    KNOWN = "known"
+    KNOWN_INPUTS = "known"
     """How do the outputs go on from the state at the end of training, with these future inputs?"""
     ZERO = "zero"
     """How do the outputs go on from state 0, with these future inputs?"""
-    UNKNOWN = "unknown"
+    UNKNOWN_INPUTS = "unknown"
     """How do the outputs go on, if the future inputs are not known?"""
 
 
-KNOWN, FROM_ZERO, UNKNOWN = Question
+KNOWN_INPUTS, FROM_STATE_ZERO, UNKNOWN_INPUTS = ForecastKind
 
 
 class Scores(NamedTuple):
-    """Errors of forecasts of one test part that answer one question, at K horizons, for m outputs."""
+    """Errors of forecasts of one kind of one test part, at K horizons, for m outputs."""
 
     steps: tuple[int, ...]
     """(K,) horizons in steps; the last is the length of the test part"""
@@ -119,7 +119,7 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
     """
     steps = list(HORIZONS)
     if dt < 1 / REFERENCE_RATE:
-        # Faster samples: as many as last as long as the horizons at the reference rate.
+        # At a higher sampling rate a horizon has more steps, so that it lasts as long as at the reference rate.
         steps = [round(horizon / REFERENCE_RATE / dt) for horizon in HORIZONS]
     shorter_steps = [step for step in steps if step < samples]
     return (*shorter_steps, samples)

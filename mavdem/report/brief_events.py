@@ -21,8 +21,8 @@ class CountedEvent(NamedTuple):
 def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     """Selects the first event of each kind that is bad or to be watched.
 
-    Events of one kind have the same code, level and subject. How a flight was lost stands for the event of the motion
-    that shows it too.
+    Events of one kind have the same code, level and subject. Where an event of the motion, such as a fast rotation, has
+    an ending of the flight at the same time (``ENDINGS`` has its code), the ending alone is listed.
 
     Args:
         events: events of a log, in the order of time.
@@ -30,16 +30,18 @@ def worst_events(events: Sequence[Fact]) -> list[CountedEvent]:
     Returns:
         The events with the count of their kind: the bad ones first, each in the given order.
     """
-    endings = {(event.code, event.time) for event in events}
+    codes_and_times = {(event.code, event.time) for event in events}
     counts: Counter[tuple[str, str, str]] = Counter()
     first_indices: dict[tuple[str, str, str], int] = {}
     for index, event in enumerate(events):
-        if not event.warns or (ENDINGS.get(event.code), event.time) in endings:
+        has_ending = (ENDINGS.get(event.code), event.time) in codes_and_times
+        if not event.warns or has_ending:
             continue
         kind = (str(event.code), str(event.level), event.subject)
         counts[kind] += 1
         first_indices.setdefault(kind, index)
     counted_events = [CountedEvent(index, counts[kind]) for kind, index in first_indices.items()]
+    # Levels are listed from good to bad. The sort is stable, so that events of one level stay in the order of time.
     counted_events.sort(key=lambda counted: -LEVELS_BY_SEVERITY.index(events[counted.number].level))
     return counted_events
 

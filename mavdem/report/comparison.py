@@ -7,16 +7,16 @@ from mavdem.assessment.axis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import LARGEST_ORDER, OrderChoice
 from mavdem.experiments.comparison import Comparison
 from mavdem.experiments.paired_test import MIN_PAIRS, SIGNIFICANCE, Paired
-from mavdem.experiments.scores import HORIZONS, KNOWN, UNKNOWN, Question
+from mavdem.experiments.scores import HORIZONS, KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
 from mavdem.facts.forecasts import TestResult
 from mavdem.report.blocks import Block, Blocks, Sentence, Table, caution, headline_sentence
 from mavdem.report.templates import render_section
 
-QUESTION_LEADS = {
-    KNOWN: "What happened, given the inputs:",
-    UNKNOWN: "What comes next, inputs unknown:",
+LEAD_BY_KIND = {
+    KNOWN_INPUTS: "What happened, given the inputs:",
+    UNKNOWN_INPUTS: "What comes next, inputs unknown:",
 }
-"""What stands before a sentence about the answers to a question."""
+"""What stands before a sentence about the forecasts of a kind."""
 
 RESULT_ORDER = (TestResult.HIGHER, TestResult.NOT_DISTINGUISHABLE, TestResult.LOWER)
 """Order in which the results of paired tests are reported."""
@@ -28,33 +28,33 @@ STANDARD_ORDER = 3
 def comparison_report(comparison: Comparison) -> Iterator[Block]:
     """Yields the report of a comparison of forecasting methods: the result, tables of errors, failures, and a legend.
 
-    All methods forecast with the recorded inputs of the test part. Some can also forecast without them. These two
-    questions are different, and each has a sentence and a table of its own.
+    All methods forecast with the recorded inputs of the test part, and some can also forecast without them. Each of
+    these two kinds of forecast has its own sentence and table.
 
     Args:
         comparison: errors and paired tests of all methods; the first method is the one that the others are compared
             with.
     """
-    questions = [KNOWN]
-    if comparison.methods_of(UNKNOWN):
-        questions.append(UNKNOWN)
-    yield headline_sentence(_result_text(comparison, KNOWN))
-    for question in questions[1:]:
-        yield Sentence(_result_text(comparison, question), QUESTION_LEADS[question])
-    for question in questions:
-        yield from _error_blocks(comparison, question)
+    kinds = [KNOWN_INPUTS]
+    if comparison.methods_of(UNKNOWN_INPUTS):
+        kinds.append(UNKNOWN_INPUTS)
+    yield headline_sentence(_result_text(comparison, KNOWN_INPUTS))
+    for kind in kinds[1:]:
+        yield Sentence(_result_text(comparison, kind), LEAD_BY_KIND[kind])
+    for kind in kinds:
+        yield from _error_blocks(comparison, kind)
     for flight in comparison.flights:
         yield from _flight_sentences(comparison, flight)
     yield from render_section(
         "comparison_legend",
         reference=comparison.methods[0],
         several=len(comparison.flights) > 1,
-        predicted=UNKNOWN in questions,
+        predicted=UNKNOWN_INPUTS in kinds,
         significance=SIGNIFICANCE,
     )
 
 
-def _result_text(comparison: Comparison, question: Question) -> str:
+def _result_text(comparison: Comparison, kind: ForecastKind) -> str:
     """Returns in a sentence whether the first method's errors are lower or higher than those of each other method.
 
     The first method is the reference of all paired tests. The others are grouped by the result of their test. Methods
@@ -62,13 +62,13 @@ def _result_text(comparison: Comparison, question: Question) -> str:
 
     Args:
         comparison: errors and tests of all methods.
-        question: ``KNOWN`` for forecasts with recorded inputs, ``UNKNOWN`` for those without.
+        kind: ``KNOWN_INPUTS`` for forecasts with recorded inputs, ``UNKNOWN_INPUTS`` for those without.
     """
-    rows = comparison.over_flights(question)
+    rows = comparison.over_flights(kind)
     failed_methods = [row["method"] for row in rows if row["failed"] == row["windows"]]
     tests = {}
     tests_by_result: dict[TestResult, dict[str, Paired]] = {}
-    for method, test in comparison.tests(question).items():
+    for method, test in comparison.tests(kind).items():
         if method not in failed_methods:
             tests[method] = test
             tests_by_result.setdefault(test.result, {})[method] = test
@@ -77,7 +77,7 @@ def _result_text(comparison: Comparison, question: Question) -> str:
     }
     (paragraph,) = render_section(
         "comparison_result",
-        reference=comparison.methods_of(question)[0],
+        reference=comparison.methods_of(kind)[0],
         flights=len(comparison.flights),
         pairs=min((test.tested for test in tests.values()), default=0),
         fewest=MIN_PAIRS,
@@ -88,22 +88,22 @@ def _result_text(comparison: Comparison, question: Question) -> str:
     return paragraph.lead
 
 
-def _error_blocks(comparison: Comparison, question: Question) -> Blocks:
-    """Returns a sentence, perhaps a caution, and a table with the errors of all methods.
+def _error_blocks(comparison: Comparison, kind: ForecastKind) -> Blocks:
+    """Returns a sentence, a caution if the reference's band is too narrow, and a table with the errors of all methods.
 
     A row has the error ratio at each horizon, how often the method failed, the ratio and the p-value of the paired test
-    against the reference, and the share of samples in its 90 % band. The caution says that the reference's band is too
-    narrow, if it holds clearly fewer samples than 90 %.
+    against the reference, and the share of samples in its 90 % band. A band is too narrow if it holds clearly fewer
+    samples than 90 % (``PREDICTION_LIMITS``).
 
     Args:
         comparison: errors and tests of all methods.
-        question: whether inputs were known or not.
+        kind: kind of forecast, by the data that it may use.
     """
-    reference = comparison.methods_of(question)[0]
-    tests = comparison.tests(question)
-    blocks: Blocks = [Sentence("error ratio by steps ahead.", QUESTION_LEADS[question])]
+    reference = comparison.methods_of(kind)[0]
+    tests = comparison.tests(kind)
+    blocks: Blocks = [Sentence("error ratio by steps ahead.", LEAD_BY_KIND[kind])]
     rows = []
-    for row in comparison.over_flights(question):
+    for row in comparison.over_flights(kind):
         # The reference itself has no test.
         test = tests.get(row["method"])
         # The last horizon is the whole test part.

@@ -52,7 +52,9 @@ def log_blocks(contents: JsonValues) -> Blocks:
 
 
 def vehicle_contents(vehicle: JsonValues) -> Blocks:
-    """Returns the report on a log of a vehicle: whether a model can be learned, repairs, settled flight, and messages.
+    """Returns the report on the log of a vehicle: whether a model can be learned, repairs, settled flight and messages.
+
+    Repairs are what the reader corrected in the log, such as a clock that went back. What the log allows is its tier.
 
     Args:
         vehicle: one of the vehicles of an inventory (``mavdem.assessment.inventory``).
@@ -63,13 +65,14 @@ def vehicle_contents(vehicle: JsonValues) -> Blocks:
     learnability = vehicle["verdict"]
     is_tilt = learnability.axis in TILT_AXES
     rows = [[rate, ", ".join(names)] for rate, names in _messages_by_rate(vehicle).items()]
+    tables = [Table(["rate", "messages"], rows, words=True)] if rows else []
     return [
         *render_section("vehicle", **vehicle, is_tilt=is_tilt),
         *render_section("tier", **vehicle),
         *[caution(fact) for fact in learnability.cautions],
         *[Sentence(str(repair), "Noted:") for repair in vehicle["repairs"]],
         *render_section("settled", **vehicle),
-        *([Table(["rate", "messages"], rows, words=True)] if rows else []),
+        *tables,
     ]
 
 

@@ -119,7 +119,8 @@ def difference_blocks(
 def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
     """Returns a sentence on each light that is bad on one side, and known not to be on the other.
 
-    It outranks a change of a figure. Where the other side is unknown, nothing is known to differ.
+    A light is the judgement of one part of the vehicle, such as its motors, with a level. That it turned bad is more
+    than that a figure changed. Where the other side is unknown, nothing is known to differ.
 
     Args:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
@@ -129,6 +130,7 @@ def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     sentences = []
+    # Both documents list the same lights, so those of either side will do.
     for name in next(iter(lights_by_side.values())):
         if not all(name in lights_of_side for lights_of_side in lights_by_side.values()):
             continue

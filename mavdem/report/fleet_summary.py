@@ -90,7 +90,11 @@ def _bad_flights_beside(
 
     Args:
         summaries: summary of the flights under each name.
-        vehicles: what is known of each vehicle of which the page has a part, by its name.
+        vehicles: what is known of each vehicle of which the page has a part, by its name. If the last flight under a
+            shared name is bad, the headline counts it as that vehicle.
+
+    Returns:
+        Number of flights.
     """
     count = 0
     for summary in summaries:
@@ -115,8 +119,8 @@ def vehicles_with_parts(summaries: Sequence[VehicleSummary]) -> dict[str, Vehicl
 def fleet_counts(summaries: Sequence[VehicleSummary]) -> JsonValues:
     """Counts the flights of a fleet.
 
-    A flight has a row for each axis; it counts by its better tier and its worse health, and once where several logs
-    have it.
+    A flight has a row for each axis, and counts by the best tier and the worst health of its rows. A tier is the kind
+    of model that a log allows: "a" full, "b" of the slow motion, "c" none. A flight in several logs counts once.
 
     Args:
         summaries: summary of the flights under each name.
@@ -183,13 +187,14 @@ def _health_summary(vehicles: Mapping[str, VehicleFlights], names: GivenNames) -
 
 
 def _flown_summary(summaries: Sequence[VehicleSummary]) -> dict[str, object] | None:
-    """Returns the number of flights, settled hours, dates, and counts of tiers in words.
+    """Returns the number of flights, hours of settled flight, dates, and what the logs allow in words.
 
     Args:
         summaries: summary of the flights under each name.
 
     Returns:
-        Values by name; None without a flight.
+        Values by the names that the template "fleet" uses: "flights", "hours", "dates" (first and last), and "kinds",
+        the counts of logs by tier, which is the kind of model that a log allows. None without a flight.
     """
     flight_count = 0
     seconds = 0.0

@@ -12,7 +12,7 @@ def lights_with_reason_once(lights: NamedFacts) -> NamedFacts:
     Documents keep the reason of each light.
 
     Args:
-        lights: the fact of each light by its name, in the order in which they are shown.
+        lights: the judgement of each part of the vehicle, a fact with a level, by name, in the order shown.
     """
     shown_lights = {}
     stated_reasons = set()

@@ -68,7 +68,7 @@ def tune_blocks(
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
         is_full: whether all margins and everything about the gains are included; otherwise only a sentence, a table of
-            the gains to set and the margins that change with them, and beside it how far these can be trusted.
+            the gains to set and the margins that change with them, and how far these can be trusted.
         has_tables_elsewhere: whether a page has tables of gains and margins elsewhere, so that this report has none.
     """
     blocks = Blocks()
@@ -103,7 +103,7 @@ def tune_blocks(
 
 
 def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[str]) -> Sentence:
-    """Returns what the report of ``mavdem tune`` says of axes that are reported together, with the remedies.
+    """Returns the sentence of ``mavdem tune`` on axes that are reported together: rating, advice and remedies.
 
     Args:
         tuning: advice for each axis, or the fact that says why there is none.
@@ -164,6 +164,7 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
     """
 
     def what_is_reported(axis: str) -> tuple[str, ...]:
+        """Returns a key that is the same for axes whose reports say the same."""
         advice = tuning.axes[axis]
         if isinstance(advice, Advice):
             return (axis,)
@@ -248,6 +249,7 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     """
 
     def action_of(axis: str) -> str:
+        """Returns the action on an axis; empty if the next step contains it."""
         action = decisions[axis].fact.remedy
         return "" if action in next_step else action
 
@@ -256,7 +258,7 @@ def decision_sentences(decisions: DecisionsByAxis, next_step: str = "") -> list[
     for action, axes in axes_by_action.items():
         axes_by_reason = group_by(axes, lambda axis: str(decisions[axis].reason))
         for reason, axes_of_reason in axes_by_reason.items():
-            # An action against a single reason stands in one sentence with it.
+            # A single reason and its action make one sentence.
             text = f"{reason} {action}".strip() if len(axes_by_reason) == 1 else reason
             sentences.append(Sentence(text, f"{listed(axes_of_reason).capitalize()}:"))
         if action and len(axes_by_reason) > 1:
@@ -308,8 +310,8 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
 def tuning_result(tuning: Tuning) -> Fact:
     """Returns the fact that heads the report of ``mavdem tune``.
 
-    It is the rating of the margins of the axis that is rated worst, if all axes have a rating that nothing speaks
-    against, and the headline of the judgement is neither bad nor about control loops. Otherwise it is that headline.
+    It is the rating of the margins of the worst axis, if each axis has a rating that no measurement contradicts, and
+    the headline of the judgement is neither bad nor about control loops. Otherwise it is that headline.
 
     Args:
         tuning: advice for each axis, with the judgement of the flight.
@@ -343,8 +345,12 @@ def gain_limits(advice_by_axis: AdviceByAxis) -> Blocks:
 
 
 def _limits_by_axes(advice_by_axis: AdviceByAxis) -> list[_GainLimit]:
-    """Returns the sentences of :func:`gain_limits`, each with the axes that share it."""
-    # Texts are compared without the axis that they name, so that figures that round alike are alike.
+    """Returns the sentences on how far gains may go (:func:`gain_limits`), each with the axes that share it.
+
+    Args:
+        advice_by_axis: advice for each axis, or the fact that says why there is none.
+    """
+    # Texts are compared without the axis that they name, so that axes share a sentence if their rounded figures agree.
     facts_by_text: dict[str, list[tuple[str, Fact]]] = {}
     for axis, advice in advice_by_axis.items():
         if isinstance(advice, Advice):
@@ -383,8 +389,8 @@ def _gain_and_margin_table(advice: Advice, *, is_doubtful: bool) -> Table:
     The loop is the rate loop in the first stage and where no gains change, and the attitude loop in the second.
 
     Args:
-        advice: on the axis, with its loops.
-        is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
+        advice: advice on the axis, with its loops.
+        is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
     """
     loops = [*compared_loops(advice).values()]
     loop_name = "attitude" if advice.stage is Stage.ANGLE else "rate"
@@ -449,14 +455,15 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
 
     Args:
         advice: advice on the axis, with its loops.
-        is_doubtful: whether a measured response speaks against the identified loop, and so against all its margins.
+        is_doubtful: whether a measured response contradicts the identified loop, and so all its margins.
     """
     loop = advice.before
     loops = compared_loops(advice)
     blocks: Blocks = [block for block in gain_blocks(advice) if isinstance(block, Sentence)]
     blocks += margin_tables(loops, doubtful=loops if is_doubtful else ())
     blocks += filter_sentences(loop)
-    # Where a measured step speaks against the loop, it is said that it does, not that nothing was measured.
+    # If ``agrees`` is None, the section says that no response was measured. Of a doubtful loop, which a measured
+    # response contradicts, that would be wrong.
     if not is_doubtful or loop.agrees is not None:
         blocks += render_section("loop_measured", loop=loop)
     return blocks

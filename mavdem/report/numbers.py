@@ -141,6 +141,7 @@ def plus_minus(value: float, half_width: float) -> str:
     decimals = max(power - last_digit, 0)
 
     def text(number: float) -> str:
+        """Returns a number in units of the power of ten, ending at the last digit that is shown."""
         # Adding 0.0 turns -0.0 into 0.0, which is shown without a sign.
         scaled = round(float(number) / 10.0**power, power - last_digit) + 0.0
         return f"{scaled:.{decimals}f}"

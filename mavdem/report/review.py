@@ -82,7 +82,7 @@ def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
 def further_lines(
     assessment: Assessment, findings: FirstFindings, columns: int = SCREEN_COLUMNS
 ) -> str:
-    """Returns the lines of the review that :func:`first_lines` lacks.
+    """Returns the lines of the review that follow :func:`first_lines`: lights that need loops, alarms and conclusion.
 
     Args:
         assessment: assessment of the flight.

@@ -101,8 +101,7 @@ def analysis_blocks(assessment: Assessment) -> Blocks:
 def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
     """Returns what was found in a log: lights, model or why there is none, condition, and wind.
 
-    Tier "a" is a log of which a full model can be learned. Without such a model the sentences on the tier and on the
-    vehicle's condition take its place.
+    Without a full model, sentences on what the log allows (its tier) and on the vehicle's condition take its place.
 
     Args:
         analysis: the analysis of the assessment.
@@ -111,7 +110,7 @@ def analysis_body(analysis: LogAnalysis, assessment: Assessment) -> Blocks:
     Returns:
         The report without its headline and next step.
     """
-    has_full_model = analysis.learned is not None and analysis.tier.tier == "a"
+    has_full_model = analysis.learned is not None and analysis.tier.allows_full_model
     blocks = [*conclusion(assessment.judgement).lights, *_learned_blocks(analysis)]
     for alarm in analysis.alarms:
         if not alarm.is_weak:
@@ -153,7 +152,7 @@ def _learned_blocks(analysis: LogAnalysis) -> Blocks:
         if analysis.reason is None:
             return []
         return [Sentence(str(analysis.reason), "No model:")]
-    hover = analysis.condition.hover if analysis.tier.tier == "a" else None
+    hover = analysis.condition.hover if analysis.tier.allows_full_model else None
     return _model_blocks(analysis.findings, analysis.learned, analysis.held_out, hover)
 
 

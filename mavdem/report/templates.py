@@ -142,8 +142,8 @@ def sentences_by_axes(
 ) -> list[Sentence]:
     """Renders facts about axes as sentences, one for all axes that share a text: "Roll and pitch: …".
 
-    Texts are compared without their axis, so that figures that round alike are alike; a group is then rendered as one
-    fact about all its axes.
+    Texts are compared without their axis, so that axes share a sentence if their rounded figures agree. A group is then
+    rendered as one fact about all its axes.
 
     Args:
         facts: pairs of an axis and a fact about it.

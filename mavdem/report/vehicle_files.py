@@ -115,6 +115,7 @@ def vehicle_text(twin: Twin, ending: str, source: str) -> str:
         twin=twin,
         source=source,
         gravity=GRAVITY,
+        # A twin has four rotors, each of which carries a quarter of the weight in hover.
         weight=twin.mass * GRAVITY / 4,
         linear=twin.drag.linear.mean(),
         quadratic=twin.drag.quadratic.mean(),

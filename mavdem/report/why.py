@@ -6,10 +6,10 @@ from mavdem.report.templates import render_section
 
 
 def why(fact: Fact) -> list[Sentence]:
-    """Makes a sentence with the witnesses of a fact.
+    """Returns a sentence with the witnesses of a fact, the independent measurements that it was checked against.
 
-    A witness is a sensor or another source that a fact, such as a collision, was checked against, with its statement. A
-    fact without witnesses has no such sentence.
+    A witness is a sensor or another source with its statement: of a collision, for example, that the accelerometer
+    measured a shock. A fact without witnesses has no such sentence.
 
     Args:
         fact: the fact, which may have ``witnesses`` among its figures.

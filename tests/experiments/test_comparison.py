@@ -11,7 +11,7 @@ from mavdem.evaluate import HORIZONS, Paired
 from mavdem.experiments.compared_methods import METHODS, Method
 from mavdem.experiments.comparison import Comparison, compare
 from mavdem.experiments.outcomes import evaluate_window
-from mavdem.experiments.scores import FROM_ZERO, KNOWN, UNKNOWN
+from mavdem.experiments.scores import FROM_STATE_ZERO, KNOWN_INPUTS, UNKNOWN_INPUTS
 from mavdem.experiments.window import windows
 from mavdem.facts import Fact
 from mavdem.facts.forecasts import ForecastFact
@@ -56,9 +56,9 @@ def row_of(rows, method):
     return next(row for row in rows if row["method"] == method)
 
 
-def whole(outcome, question=KNOWN):
+def whole(outcome, kind=KNOWN_INPUTS):
     """The error ratio of the whole test part."""
-    return outcome.scores[question].ratio[-1]
+    return outcome.scores[kind].ratio[-1]
 
 
 @mark.parametrize(
@@ -79,7 +79,7 @@ def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, error, 
     assert found.failure == Fact(ForecastFact.FAILED, error=error, text=text)
     assert (found.stable, found.forecasts) == (None, {})
     assert all(np.isinf(scores.ratio).all() for scores in found.scores.values())
-    assert found.scores[UNKNOWN].steps == HORIZONS
+    assert found.scores[UNKNOWN_INPUTS].steps == HORIZONS
 
 
 def test_a_window_without_a_unit_of_error_fails_for_all_and_our_own_fault_is_raised():
@@ -133,7 +133,7 @@ def test_of_six_flights_each_is_a_pair():
 
 
 def test_predictions_are_compared_of_the_methods_that_make_them(compared):
-    assert compared.methods_of(UNKNOWN) == ("hold", "constant mean")
+    assert compared.methods_of(UNKNOWN_INPUTS) == ("hold", "constant mean")
     assert compared.to_dict()["predictions"]["methods"] == ("hold", "constant mean")
     assert compare(WINDOWS[:1], [SUBSPACE]).to_dict()["predictions"] is None
 
@@ -145,7 +145,7 @@ def predicted():
 
 @mark.slow
 def test_most_samples_are_inside_the_band_of_90_percent(predicted):
-    inside = [row[0].scores[KNOWN].inside[-1] for row in predicted.outcomes]
+    inside = [row[0].scores[KNOWN_INPUTS].inside[-1] for row in predicted.outcomes]
     assert 0.7 < np.mean(inside) < 1
 
 
@@ -160,10 +160,10 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
 
     def held(share, unknown):
         def changed(one):
-            held = {KNOWN: share, UNKNOWN: unknown, FROM_ZERO: np.nan}
+            held = {KNOWN_INPUTS: share, UNKNOWN_INPUTS: unknown, FROM_STATE_ZERO: np.nan}
             scores = {
-                question: found._replace(inside=found.inside * 0 + held[question])
-                for question, found in one.scores.items()
+                kind: found._replace(inside=found.inside * 0 + held[kind])
+                for kind, found in one.scores.items()
             }
             return replace(one, scores=scores)
 

@@ -14,7 +14,7 @@ from mavdem.evaluate import HORIZONS, horizons
 from mavdem.experiments.compared_methods import Method
 from mavdem.experiments.outcomes import evaluate_window
 from mavdem.experiments.paired_test import Paired, paired
-from mavdem.experiments.scores import KNOWN
+from mavdem.experiments.scores import KNOWN_INPUTS
 from mavdem.experiments.window import Window, disjoint, windows
 from mavdem.facts.forecasts import TestResult
 
@@ -27,7 +27,7 @@ TEST = FLIGHT[700:]
 
 def scores_of(model, flight=FLIGHT):
     window = Window("", 0, flight[:700], flight[700:])
-    return evaluate_window(Method("", model), window).scores[KNOWN]
+    return evaluate_window(Method("", model), window).scores[KNOWN_INPUTS]
 
 
 def test_mspe_is_per_output_and_summed():

@@ -33,14 +33,14 @@ from mavdem.dem.forecast.joint import LAG_CANDIDATES
 from mavdem.evaluate import Method, Window, windows
 from mavdem.experiments.outcomes import evaluate_model
 from mavdem.experiments.paper.flights import DATA_FOLDER, recorded_flights
-from mavdem.experiments.scores import KNOWN, UNKNOWN, Question
+from mavdem.experiments.scores import KNOWN_INPUTS, UNKNOWN_INPUTS, ForecastKind
 from mavdem.forecaster import Forecaster
 from mavdem.report.blocks import Table, markdown
 
 GIVEN_SAMPLES = max(LAG_CANDIDATES)
 """First samples of the training data that every model takes as given: the past of the joint VAR with most lags."""
 
-STEPS = {KNOWN: (10, 25, 50, 150), UNKNOWN: (1, 5, 10, 25, 50)}
+STEPS = {KNOWN_INPUTS: (10, 25, 50, 150), UNKNOWN_INPUTS: (1, 5, 10, 25, 50)}
 """Numbers of samples from one forecast to the next, by what the forecasts are given."""
 
 DEM_PLANT = "DEM's plant"
@@ -61,8 +61,8 @@ class FlightFigures(NamedTuple):
     """F̄ of the training part by model, nats."""
     log_densities: dict[str, float]
     """Mean log density of the outputs of a sample of the test part by model, nats."""
-    error_ratios: dict[tuple[str, Question, int], float]
-    """Squared error over that of the joint VAR, by model, question and number of steps."""
+    error_ratios: dict[tuple[str, ForecastKind, int], float]
+    """Squared error over that of the joint VAR, by model, kind of forecast and number of steps."""
     closed_loop: ClosedLoop
     """The closed loop."""
 
@@ -99,7 +99,7 @@ def flight_figures(window: Window) -> FlightFigures:
     train, test = window.train, window.test
     closed_loop = baselines.closed_loop(train)
     learned = learn(train)
-    reference = {KNOWN: baselines.var(train, 10), UNKNOWN: baselines.var(train, 4)}
+    reference = {KNOWN_INPUTS: baselines.var(train, 10), UNKNOWN_INPUTS: baselines.var(train, 4)}
 
     joint = learned.joint
     rows = len(train) - GIVEN_SAMPLES
@@ -125,12 +125,12 @@ def flight_figures(window: Window) -> FlightFigures:
 
     error_ratios = {}
     scored: dict[str, Forecaster] = {"closed loop": closed_loop, "DEM's joint model": learned}
-    for question, steps in STEPS.items():
-        reference_errors = _errors(reference[question], question, window)
+    for kind, steps in STEPS.items():
+        reference_errors = _errors(reference[kind], kind, window)
         for name, model in scored.items():
-            errors = _errors(model, question, window)
+            errors = _errors(model, kind, window)
             for step in steps:
-                error_ratios[name, question, step] = errors[step] / reference_errors[step]
+                error_ratios[name, kind, step] = errors[step] / reference_errors[step]
     return FlightFigures(
         window.flight,
         closed_loop.gains_known,
@@ -141,18 +141,18 @@ def flight_figures(window: Window) -> FlightFigures:
     )
 
 
-def _errors(model: Forecaster, question: Question, window: Window) -> dict[int, float]:
+def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, float]:
     """Returns the error ratios of a model's forecasts by the number of steps at 100 Hz.
 
     Args:
         model: the model.
-        question: what the forecasts are given.
+        kind: kind of forecast, by the data that it may use.
         window: the window.
     """
     method = Method("", learn, predicts=True)
     scores, _ = evaluate_model(method, window, model)
-    numbers = sorted({*STEPS[KNOWN], *STEPS[UNKNOWN]})
-    return dict(zip(numbers, scores[question].ratio.tolist(), strict=True))
+    numbers = sorted({*STEPS[KNOWN_INPUTS], *STEPS[UNKNOWN_INPUTS]})
+    return dict(zip(numbers, scores[kind].ratio.tolist(), strict=True))
 
 
 def free_energy_table(figures: list[FlightFigures]) -> Table:
@@ -185,8 +185,8 @@ def free_energy_table(figures: list[FlightFigures]) -> Table:
 def forecast_table(figures: list[FlightFigures]) -> Table:
     """Returns the second table: a row for each model and half, a column for each number of steps."""
     columns = ["model", "flights"]
-    for question, steps in STEPS.items():
-        columns += [f"{question}, {step}" for step in steps]
+    for kind, steps in STEPS.items():
+        columns += [f"{kind}, {step}" for step in steps]
     rows = []
     halves = {"A": "A", "B": "B", "all": "AB"}
     for model in MODELS:
@@ -195,9 +195,9 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
             if not chosen:
                 continue
             row = [model, f"{name} ({len(chosen)})"]
-            for question, steps in STEPS.items():
+            for kind, steps in STEPS.items():
                 for step in steps:
-                    ratios = [flight.error_ratios[model, question, step] for flight in chosen]
+                    ratios = [flight.error_ratios[model, kind, step] for flight in chosen]
                     row.append(f"{np.exp(np.mean(np.log(ratios))):.2f}")
             rows.append(row)
     return Table(columns, rows)

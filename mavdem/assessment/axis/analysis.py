@@ -191,7 +191,7 @@ def _analysis_without_model(
         motors_are_watched = _motors_are_watched(signals)
     # The tier says what the rates of the log allow: "a" a full model, "b" one of the slow motion, "c" no model.
     tier = tier_of(learnability, condition)
-    reason = None if tier.tier == "a" else tier.tier_reason
+    reason = None if tier.allows_full_model else tier.tier_reason
     quality = learnability.figures
     if tier.tier is None and quality.airborne and not quality.segments:
         reason = Fact(NoModel.NO_SETTLED_FLIGHT, duration=quality.airborne)

@@ -56,8 +56,9 @@ class Baseline(ForecasterBase):
     def cautions(self) -> Facts:
         """Limits of the model that a user of its forecasts must know, as facts; empty if there are none.
 
-        An unstable model is one whose forecasts grow without bound: the largest eigenvalue of its step from sample to
-        sample is beyond the unit circle, here by ``growth``. A method may also have stopped at its limit of iterations.
+        The forecasts of an unstable model grow without bound: the largest eigenvalue of its step from sample to sample
+        is outside the unit circle, by the figure ``growth``. A method may also have stopped at its limit of iterations
+        before it converged.
         """
         cautions = []
         if not self.stable:
@@ -143,7 +144,8 @@ class Identified(Baseline):
             steps: samples of each forecast.
             inputs: (H, r) after the training data. Without feedthrough row h of the forecast depends on those before h.
             outputs: (H, m) of the same samples, from which the state at the start of each forecast is filtered.
-            smooth: option without effect: inputs are causes in these models, not measurements.
+            smooth: has no effect here, since these models take inputs for causes and not for measurements; it is part
+                of the interface that all forecasters share.
 
         Returns:
             Means (H, m), which may overflow to infinity or NaN for an unstable model. Variances are NaN: these methods

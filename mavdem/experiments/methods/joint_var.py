@@ -21,8 +21,8 @@ def var(train: TrainingData, order: int = 10) -> JointAutoregression:
     """Models outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
     It is least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`).
-    Unlike the other methods it can predict without the inputs. If inputs are given, it infers the outputs from what
-    they show of the motion, by a Kalman filter.
+    Unlike the other methods it can predict without the inputs. If inputs are given, a Kalman filter treats them as
+    measurements of the motion, and infers the outputs from them.
 
     Args:
         train: a flight, or segments of one that are sampled at the same rate.

@@ -60,12 +60,13 @@ The model has the logarithms of these ratios, and a gain of 0 has none.
 """
 
 
-def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoop:
+def closed_loop(train: TrainingData, uses_recorded_gains: bool = True) -> ClosedLoop:
     """Learns the closed loop of one axis from angle, rate and motors.
 
     Args:
         train: a flight, or segments of one, with an angle and its rate as outputs.
-        controller_known: whether the gains that the flight's parameters state are used, where there are any.
+        uses_recorded_gains: whether the controller has the gains of the flight's parameters, where they state them. If
+            not, typical gains are the medians of their prior.
 
     Returns:
         The model at the maximum of its posterior.
@@ -87,14 +88,16 @@ def closed_loop(train: TrainingData, controller_known: bool = True) -> ClosedLoo
                 "a closed loop needs one combination of the motors that turns the axis"
             )
         angle_and_rate = list(pairs[0])
+        # The combination is signed so that it accelerates the axis in the positive sense of the rate.
         mixer = mixer * turning_sense(record, mixer)
         segments = []
         for inputs, outputs in record.segments:
             segments.append(np.hstack([outputs[:, angle_and_rate], inputs @ mixer]))
         data = LoopData.from_samples(segments, record.dt)
+        # The controller turns a rate into a motor demand, so the ratio of their sizes is the size of its gain.
         _, rate_sd, motors_sd = data.scale.tolist()
         controller = unknown_controller(motors_sd / rate_sd)
-        if controller_known:
+        if uses_recorded_gains:
             with suppress(NotLearnable):
                 controller = recorded_controller(record, mixer[:, 0])
         posterior = LoopPosterior(data, controller)
@@ -132,6 +135,10 @@ def recorded_controller(record: Record, mixer_row: Array) -> LoopController:
     Args:
         record: the record, with the autopilot's parameters.
         mixer_row: (r,) the combination.
+
+    Returns:
+        The controller with its gains per unit of the combination. Ratios of gains that are 0 are raised to
+        ``MIN_KNOWN_RATIO``, since the model has their logarithms.
 
     Raises:
         NotLearnable: the parameters, or the mixer, are not known; there is no proportional gain; or the combination
@@ -214,6 +221,9 @@ class ClosedLoop(ForecasterBase):
             draws: number of draws from the posterior of the plant, for the intervals of the margins. They follow the
                 estimate, which is row ``ESTIMATE`` of the responses.
             seed: seed of the draws.
+
+        Returns:
+            The frequency response of the open loop, for the estimate and for each draw.
 
         Raises:
             NotLearnable: the parameters do not state the controller.

@@ -55,8 +55,8 @@ def subspace(train: TrainingData, order: int = 2) -> Identified:
         The model.
 
     Raises:
-        ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
-            that is none.
+        ValueError: there are too few samples for the order, values are not finite, an output does not vary, or the
+            order is not a positive whole number.
     """
     return identified("subspace", train, order, subspace_fit)
 
@@ -148,16 +148,16 @@ def sample_windows(segments: Segments, length: int) -> Array:
 def choose_horizon(segments: Segments, order: int) -> int:
     """Chooses the number of past and of future samples that states are estimated from.
 
-    A longer past shows more of the state. But the regressions have 1 + 2 h (k + m) regressors, and need several windows
-    for each of them: so h is the largest up to ``MAX_HORIZON`` with ``SUFFICIENT_WINDOWS`` windows for each regressor,
-    or else the smallest that can show all states.
+    A longer past shows more of the state, but the regressions have 1 + 2 h (k + m) regressors and need several windows
+    for each of them. So h is the largest number up to ``MAX_HORIZON`` with ``SUFFICIENT_WINDOWS`` windows for each
+    regressor, or else the smallest from which all states can be estimated.
 
     Args:
         segments: inputs (T, k) and outputs (T, m) of each segment.
         order: number of states n.
 
     Returns:
-        The number h.
+        The horizon h, in samples.
 
     Raises:
         NotLearnable: too few samples even for the shortest horizon.
@@ -257,7 +257,8 @@ def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
     With this gain the predictor A − K C is stable (Van Overschee and De Moor, Subspace Identification for Linear
     Systems, 1996, sec. 4.2.2, Table 4.1).
 
-    For data without noise the Riccati equation has no such solution, so a little noise is added, and more if necessary.
+    For data without noise the Riccati equation has no stabilising solution, so a little noise is added to Q and R, and
+    more if that does not suffice.
 
     Args:
         A: (n, n) state transition matrix of one sampling step.

@@ -33,15 +33,15 @@ def _model_without_inputs(
 ) -> Identified:
     """Returns a trivial forecast as a state-space model, so that it can be scored like any other method.
 
-    Inputs have no effect on it: B = D = 0, for r inputs and m outputs. It forecasts a constant, or holds the last
+    With r inputs and m outputs, B = D = 0: the inputs have no effect. The model forecasts a constant, or holds the last
     measurement: with A = C = K = I the state becomes the last measured deviation from the trim, and stays.
 
     Args:
         method: name of the method.
         record: the training data.
-        output_trim: (m,) forecast without a state.
-        holds: whether each output has a state, the last deviation from its trim, which is held (A = C = K = I).
-            Otherwise there is no state.
+        output_trim: (m,) outputs at state 0, which are also the constant forecast.
+        holds: whether each output has a state, its last deviation from the trim, which is held. Otherwise there is no
+            state.
 
     Returns:
         The model.

@@ -13,9 +13,9 @@ from mavdem.experiments.paper.checks import Check, ExperimentResult, lists_by_na
 from mavdem.experiments.paper.flights import DATA_FOLDER, TRAINING_SAMPLES
 from mavdem.experiments.paper.runner import (
     DATA_START,
+    FORECAST_KIND_BY_START,
     PAPER_SETTINGS,
     PAPER_SETTINGS_P1,
-    QUESTION_BY_START,
     ZERO_START,
     Runner,
     forecast_errors,
@@ -61,8 +61,8 @@ AUTHORS_MSPE_KEYS = {
 def run(runner: Runner) -> ExperimentResult:
     """Checks that our DEM and EM have the same forecast errors as the authors' MATLAB code on the same data.
 
-    The authors' code draws its prior at random. Ours is fitted from several priors, so that a check can ask whether
-    their error lies within the range of ours.
+    The authors' code draws the prior of DEM's parameters at random, and its result depends on it. Ours is fitted from
+    many random priors, and a check asks whether the authors' error lies within the range of ours.
 
     Args:
         runner: runner of the fits, which knows whether recorded data are used.
@@ -78,7 +78,7 @@ def run(runner: Runner) -> ExperimentResult:
     our_errors = _our_errors(runner)
     checks = []
     for method in METHODS:
-        for start in QUESTION_BY_START:
+        for start in FORECAST_KIND_BY_START:
             checks.append(
                 agreement_check(
                     method, start, our_errors[start][method], authors_errors[start][method]
@@ -122,7 +122,7 @@ def _our_errors(runner: Runner) -> dict[str, dict[str, Array]]:
         trials[name] = [(method, window) for method in methods_of_name]
     outcomes = runner.run_trials(trials)
     errors = {}
-    for start in QUESTION_BY_START:
+    for start in FORECAST_KIND_BY_START:
         errors[start] = {name: forecast_errors(outcomes[name], start) for name in METHODS}
     return errors
 

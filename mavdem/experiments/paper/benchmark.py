@@ -16,13 +16,13 @@ from mavdem.experiments.paper.runner import (
     DATA_START,
     DEM_P1,
     DEM_P2,
+    FORECAST_KIND_BY_START,
     PEER_METHODS,
-    QUESTION_BY_START,
     Runner,
     forecast_errors,
     median_outcome,
 )
-from mavdem.experiments.scores import KNOWN
+from mavdem.experiments.scores import KNOWN_INPUTS
 from mavdem.report.blocks import Block, Sentence, Table, headline_sentence
 from mavdem.report.figures.style import Picture
 from mavdem.report.numbers import listed, rounded
@@ -47,7 +47,9 @@ def run(runner: Runner) -> ExperimentResult:
     Returns:
         Checks, tables, figures, and MSPE (mean squared prediction errors) as ``numbers``, by data and method.
     """
-    experiment_errors = {start: _experiment_errors(runner, start) for start in QUESTION_BY_START}
+    experiment_errors = {
+        start: _experiment_errors(runner, start) for start in FORECAST_KIND_BY_START
+    }
     forecasts = _figure_forecasts(runner)
     test_outputs = runner.figure_window.test.outputs
     # Summed over the outputs, one value for each step ahead.
@@ -90,8 +92,8 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
 
     Args:
         runner: runner that has the outcomes of all methods, that is, their forecasts of each experiment's test data.
-        start: state from which the forecasts start, a key of ``QUESTION_BY_START``: "the data" (the state estimated at
-            the end of training) or "state 0".
+        start: state from which the forecasts start, a key of ``FORECAST_KIND_BY_START``: "the data" (the state that is
+            estimated at the end of training) or "state 0".
 
     Returns:
         Mean squared prediction errors (experiments,), summed over the outputs, by name of the method. An error is
@@ -109,14 +111,18 @@ def _experiment_errors(runner: Runner, start: str) -> ErrorsByMethod:
 def _experiment_outcome(runner: Runner, method: str, number: int, start: str) -> Outcome:
     """Returns the outcome of a method on one experiment: its forecasts of the test data, and their errors.
 
-    DEM was trained from many random priors, and has an outcome for each. The one with the median error stands for them,
+    DEM was trained from many random priors, and has an outcome for each. The one with the median error represents them,
     so that neither a lucky nor an unlucky prior decides the comparison.
 
     Args:
         runner: runner that has the outcomes.
         method: name of the method.
         number: number of the experiment.
-        start: start of the forecasts whose errors decide which prior is the median, a key of ``QUESTION_BY_START``.
+        start: start of the forecasts whose errors decide which prior is the median: a key of
+            ``FORECAST_KIND_BY_START``.
+
+    Returns:
+        The outcome on the experiment's single window.
     """
     if method == DEM_P2:
         return median_outcome(runner.random_prior_outcomes[DEM_P2, number], start)
@@ -140,7 +146,7 @@ def _figure_forecasts(runner: Runner) -> dict[str, Array]:
     for method in COMPARED_METHODS:
         outcome = _experiment_outcome(runner, method, runner.figure_experiment, DATA_START)
         if outcome.forecasts:
-            forecasts[method] = outcome.forecasts[KNOWN]
+            forecasts[method] = outcome.forecasts[KNOWN_INPUTS]
     return forecasts
 
 
@@ -159,7 +165,7 @@ def _recorded_error_ratios(runner: Runner) -> ErrorsByMethod:
     ratios = {}
     for method, outcomes in runner.recorded_outcomes.items():
         # The last horizon is the whole test part.
-        ratios[method] = np.array([outcome.scores[KNOWN].ratio[-1] for outcome in outcomes])
+        ratios[method] = np.array([outcome.scores[KNOWN_INPUTS].ratio[-1] for outcome in outcomes])
     return ratios
 
 
@@ -172,6 +178,7 @@ def recorded_table(ratios: ErrorsByMethod) -> tuple[Block, ...]:
     Returns:
         A sentence and the table.
     """
+    # Errors are relative to those of the constant mean, whose own row would be 1.
     methods = [name for name in ratios if name != CONSTANT_MEAN]
     methods.sort(key=lambda name: np.median(ratios[name]))
     rows = []
@@ -264,7 +271,7 @@ def _error_tables(
 def _pictures(
     runner: Runner, forecasts: Mapping[str, Array], squared_errors: Mapping[str, Array]
 ) -> tuple[Picture, ...]:
-    """Returns the figures of the forecasts and of their errors by step, in one experiment.
+    """Returns two figures of one experiment: the forecasts, and their errors against the number of steps ahead.
 
     Args:
         runner: runner that has the window of that experiment.
@@ -272,7 +279,7 @@ def _pictures(
         squared_errors: (H,) squared errors summed over the outputs, by method.
 
     Returns:
-        Two pictures.
+        Pictures that are drawn when the report is written, not here.
     """
     window = runner.figure_window
     return (

@@ -211,6 +211,7 @@ def _interpolated_flight(data: Any) -> Flight:
     time = np.arange(ARDRONE_FIRST_SAMPLE, len(data.otTime)) / ARDRONE_RATE
     end_time = min(data.otTime[-1], data.imuTime[-1], data.navTime[-1])
     time = time[time <= end_time]
+    # Roll is the third angle of the motion capture, and the first body rate of the inertial sensor.
     roll = np.interp(time, data.otTime, data.otOrient[2])
     roll_rate = np.interp(time, data.imuTime, data.imuVAng[0])
     motors = [np.interp(time, data.navTime, motor) for motor in data.navMotor]

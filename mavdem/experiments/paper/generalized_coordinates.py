@@ -17,7 +17,7 @@ from mavdem.experiments.paper.runner import (
     DATA_START,
     DEM_P1,
     DEM_P2,
-    QUESTION_BY_START,
+    FORECAST_KIND_BY_START,
     Runner,
     forecast_errors,
     median_outcome,
@@ -60,7 +60,7 @@ def run(runner: Runner) -> ExperimentResult:
         Checks, a table and a figure; ``numbers`` has the MSPE with and without generalized coordinates by data.
     """
     errors = {}
-    for start in QUESTION_BY_START:
+    for start in FORECAST_KIND_BY_START:
         errors[f"paper’s settings, from {start}"] = ErrorsByOrder(
             p2=_errors_over_priors(runner, DEM_P2, start),
             p1=_errors_over_priors(runner, DEM_P1, start),
@@ -94,7 +94,7 @@ def _errors_over_priors(runner: Runner, method: str, start: str) -> Array:
     Args:
         runner: runner that has the outcomes of the methods.
         method: ``DEM_P2`` or ``DEM_P1``.
-        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
 
     Returns:
         (experiments, priors) errors.
@@ -199,9 +199,9 @@ def _forecast_picture(runner: Runner) -> Picture:
         prior_outcomes = runner.random_prior_outcomes[method, runner.figure_experiment]
         outcomes[label] = median_outcome(prior_outcomes, DATA_START)
     panels = {}
-    for start, question in QUESTION_BY_START.items():
+    for start, kind in FORECAST_KIND_BY_START.items():
         panels[f"from {start}"] = {
-            label: outcome.forecasts[question]
+            label: outcome.forecasts[kind]
             for label, outcome in outcomes.items()
             if outcome.forecasts
         }

@@ -170,7 +170,7 @@ def free_energy_at(model: GenerativeModel, posterior: Posterior, a: float, b: fl
 
     Args:
         model: the generative model; its prior counts.
-        posterior: states, λ and C are held as in this posterior.
+        posterior: posterior whose states, λ and C are kept.
         a: parameter A, 1/s.
         b: parameter B, 1/s.
 
@@ -178,6 +178,7 @@ def free_energy_at(model: GenerativeModel, posterior: Posterior, a: float, b: fl
         F̄ᵒ, nats.
     """
     moments = replace(posterior.moments, model=model)
+    # θ is A, B and C.
     theta = np.array([a, b, posterior.theta[2]])
     moved_posterior = posterior._replace(moments=moments, theta=theta)
     return sum(free_energy_terms(with_optimal_covariances(moved_posterior)).values())

@@ -14,8 +14,8 @@ from mavdem.experiments.paper.error_tables import RANGE_PERCENTILES
 from mavdem.experiments.paper.runner import (
     DATA_START,
     DEM_P2,
+    FORECAST_KIND_BY_START,
     PAPER_SETTINGS,
-    QUESTION_BY_START,
     ZERO_START,
     Runner,
     forecast_errors,
@@ -54,7 +54,7 @@ def run(runner: Runner) -> ExperimentResult:
     learned = learn(window.train, PAPER_SETTINGS)
     outcomes = runner.random_prior_outcomes[DEM_P2, runner.figure_experiment]
     forecasts = {}
-    for start in QUESTION_BY_START:
+    for start in FORECAST_KIND_BY_START:
         from_zero = start == ZERO_START
         forecasts[f"from {start}"] = learned.forecast(window.test.inputs, from_zero=from_zero)
     picture = Picture(

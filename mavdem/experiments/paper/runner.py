@@ -23,7 +23,7 @@ from mavdem.experiments.paper.flights import (
     TRAINING_SAMPLES,
     simulated_experiment,
 )
-from mavdem.experiments.scores import FROM_ZERO, KNOWN
+from mavdem.experiments.scores import FROM_STATE_ZERO, KNOWN_INPUTS
 from mavdem.experiments.window import Window, windows
 from mavdem.facts.forecasts import HeldOutForecast, MethodName
 from mavdem.flight import Flight
@@ -74,7 +74,7 @@ DATA_START = "the data"
 ZERO_START = "state 0"
 """Name of a forecast that starts from state 0, as in the authors' code."""
 
-QUESTION_BY_START = {DATA_START: KNOWN, ZERO_START: FROM_ZERO}
+FORECAST_KIND_BY_START = {DATA_START: KNOWN_INPUTS, ZERO_START: FROM_STATE_ZERO}
 """The forecast of an ``Outcome`` by the name of its start."""
 
 
@@ -83,13 +83,13 @@ def forecast_errors(outcomes: Iterable[Outcome], start: str) -> Array:
 
     Args:
         outcomes: N outcomes of methods on windows.
-        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
 
     Returns:
         (N,) errors; infinite where there is no forecast.
     """
-    question = QUESTION_BY_START[start]
-    return np.array([outcome.mspe(question).sum() for outcome in outcomes])
+    kind = FORECAST_KIND_BY_START[start]
+    return np.array([outcome.mspe(kind).sum() for outcome in outcomes])
 
 
 def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
@@ -97,7 +97,7 @@ def median_outcome(outcomes: list[Outcome], start: str) -> Outcome:
 
     Args:
         outcomes: outcomes of one method from several random priors.
-        start: start of the forecasts, a key of ``QUESTION_BY_START``.
+        start: start of the forecasts, a key of ``FORECAST_KIND_BY_START``.
 
     Returns:
         The outcome; of an even number, the upper one of the two in the middle.

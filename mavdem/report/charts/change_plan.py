@@ -58,11 +58,12 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
     Returns:
         The drawing; None if nothing was compared.
     """
-    changes = sorted(difference.changes, key=lambda change: [*OUTCOME_LEVELS].index(change.outcome))
+    outcomes = list(OUTCOME_LEVELS)
+    changes = sorted(difference.changes, key=lambda change: outcomes.index(change.outcome))
     if not changes:
         return None
     relative_changes = [_relative(change) for change in changes]
-    # The axis reaches to the farthest end of an interval.
+    # The axis reaches to the farthest end of an interval, and at least to the equivalence limit, which is 1.
     extent = max(abs(relative.difference) + relative.half_width for relative in relative_changes)
     extent = min(max(extent, 1.0), MAX_RELATIVE_CHANGE)
     percent_per_limit = (CENTER_PERCENT - MARGIN_PERCENT) / extent
@@ -73,6 +74,9 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
 
     drawn_changes = []
     for change, relative in zip(changes, relative_changes, strict=True):
+        beyond = 0
+        if abs(relative.difference) > extent:
+            beyond = 1 if relative.difference > 0 else -1
         drawn_changes.append(
             DrawnChange(
                 capitalize_first(change_text(change, difference)),
@@ -80,7 +84,7 @@ def change_plan(difference: VehicleDifference) -> Plan | None:
                 low=position(relative.difference - relative.half_width),
                 middle=position(relative.difference),
                 high=position(relative.difference + relative.half_width),
-                beyond=int(relative.difference > extent) - int(relative.difference < -extent),
+                beyond=beyond,
             )
         )
     svg = svg_of("changes", rows=drawn_changes, limit=percent_per_limit)

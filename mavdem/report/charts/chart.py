@@ -170,6 +170,7 @@ class Line(NamedTuple):
         is_missing = is_in_gap | (grid < self.x[0]) | (grid > self.x[-1])
 
         def interpolated(values: Array) -> Array:
+            """Returns values at the grid points, NaN where they are missing."""
             return np.where(is_missing, np.nan, np.interp(grid, self.x, values))
 
         y = self._with_extremes(grid, interpolated(self.y))

@@ -45,7 +45,8 @@ class FlightInterval(NamedTuple):
 def longest_flight(signals: Signals) -> FlightInterval | None:
     """Returns the longest time off the ground in a log.
 
-    A flight that began before the record counts from the first attitude on, one that it does not end until the last.
+    A flight that began before the record counts from the first sample of the attitude on, and one that lasts longer
+    than the record until the last sample.
 
     Args:
         signals: signals of the vehicle.
@@ -54,6 +55,7 @@ def longest_flight(signals: Signals) -> FlightInterval | None:
         The flight; None if the vehicle never flew.
     """
     flights = []
+    # The first attitude is the preferred one; there may be none.
     for attitude in signals.attitudes[:1]:
         for boot in np.unique(attitude.boot).tolist():
             times = attitude.time[attitude.boot == boot]
@@ -73,7 +75,7 @@ def flight_series(signals: Signals) -> FlightSeries:
 
     Returns:
         Roll and pitch, °; height, m; mean motor output, %; voltage of the first battery, V; and vibration of the worst
-        axis, m/s². Empty if the vehicle never flew.
+        axis, m/s². Each is an array (2, N) of times since take-off, s, and values. Empty if the vehicle never flew.
     """
     flight = longest_flight(signals)
     if flight is None:
@@ -115,11 +117,14 @@ def flight_series_charts(
     A quantity that no flight has is left out.
 
     Args:
-        series: what is drawn of each side's flight, by side.
+        series: what is drawn of each side's flight, by side: for each quantity times and values, (2, N).
         names: name of each side in the legend.
         colours: colour of each side.
     """
-    last_times = [samples[0, -1] for flown in series.values() for samples in flown.values()]
+    # All charts have the same time axis, which ends with the longest series.
+    last_times = []
+    for flown in series.values():
+        last_times += [times[-1] for times, _ in flown.values()]
     time_axis = TIME_AFTER_TAKE_OFF._replace(limits=(0.0, max(last_times, default=0.0)))
     for title in FLIGHT_SERIES_TITLES:
         lines = []

@@ -104,9 +104,10 @@ def step_charts(
             if isinstance(response.measured, StepResponse):
                 title = f"{axis.capitalize()} {loop_name}"
                 advised_step = advised.get(axis, {}).get(loop_name)
-                charts_of_loop = [
-                    *_response_charts(title, response, response.measured, advised_step)
-                ]
+                charts_of_loop = list(
+                    _response_charts(title, response, response.measured, advised_step)
+                )
+                # The step response comes first, and the gain of a rate loop after it.
                 charts += charts_of_loop if has_gain else charts_of_loop[:1]
         if charts:
             charts_of_axes[axis] = tuple(charts)
@@ -240,6 +241,7 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
         The chart.
     """
     lines, unit = _spectrum_lines(noise, name)
+    # Lines are marked in the spectrum before the filters, under its own key, or else in the one after them.
     spectral_lines = noise.peaks.get(f"{name}_before", noise.peaks.get(name, ()))
     marks = [
         Mark(line.frequency, "?" if line.kind is LineKind.UNNAMED else str(line.kind))

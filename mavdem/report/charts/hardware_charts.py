@@ -68,6 +68,7 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
     }
     groups = {}
     for part, maker in makers.items():
+        # A chart without lines shows a quantity that was not recorded. The others go by turns into two columns.
         charts = [timeline.marked(chart) for chart in maker(evidence, timeline) if chart.lines]
         columns = (tuple(charts[::2]), tuple(charts[1::2]))
         if charts:
@@ -82,7 +83,9 @@ def _power_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
 
 
 def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields speed, current, temperature and error count of the speed controllers, speeds beside the commands.
+    """Yields charts of speed, current, temperature and error count of the motors' speed controllers.
+
+    The mean command of the motors is drawn with the speeds. Errors have a chart only if there was one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -105,7 +108,7 @@ def _controller_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart
 
 
 def _receiver_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields satellites, dilution, accuracy, noise and jamming of the satellite receivers.
+    """Yields charts of the satellite receivers: satellites, dilution of precision, accuracy, noise and jamming.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -174,7 +177,7 @@ def _temperature_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Char
 
 
 def _target_charts(evidence: Evidence, timeline: Timeline) -> Iterator[Chart]:
-    """Yields position and velocity along each axis with their setpoints, where these were recorded.
+    """Yields a chart of position and one of velocity along each axis with the setpoint, where that was recorded.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

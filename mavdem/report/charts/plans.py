@@ -110,7 +110,7 @@ def motor_levels(light: Fact, imbalance: Array) -> list[Level]:
     much as after a fault have it or, if there are none, all motors.
 
     Args:
-        light: fact of the light on the motors.
+        light: the judgement of the motors: a fact with its level, and the motor that it names as its subject.
         imbalance: (M,) trim deviation of each motor, percent.
 
     Returns:
@@ -210,6 +210,7 @@ def _wind_rose(
     counts = weight * np.histogram2d(speed, sector, bins)[0]
     # Cumulative counts by class of speed are the radii at which the petals begin and end.
     edges = np.vstack([np.zeros(SECTOR_COUNT), counts.cumsum(axis=0)])
+    # The lower limit only avoids a division by zero where nothing is drawn.
     scale = RADIUS / max(edges.max(), 1e-9)
     petals = []
     for speed_class, (inner_edges, outer_edges) in enumerate(pairwise(edges)):

@@ -334,6 +334,7 @@ def _broken_where_it_wraps(line: Line) -> Line:
     breaks = 1 + np.flatnonzero(abs(np.diff(line.y)) > FULL_TURN / 2)
 
     def with_breaks(values: Array | None) -> Array | None:
+        """Returns an edge of the band with a NaN at each break; None without a band."""
         return None if values is None else np.insert(values, breaks, np.nan)
 
     return line._replace(
@@ -448,7 +449,7 @@ def live_timeline(history: LiveHistory, axis: str) -> Timeline | None:
     columns = _LiveColumns.from_table(table)
     if np.count_nonzero(np.isfinite(columns.measured_angle)) < 2:
         return None
-    # A row of NaN at the beginning of each segment breaks the lines there.
+    # A row of NaN at the beginning of each segment breaks the lines there; it has the time of the first sample.
     segment_starts = np.flatnonzero(np.diff(columns.segment)) + 1
     time = np.insert(columns.time, segment_starts, columns.time[segment_starts])
     broken_columns = _LiveColumns.from_table(np.insert(table, segment_starts, np.nan, axis=0))

@@ -174,7 +174,8 @@ def _estimates(
 
     Args:
         flights: the rows of each flight.
-        column: name of a field of ``FlightRow`` with a number or a list of numbers.
+        column: name of a field of ``FlightRow`` with a number or a list of numbers. The field of this name with
+            "_interval" appended, where there is one, has the half widths.
         count: numbers that a row must have to be used.
         axis: axis of the rows to use; empty for any, then the first one with a value counts.
         input_unit: ``per_input`` of the rows to use; empty for any.

@@ -136,6 +136,7 @@ def limit_to_values(axes: Axes, values: ArrayLike, margin: float = 0.6) -> None:
     array = np.asarray(values, np.float64)
     low = np.nanmin(array)
     high = np.nanmax(array)
+    # Values that are all the same have no span, and get a margin in proportion to their size.
     span = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
     axes.set_ylim(max(bottom, low - margin * span), min(top, high + margin * span))
@@ -184,8 +185,8 @@ def _scale(axis: Axis) -> str:
 def _draw_line(axes: Axes, line: Line) -> None:
     """Draws a line of a chart as stems, dots with whiskers, or a solid or dashed line with its band.
 
-    Its kind says which. Whiskers and bands are drawn where the line has a lower and an upper edge; a band is a shaded
-    area.
+    The style of the line decides. Whiskers and bands are drawn where the line has a lower and an upper edge; a band is
+    a shaded area.
 
     Args:
         axes: Matplotlib's axes of the chart.

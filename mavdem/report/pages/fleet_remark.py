@@ -66,18 +66,23 @@ def fleet_remark(remark: FleetRemark | None) -> str:
 
 
 def with_fleet_remark(page: str, html: str, remark: FleetRemark | None) -> str:
-    """Returns a flight's page with a remark at its top, and the light of the motors as bad as that remark.
+    """Returns a flight's page with a remark at its top, and the light of the motors at least as bad as that remark.
 
-    What an earlier call has written is replaced.
+    The light of the motors is their judgement, with a level. What an earlier call has written is replaced: the page
+    keeps the level by the log alone in the attribute ``data-alone``.
 
     Args:
         page: HTML of the page, or its beginning with the lights.
-        html: what stands at the top: the remark as HTML, with or without more.
+        html: HTML to put at the top: the remark, and what else the caller shows there.
         remark: the remark; None if the flight does not differ from others.
     """
 
     def shown_light(light: re.Match[str]) -> str:
-        """Returns the light of the motors: by the log alone, or by the other flights if these show more."""
+        """Returns the HTML of the light: its level by the log alone, or by the other flights if that is worse.
+
+        Args:
+            light: match of ``MOTORS_LIGHT``: heading, shown level, and the level by the log alone if it differs.
+        """
         heading, shown_level, level_alone = light.groups()
         own_level = Level(level_alone or shown_level)
         level = own_level if remark is None else motors_level(own_level, remark.level)

@@ -208,7 +208,7 @@ def opened_where_not_good(
 
     Args:
         chapters: the chapters.
-        lights: the fact of each light, by its name.
+        lights: the judgement of each part of the vehicle, such as its motors: a fact with a level, by name.
         headline: the headline, which is the fact of a light, or of an event.
     """
     vehicle_levels = {fact.level for name, fact in lights.items() if name != Light.LOG}
@@ -239,7 +239,7 @@ def _levels_of_chapter(chapter: Chapter, lights: NamedFacts) -> set[Level]:
 
     Args:
         chapter: the chapter; one of sections has the worst of their levels as its level.
-        lights: the fact of each light, by its name.
+        lights: the judgement of each part of the vehicle, such as its motors: a fact with a level, by name.
 
     Returns:
         The levels; empty for a chapter that nothing judges.
@@ -266,13 +266,14 @@ def _numbered_events(
 ) -> list[PageEvent]:
     """Returns the events of a log as a page lists them; those with a time are numbered.
 
-    The remedy of an event and its witnesses are on the page only once.
+    A remedy, and a sentence with the sensors that confirm an event, are on the page only once: an event carries the
+    texts that stand above it, and the template leaves them out.
 
     Args:
         events: events of all boots of the autopilot.
         timeline: charts of one of these boots; events of other boots are not on its clock. None without charts.
         next_step: text of the next step, which the page shows above the events.
-        why_of_headline: witnesses of the headline, which the page shows above the events too.
+        why_of_headline: sentence with the sensors that confirm the headline, which is above the events too.
 
     Returns:
         The events in order.
@@ -417,10 +418,10 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
     """Yields the sentence of the tracking light, and a table of the tracking errors of all axes that have one.
 
     Args:
-        light: the fact of the light "tracking".
+        light: the judgement of how well all axes track, a fact with a level.
         axes: fact for each axis, whose figures are the errors and the delay, each with its unit.
     """
-    # That only multirotors are judged stands beside the lights.
+    # The page says once, beside the lights, that only multirotors are judged.
     if light.code is not Unjudged.MULTIROTORS_ONLY:
         yield Sentence(str(light), "Tracking:")
     rows = []
@@ -431,7 +432,7 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
             if value is not None:
                 cells.append(with_unit(value, display_unit(fact.units[key])))
             elif key in fact.figures and any(cells):
-                # The setpoint moved too little to show the delay.
+                # The axis has an error but no delay: its setpoint moved too little to show one.
                 cells.append("not known")
             else:
                 cells.append("")
@@ -442,7 +443,7 @@ def _tracking_blocks(light: Fact, axes: NamedFacts) -> Iterator[Block]:
 
 
 def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> NotchTrial | None:
-    """Returns the notch filter whose settings the page lets one try.
+    """Returns the notch filters whose settings a reader of the page can try, with their effect on spectrum and phase.
 
     Args:
         name: name of the log.
@@ -450,7 +451,7 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The notch filter; None without a spectrum or a known controller.
+        The trial of the filters; None without a spectrum or a known controller.
     """
     signals = evidence.signals
     controller = controller_if_known(signals.for_axis("roll"))
@@ -467,23 +468,22 @@ def _notch_trial(name: str, assessment: Assessment, evidence: Evidence) -> Notch
 
 
 def _motors_chapter(analysis: LogAnalysis, evidence: Evidence, light: Fact) -> Chapter:
-    """Makes the chapter on the motors of a flight: a table of motors and the vehicle drawn from above.
+    """Returns the chapter on the motors of a flight: a table of motors and the vehicle drawn from above.
 
-    If no full model can be learned of the log (a tier other than "a"), sentences on the condition of the vehicle
-    follow.
+    If the log allows no full model, the sentences on the vehicle's condition that concern the motors follow.
 
     Args:
-        analysis: analysis of the axis that was asked for.
+        analysis: analysis of the chosen axis.
         evidence: signals, events and measurements of the vehicle.
-        light: the fact of the light of the motors, which colours the drawing.
+        light: the judgement of the motors, a fact whose level colours the drawing.
 
     Returns:
         The chapter.
     """
-    is_full_tier = analysis.tier.tier == "a"
-    hover = analysis.condition.hover if is_full_tier else None
+    allows_full_model = analysis.tier.allows_full_model
+    hover = analysis.condition.hover if allows_full_model else None
     blocks = motor_blocks(analysis.learned, hover)
-    if analysis.learned is None or not is_full_tier:
+    if analysis.learned is None or not allows_full_model:
         for sentence in render_section("condition", analysis.condition):
             if sentence.lead in MOTOR_LEADS:
                 blocks.append(sentence)

@@ -27,7 +27,7 @@ def hardware_chapters(
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        lights: the lights by name.
+        lights: the judgement of each part of the vehicle, a fact with a level, by name.
         timeline: charts of the flight; None without, so that the sections have no charts.
     """
     groups = {} if timeline is None else hardware_groups(evidence, timeline)

@@ -136,13 +136,14 @@ def first_plots(history: TimeHistory) -> str:
 
 
 def with_bar(page: str, **values: Any) -> str:
-    """Returns the page of a flight with a bar above it, and without its own security policy.
+    """Returns the page of a flight with the server's bar above it, and without its own security policy.
 
     A name that was given to the flight is the page's title, with the log's beside it.
 
     Args:
         page: HTML of the flight's page.
-        **values: values that the template of the bar uses, by name.
+        **values: values that the template of the bar uses, by name. Among them are "given", the given names, "flight",
+            the flight's entry in the library, and perhaps "trouble", how it differs from others of its vehicle.
     """
     pattern = AUTOPILOT_SET_PARAMETERS.pattern
     bar = render_server_page("bar", self_set_parameters=pattern, **values)

@@ -79,7 +79,7 @@ def _changed_defaults(telemetry: Telemetry) -> Blocks:
         telemetry: telemetry of the vehicle, with the parameters and their defaults.
 
     Returns:
-        Nothing if all are the default, but for those that the autopilot sets by itself.
+        A sentence and the table; nothing if all are the default, except those that the autopilot sets by itself.
     """
     changed_names = [
         name for name in telemetry.changed_defaults if not AUTOPILOT_SET_PARAMETERS.search(name)
@@ -157,6 +157,7 @@ def _control_parameter_rows(parameters: Mapping[str, float]) -> list[list[str]]:
         if not value or not is_control:
             continue
         axis = AXIS_IN_PARAMETER.search(name)
+        # The first letter of the axis is the key of its column.
         column = "all" if axis is None else axis[0][0]
         name_of_axes = AXIS_IN_PARAMETER.sub("…", name, count=1)
         values_by_name.setdefault(name_of_axes, {})[column] = f"{value:.4g}"

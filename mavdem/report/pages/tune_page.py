@@ -44,8 +44,9 @@ LOOP_CAPTION = "Open loops with 90 % bands. Dashed: where the gain is 1, with th
 def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
     """Renders the page of ``mavdem tune``.
 
-    What a pilot decides by comes first: the verdict, the gains to load, the step responses and the margins with both
-    sets of gains. What they rest on is folded: the twin's flights, the open loops, the gyro's noise and filters.
+    First comes what a pilot needs to decide: the result, the gains to load, the step responses and the margins with
+    present and advised gains. The evidence for them is folded: flights of the twin, a simulation of the vehicle, the
+    open loops, and the gyro's noise and filters.
 
     Args:
         name: name of the log, the title of the page.
@@ -89,7 +90,7 @@ def tune_page(name: str, tuning: Tuning, assessment: Assessment) -> str:
 def _step_chapter(tuning: Tuning, assessment: Assessment) -> Chapter:
     """Returns the chapter of step responses: as measured, predicted, and with advised gains.
 
-    Where no response was measured, the identified loop's alone are drawn.
+    Where no response was measured, only those that the identified loop predicts are drawn.
 
     Args:
         tuning: the advice for each axis.

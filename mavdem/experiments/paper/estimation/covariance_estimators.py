@@ -84,7 +84,7 @@ def innovation_correlation(record: NoisyRecord) -> Array:
         innovations[t] = output - state
         state = Phi @ state + Gamma @ record.inputs[t] + K @ innovations[t]
     measured_autocovariances = _autocovariances(innovations, CORRELATION_LAGS)
-    # What the process noise alone explains is subtracted; the rest is fitted by the variances of the measurement noise.
+    # The part that the process noise explains is subtracted, and the variances of the measurement noise fit the rest.
     no_noise = np.zeros((n, n))
     autocovariances_by_process_noise = _innovation_autocovariances(L, K, Q, no_noise)
     effects_of_unit_variances = [
@@ -281,10 +281,10 @@ def kalman_states_with_variances(record: NoisyRecord, variances: Array) -> Array
 
 
 def covariance_matching(record: NoisyRecord) -> RecursiveEstimates:
-    """Estimates the variances so that innovations have the covariance that the filter computes.
+    """Estimates the variances by covariance matching: innovations must have the covariance that the filter computes.
 
     The variance of the measurement noise is the mean square of the innovations less the variance of the prediction.
-    Both are means with exponentially decreasing weights, in the place of the authors' means over a window.
+    Both are means with exponentially decreasing weights; the authors take means over a window.
 
     K. A. Myers and B. D. Tapley, "Adaptive sequential estimation with unknown noise statistics", IEEE Transactions on
     Automatic Control 21, 1976.

@@ -143,10 +143,13 @@ class DemObserver:
         return Estimates(states, estimated_inputs)
 
     def _state_map(self, data: Array) -> Array:
-        """Returns the matrix L of the D step, with which the hidden X are L [ỹ; η̃].
+        """Returns the matrix of DEM's D step, which maps generalized data to the hidden variables: X = L [ỹ; η̃].
 
         Args:
-            data: (T, dim [ỹ; η̃]) generalized data.
+            data: (T, dim [ỹ; η̃]) generalized outputs ỹ and inputs η̃ of T samples.
+
+        Returns:
+            L (dim X, dim [ỹ; η̃]), where X are the generalized states and inputs.
         """
         model = self.model()
         parameter_count = len(model.prior.theta_mean)
@@ -172,9 +175,7 @@ class DemObserver:
 def embedding_derivative(outputs: Array, order: int, dt: float) -> Array:
     """Returns the first derivative of the outputs by the polynomial of DEM's embedding alone, without any model.
 
-    It is a baseline: so far as DEM's estimate of a rate is better, that is owed to the model and the noise precisions.
-
-    ``tests/experiments/paper/test_observers.py`` checks it on polynomials.
+    It is a baseline: where DEM's estimate of a rate is better, the model and the noise precisions make the difference.
 
     Args:
         outputs: (T, m) measured outputs.

@@ -407,19 +407,20 @@ def recorded_table(errors_by_flight: Mapping[str, Mapping[str, float]]) -> tuple
 
 
 def _published_rows(flights: list[str]) -> list[list[str]]:
-    """Returns the rows of the published errors (SSE) for flights with a blower.
+    """Returns the rows of the published errors (SSE) for flights in the wind of a blower.
 
     Args:
         flights: names of the flights, the columns of the table.
 
     Returns:
-        One row for DEM and one for UIO; a dash for a flight without a published value.
+        One row for DEM and one for the unknown input observer (UIO); a dash for a flight without a published value.
     """
     dem_row = ["DEM, published"]
     uio_row = ["UIO, published"]
     for flight in flights:
-        # The names of the files begin with that of the experiment, such as "exp_21".
-        published_errors = PUBLISHED_INPUT_SSE.get(flight[: len("exp_21")])
+        # A flight is named after its file, which begins with the name of the experiment: six characters, like "exp_21".
+        experiment = flight[: len("exp_21")]
+        published_errors = PUBLISHED_INPUT_SSE.get(experiment)
         dem_row.append(rounded(published_errors.dem, 3) if published_errors else "-")
         uio_row.append(rounded(published_errors.uio, 3) if published_errors else "-")
     return [dem_row, uio_row]

@@ -103,9 +103,9 @@ class RecordErrors(NamedTuple):
 def record_errors(record: NoisyRecord) -> dict[str, RecordErrors]:
     """Estimates the variances of a record with all estimators, and returns their errors.
 
-    For an estimator of a whole record, the states are those of a Kalman filter with its variances; a recursive
-    estimator and DEM have states of their own. DEM's states also use two later samples. A Kalman filter with the true
-    variances shows the error that perfect estimates would have.
+    An estimator of a whole record gives variances only, and its states come from a Kalman filter with these variances.
+    A recursive estimator and DEM estimate states too; those of DEM also use two later samples. A Kalman filter with the
+    true variances shows the error that perfect estimates would have.
 
     Args:
         record: T samples with true states and variances.
@@ -147,8 +147,9 @@ def _errors(record: NoisyRecord, variances: Array, states: Array) -> RecordError
         states: (T, n) estimated states; NaN where there is no estimate.
 
     Returns:
-        Mean absolute logarithm of the ratio of the variances; and the squared error of the states in the second half,
-        relative to that of the measurement, NaN without estimates.
+        Mean absolute logarithm of the ratio of the variances; and the squared error of the states in the second half of
+        the record, where recursive estimators have converged, relative to that of the measurement. The latter is NaN
+        without estimates of the states.
     """
     log_error = np.abs(np.log(variances / record.noise_variances)).mean()
     second_half = slice(len(states) // 2, None)
@@ -324,10 +325,10 @@ def covariance_checks(errors: Mapping[str, Mapping[str, MeanErrors]], data: str)
 
 
 def state_check(means: Mapping[str, MeanErrors]) -> Check:
-    """Checks for the noise of highest colour that DEM's states have a lower error than those of variational Bayes.
+    """Checks for the smoothest noise that DEM's states have a lower error than those of variational Bayes.
 
     Args:
-        means: errors with that noise, by estimator.
+        means: errors with that noise, means over the records, by estimator.
 
     Returns:
         The check.
@@ -343,10 +344,10 @@ def state_check(means: Mapping[str, MeanErrors]) -> Check:
 
 
 def online_check(factors: Mapping[str, float]) -> Check:
-    """Checks that DEM's online variances are less wrong than all recursive ones, after a step of the true variances.
+    """Checks that after a step of the true variances DEM's online estimates are closer than those of all others.
 
     Args:
-        factors: factor by which the variances are wrong, by estimator.
+        factors: factor by which the variances are wrong after the step, by name of the recursive estimator.
 
     Returns:
         The check.
@@ -362,7 +363,7 @@ def online_check(factors: Mapping[str, float]) -> Check:
 
 
 def error_tables(errors: Mapping[str, Mapping[str, MeanErrors]], data: str) -> list[Block]:
-    """Returns the tables of wrong variances and of states by estimator and noise, the best in white noise first.
+    """Returns the tables of the errors of variances and states by estimator and noise, the best in white noise first.
 
     Args:
         errors: errors by noise and estimator.

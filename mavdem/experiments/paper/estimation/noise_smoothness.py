@@ -161,14 +161,14 @@ def run(runner: Runner) -> ExperimentResult:
 
 
 def fit_with_known_variances(record: NoisyRecord, data: Array) -> FitAt:
-    """Returns the function that fits the states of a known system, with known noise variances, for one smoothness.
+    """Returns a function that fits DEM's states for a given smoothness s; the system and its noise variances are known.
 
     Args:
         record: the samples, with the variances of both noises.
-        data: (T, dim [ỹ; η̃]) the same samples in generalized coordinates.
+        data: (T, dim [ỹ; η̃]) the same samples in generalized coordinates: outputs ỹ, inputs η̃.
 
     Returns:
-        The function, of the smoothness s.
+        The function, which takes s in seconds and returns the fit with its free energy F̄.
     """
     model = generative_model(record)
     # The noise of the continuous model has the unit of the states per second.
@@ -187,11 +187,11 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
         job: true smoothness in sampling steps, and seed of the record.
 
     Returns:
-        Error of ln s, and whether two intervals cover the true value: that by the curvature of F̄, and that by the
-        sandwich.
+        Error of ln s, and whether two intervals cover the true value: that by the curvature of F̄ (Laplace), and that
+        by the sandwich covariance.
     """
-    width, seed = job
-    record = random_record(seed, width * SIMULATED_DT)
+    true_width, seed = job
+    record = random_record(seed, true_width * SIMULATED_DT)
     data = generalized_data(record)
     fit_at = fit_with_known_variances(record, data)
     with one_thread():
@@ -211,11 +211,9 @@ def _learn_simulated(job: tuple[int, int]) -> SimulatedResult:
 def _learn_window(window: Window, settings: Settings) -> WindowResult:
     """Learns the smoothness on the training part of a window, and forecasts the test part with it and with the default.
 
-    The default of the settings, a smoothness of None, is one sampling step.
-
     Args:
         window: a window of a recorded flight.
-        settings: settings of DEM, in which the smoothness is left open.
+        settings: settings of DEM; their smoothness is replaced.
 
     Returns:
         The learned smoothness in sampling steps, whether it is inside the grid of candidates, and both forecast errors.
@@ -231,6 +229,7 @@ def _learn_window(window: Window, settings: Settings) -> WindowResult:
     return WindowResult(
         learned.smoothness / record.dt,
         learned.is_inside,
+        # Without a smoothness DEM takes its default, one sampling step.
         default_error=_forecast_error(window, replace(settings, smoothness=None)),
         learned_error=_forecast_error(window, replace(settings, smoothness=learned.smoothness)),
     )

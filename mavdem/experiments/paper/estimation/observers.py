@@ -149,9 +149,7 @@ def with_past_states(model: DiscreteModel, kept_states: int, lag: int) -> Discre
 def kalman_states(model: DiscreteModel, outputs: Array, inputs: Array) -> Array:
     """Estimates the states from each sample's output and all earlier ones, by the Kalman filter.
 
-    It starts from state 0 with the identity as its covariance, as in the scripts of Bos et al.
-
-    ``tests/experiments/paper/test_observers.py`` compares the last state with the regression on the joint Gaussian.
+    The filter starts from state 0 with the identity as its covariance, as in the scripts of Bos et al.
 
     Args:
         model: the model.

@@ -91,8 +91,9 @@ def fit_all(model: GenerativeModel, statistics: SufficientStatistics, s: float) 
 def smoothness_gradient(posterior: Posterior) -> float:
     """Returns ∂F̄/∂ln s at a posterior of states, θ and λ.
 
-    Of the terms of F̄ only ½ N ln|S ⊗ Π| − ½ Σ_g exp(λ_g) c_g(S) depends on the temporal precisions S of the noises, N
-    being the number of samples. The sums c_g of expected squared errors, mean-field terms included, are linear in S. So
+    The free energy F̄ depends on the smoothness s only by the temporal precisions S(s) of the noises, in the terms
+    ½ N ln|S ⊗ Π| − ½ Σ_g exp(λ_g) c_g(S), where N is the number of samples, Π the precision of the noises, and λ_g the
+    log precision of noise g. The sums c_g of expected squared errors, mean-field terms included, are linear in S, so
     their derivatives are the same sums with ∂S/∂ln s in the place of S.
 
     Args:
@@ -102,12 +103,14 @@ def smoothness_gradient(posterior: Posterior) -> float:
         The derivative, nats.
     """
     model = posterior.model
-    # ∂ ln|S ⊗ Π| / ∂ ln s of the noise of the m outputs with p derivatives, and of the n states with q derivatives.
+    # S ∝ s^(i+j) in row i and column j, so that ln|S| has the derivative 2 (0 + 1 + … + p) = p (p + 1) by ln s. It
+    # counts once for each of the m outputs, whose noise has p derivatives, and n states, whose noise has q.
     output_log_det_gradient = model.m * model.p * (model.p + 1)
     state_log_det_gradient = model.n * model.q * (model.q + 1)
     log_det_gradient = output_log_det_gradient + state_log_det_gradient
     derivative_model = _derivative_by_log_smoothness(model)
     moments = GeneralizedMoments(derivative_model, posterior.samples, posterior.moments.joint_map)
+    # The field c has the sums c_g, here with the derivative of S.
     error_gradients = FreeEnergyOfLambda.from_posterior(posterior._replace(moments=moments)).c
     noise_precisions = np.exp(posterior.lambda_)
     return float(
@@ -123,9 +126,13 @@ def _derivative_by_log_smoothness(model: GenerativeModel) -> GenerativeModel:
 
     Args:
         model: the model with the precisions S.
+
+    Returns:
+        The model with the derivatives.
     """
     derivatives = []
     for S in (model.output_temporal_precision, model.state_temporal_precision):
+        # The entry of derivatives i and j is proportional to s^(i+j): its derivative by ln s is i + j times itself.
         orders = np.arange(len(S))
         derivatives.append(S * (orders + orders[:, None]))
     return replace(
@@ -144,7 +151,8 @@ def learn_smoothness(fit_at: FitAt, candidates: Sequence[float]) -> LearnedSmoot
         candidates: the grid, increasing, in the model's unit of time.
 
     Returns:
-        The smoothness of highest F̄, within ``LOG_TOLERANCE``.
+        The smoothness of highest F̄, within ``LOG_TOLERANCE`` of ln s. If F̄ is highest at an end of the grid, it is that
+        end, and ``is_inside`` is false.
     """
     fits = [fit_at(candidate) for candidate in candidates]
     best = int(np.argmax([fit.free_energy for fit in fits]))
@@ -185,6 +193,7 @@ def smoothness_uncertainty(
     gradient_below = smoothness_gradient(fit_at(s * np.exp(-DIFFERENCE_STEP)).posterior)
     gradient_above = smoothness_gradient(fit_at(s * np.exp(DIFFERENCE_STEP)).posterior)
     curvature = (gradient_below - gradient_above) / (2 * DIFFERENCE_STEP)
+    # The noise is correlated over BLOCK_WIDTHS smoothnesses, and the embedding windows of p + 1 samples overlap.
     block_samples = int(np.ceil(BLOCK_WIDTHS * s / dt)) + learned.fit.posterior.model.p
     blocks = max(2, len(data) // block_samples)
     gradients = _sample_gradients(learned.fit.posterior, data)

@@ -123,7 +123,7 @@ def dem_states(window: RollWindow, outputs: Array, inputs: Array, p: int) -> Arr
         p: embedding order.
 
     Returns:
-        (T, 2) roll and roll rate.
+        (T, 2) roll, rad, and roll rate, rad/s; NaN at both ends, where the embedding window is not complete.
     """
     observer = DemObserver(
         A=ROLL_SYSTEM_MATRIX,
@@ -294,6 +294,7 @@ def squared_error(rates: Array, window: RollWindow, delay: int = 0) -> float:
         The SSE; infinite if an estimate is not finite.
     """
     measured_rates = window.states[TRIM:-TRIM, 1]
+    # Delayed estimates are compared with later samples, so that those used begin earlier.
     first = TRIM - delay
     delayed_rates = rates[first : first + len(measured_rates)]
     errors = delayed_rates - measured_rates
@@ -408,7 +409,7 @@ class TrimmedMean(NamedTuple):
 
 
 def trimmed_errors(errors: Sequence[WindowErrors]) -> dict[str, TrimmedMean]:
-    """Returns the mean error (SSE) of each published observer with the authors' timing, without outliers.
+    """Returns the mean error (SSE) of each published observer with the authors' timing, without outliers as they did.
 
     Args:
         errors: errors in each window.
