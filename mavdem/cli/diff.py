@@ -23,7 +23,7 @@ from mavdem.report.charts.comparison_charts import FlightSeries, flight_series
 from mavdem.report.difference import (
     difference_blocks,
     headline_blocks,
-    light_blocks,
+    headline_of_comparison,
     next_blocks,
 )
 from mavdem.report.pages.difference_page import comparison_page
@@ -148,12 +148,14 @@ def diff_command(
         document_path.write_text(json_text(document), "utf-8")
         # The page may contain the name of a file, which need not be valid Unicode.
         page_path.write_text(page, "utf-8", "replace")
-    reviews = {"a": state_a.review, "b": state_b.review}
+    reviews = dict(zip(STATE_NAMES, (state_a.review, state_b.review), strict=True))
+    headlines_of_sides = dict(zip(STATE_NAMES, headlines.values(), strict=True))
+    headline = headline_of_comparison(reviews, difference, parameters)
     blocks = [
-        *([] if difference.is_of_same_flight else light_blocks(reviews)),
+        *headline,
         *difference_blocks(difference, parameters, names_without_gains),
-        *([] if difference.is_of_same_flight else headline_blocks(headlines)),
-        *next_blocks(difference, parameters),
+        *([] if difference.is_of_same_flight else headline_blocks(headlines_of_sides, headline)),
+        *next_blocks(difference, parameters, reviews),
         Sentence(str(folder / PAGE_FILE), "Page:"),
     ]
     print_result(document, blocks, as_json=as_json)

@@ -108,11 +108,6 @@ class QuantityChange(NamedTuple):
     outcome: QuantityOutcome = QuantityOutcome.SAME
     """Changed; the same; or uncertain, where the interval reaches beyond what is called the same."""
 
-    @property
-    def is_significant_alone(self) -> bool:
-        """Whether the quantity would count as changed if no other were tested beside it."""
-        return self.outcome is not QuantityOutcome.SAME and self.p <= SIGNIFICANCE
-
 
 class StateEstimates(NamedTuple):
     """The estimates of one quantity in the f flights of a state."""

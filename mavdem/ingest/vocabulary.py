@@ -106,6 +106,9 @@ CONTROL_PARAMETERS = re.compile(
 RATE_GAIN = re.compile(r"(ATC_RAT|RATE)_RLL_P$|MC_ROLLRATE_P$")
 """Names of the proportional gain of the roll rate, which each version of each autopilot has."""
 
+RATE_PID_GAINS = re.compile(r"(ATC_RAT|RATE)_(RLL|PIT|YAW)_[PID]$|MC_(ROLL|PITCH|YAW)RATE_[PIDK]$")
+"""Names of the gains of rate control on all axes."""
+
 AUTOPILOT_SET_PARAMETERS = re.compile(
     r"^(STAT_|CAL_|TC_|_HASH_CHECK|LND_FLIGHT_T|COM_FLIGHT_UUID|MOT_THST_HOVER|RC\d+_(MIN|MAX|TRIM))|"
     r"_(PRESS|TEMP|CALTEMP|DEC|TOTAL|LASTFILE|RESETS)$|(OFFS?|OFS\d?|SCAL|DIA|ODI|MOT|AHRS_TRIM)_[XYZ]$"

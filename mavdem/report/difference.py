@@ -1,15 +1,17 @@
 """What changed between two states of a vehicle in sentences: what is the same, what is uncertain, what is unknown."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from math import degrees
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from math import degrees, inf, log
 from pathlib import PurePath
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from mavdem.containers import Names, group_by
-from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts import Level
 from mavdem.facts.fleet import QuantityOutcome
+from mavdem.facts.lights import Light
+from mavdem.fleet.comparability import STATE_NAMES
 from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import (
@@ -27,14 +29,17 @@ from mavdem.fleet.quantities import (
     SHARE,
 )
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
-from mavdem.fleet.row import UNKNOWN, FlightRow
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
+from mavdem.fleet.row import UNKNOWN, FlightRow, value_at
+from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark
 from mavdem.report.templates import render_section
 
 Review = Mapping[str, Any]
 """The document of a review, as ``report.json`` has it; any of its keys may be missing."""
+
+NO_REVIEWS: Mapping[str, Review] = MappingProxyType({})
+"""No review documents, as of fleets."""
 
 MIN_WHOLE_PERCENT = 3.0
 """Half width, %, from which on a relative change is shown without decimals, which would mean nothing: a choice."""
@@ -74,8 +79,53 @@ PARAMETER_NAMES_OF_AXES = {
 }
 """What names of ArduPilot's and PX4's parameters contain that belong to one axis."""
 
-MAX_PARAMETERS_BESIDE = 4
-"""Largest number of changed parameters that are named beside a changed margin: a choice."""
+MAX_HEADLINE_GAINS = 4
+"""Largest number of changed gains that the headline names: a choice."""
+
+LATER_SIDE = STATE_NAMES[1]
+"""The side of a comparison that flew later, whose faults are to be mended."""
+
+
+def headline_of_comparison(
+    reviews: Mapping[str, Review],
+    difference: VehicleDifference,
+    parameters: Sequence[ParameterChange] = (),
+) -> list[Sentence]:
+    """Returns the sentences that head a comparison on the terminal and on pages: what matters of all that differs.
+
+    Lights that are bad on one side come first; then whether the compared figures changed, with the change that goes
+    with a bad margin, or else the surest; then the gains that a bad margin, or a changed figure of a loop, depends on.
+    Where A and B are the same flight, only that is said.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B"; of a fleet, empty.
+        difference: comparison of the two states.
+        parameters: parameters of the autopilot that changed.
+
+    Returns:
+        The sentences with their leads.
+    """
+    if difference.is_of_same_flight:
+        return render_section("difference_same_flight")
+    differing_lights = _lights_bad_on_one_side(reviews)
+    lights = [Sentence(light.text, f"{light.name.capitalize()}:") for light in differing_lights]
+    axes = {light.axis for light in differing_lights if light.name == Light.MARGINS}
+    changed = _changes_by_relevance(difference, axes)
+    axes |= {change.quantity.axis for change in changed if change.quantity.kind in LOOP_KINDS}
+    # Gains matter where a loop differs, or where nothing else is known to.
+    matter = bool(axes) or not (lights or changed)
+    gains = _gains_by_relevance(parameters, axes) if matter else []
+    shown_gains = [*map(_parameter_text, gains[:MAX_HEADLINE_GAINS])]
+    return [
+        *lights,
+        *_conclusion(difference, changed),
+        *render_section(
+            "difference_gains",
+            gains=shown_gains,
+            more=len(parameters) - len(shown_gains),
+            others=_are_two_vehicles(difference),
+        ),
+    ]
 
 
 def difference_blocks(
@@ -85,8 +135,9 @@ def difference_blocks(
 ) -> Blocks:
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
-    Doubts about the vehicles come first, then what changed and what could not be compared, parameters, and conditions.
-    Where A and B are the same flight, only that is said.
+    They follow the headline. Doubts about the vehicles come first, then what changed and what could not be compared,
+    parameters, and conditions. Where A and B are the same
+    flight, there are none.
 
     Args:
         difference: comparison of the two states.
@@ -97,7 +148,7 @@ def difference_blocks(
         The sentences.
     """
     if difference.is_of_same_flight:
-        return [*render_section("difference_same_flight")]
+        return []
     missing_by_reason = group_by(difference.incomparable, lambda missing: missing.reason)
     not_compared = []
     for reason, missing_quantities in missing_by_reason.items():
@@ -105,19 +156,38 @@ def difference_blocks(
         not_compared.append(Sentence(f"{names}: {reason}", "Not compared:"))
     conclusions = render_section("difference", difference, between=SD_BETWEEN_FLIGHTS)
     parameter_sentences = render_section(
-        "difference_parameters", difference, parameters=parameters, lacking=lacking
+        "difference_parameters",
+        difference,
+        parameters=_gains_first(parameters),
+        lacking=lacking,
     )
     return [
         *_vehicle_doubts(difference),
-        *_change_sentences(difference, parameters),
+        *_change_sentences(difference),
         *not_compared,
         *parameter_sentences,
         *conclusions,
     ]
 
 
-def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
-    """Returns a sentence on each light that is bad on one side, and known not to be on the other.
+class _DifferingLight(NamedTuple):
+    """A light that is bad on one side, and known not to be on the other."""
+
+    name: str
+    """Name of the light, such as "margins"."""
+
+    bad_side: str
+    """Side on which it is bad, "A" or "B"."""
+
+    axis: str
+    """Axis that makes it bad; empty where it is none."""
+
+    text: str
+    """Levels of both sides, and the sentence of the bad one."""
+
+
+def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLight]:
+    """Returns the lights that are bad on one side, and known not to be on the other.
 
     A light is the judgement of one part of the vehicle, such as its motors, with a level. That it turned bad is more
     than that a figure changed. Where the other side is unknown, nothing is known to differ.
@@ -126,12 +196,12 @@ def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
         reviews: review documents of both logs, by side; one without lights, as of a fleet, is compared with nothing.
 
     Returns:
-        The sentences, with the name of the light as their lead.
+        The lights, in their order.
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
-    sentences = []
+    differing_lights = []
     # Both documents list the same lights, so those of either side will do.
-    for name in next(iter(lights_by_side.values())):
+    for name in next(iter(lights_by_side.values()), ()):
         if not all(name in lights_of_side for lights_of_side in lights_by_side.values()):
             continue
         lights = {side: lights_of_side[name] for side, lights_of_side in lights_by_side.items()}
@@ -141,12 +211,13 @@ def light_blocks(reviews: Mapping[str, Review]) -> list[Sentence]:
             continue
         (bad_side,) = bad_sides
         (other_side,) = lights.keys() - {bad_side}
+        light = lights[bad_side]
         text = (
-            f"bad in {bad_side.upper()}, {lights[other_side]['level']} in {other_side.upper()}. "
-            f"{lights[bad_side]['sentence']}"
+            f"bad in {bad_side}, {lights[other_side]['level']} in {other_side}. {light['sentence']}"
         )
-        sentences.append(Sentence(text, f"{name.capitalize()}:"))
-    return sentences
+        axis = value_at(light, "figures.axis") or ""
+        differing_lights.append(_DifferingLight(name, bad_side, axis, text))
+    return differing_lights
 
 
 def light_table(reviews: Mapping[str, Review]) -> Table | None:
@@ -168,17 +239,20 @@ def light_table(reviews: Mapping[str, Review]) -> Table | None:
     return Table(["light", "level", "what it says"], rows, words=True)
 
 
-def headline_blocks(headlines: Mapping[str, str | None]) -> Blocks:
-    """Returns the headline of each side by itself.
+def headline_blocks(
+    headlines: Mapping[str, str | None], headline: Sequence[Sentence] = ()
+) -> Blocks:
+    """Returns the headline of each side by itself, unless the headline of the comparison says the same.
 
     Args:
-        headlines: headline of each side; None for a side without one.
+        headlines: headline of each side, "A" and "B"; None for a side without one.
+        headline: headline of the comparison.
     """
-    return [
-        Sentence(headline, f"{side.upper()} by itself:")
-        for side, headline in headlines.items()
-        if headline
-    ]
+    blocks = Blocks()
+    for side, sentence in headlines.items():
+        if sentence and not any(sentence in headline_part.text for headline_part in headline):
+            blocks.append(Sentence(sentence, f"{side} by itself:"))
+    return blocks
 
 
 def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None) -> Blocks:
@@ -198,77 +272,105 @@ def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None)
     baseline_count = counted(difference.flights.before, "flight")
     file = PurePath(latest_row.file).name
     text = f"the latest flight, {file}{date}, compared with {baseline_count}."
-    return [Sentence(text, lead), *_change_sentences(difference), *_vehicle_doubts(difference)]
+    return [
+        Sentence(text, lead),
+        *_conclusion(difference, _changes_by_relevance(difference)),
+        *_change_sentences(difference),
+        *_vehicle_doubts(difference),
+    ]
 
 
-def conclusion_without_change(difference: VehicleDifference) -> str:
-    """Returns the sentence on all quantities of a comparison in which none changed: whether that is known.
+def _changes_by_relevance(
+    difference: VehicleDifference, axes: Collection[str] = ()
+) -> list[QuantityChange]:
+    """Returns the changed quantities: those of loops of some axes first, then by ascending p-value.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-
-    Returns:
-        The sentence; empty if a quantity changed.
+        axes: axes whose margins are bad on one side.
     """
-    if difference.changes_with(QuantityOutcome.CHANGED):
-        return ""
-    return _change_sentences(difference)[0].lead
+
+    def rank(change: QuantityChange) -> tuple[bool, float]:
+        """Returns the key by which changes are sorted."""
+        is_of_bad_loop = change.quantity.kind in LOOP_KINDS and change.quantity.axis in axes
+        return not is_of_bad_loop, change.p
+
+    return sorted(difference.changes_with(QuantityOutcome.CHANGED), key=rank)
 
 
-def _change_sentences(
-    difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
-) -> list[Sentence]:
-    """Returns sentences on the quantities that changed, that stayed the same, and that are uncertain.
-
-    A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities that would be
-    significant if they were tested alone are named first: the joint test of many quantities makes them doubtful.
+def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]) -> list[Sentence]:
+    """Returns the sentence on all compared figures: what changed, or whether it is known that none did.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
-        parameters: parameters of the autopilot that changed.
+        changed: the changed quantities, of which the first is named.
+    """
+    return render_section(
+        "difference_conclusion",
+        change=change_text(changed[0], difference) if changed else "",
+        more=len(changed) - 1,
+        is_doubtful=any(map(_is_doubtful, difference.changes)),
+        unknown=difference.changes_with(QuantityOutcome.UNCERTAIN),
+        same=difference.changes_with(QuantityOutcome.SAME),
+        others=_are_two_vehicles(difference),
+    )
+
+
+def _is_doubtful(change: QuantityChange) -> bool:
+    """Returns whether a quantity does not count as changed though its own interval leaves out no change.
+
+    That interval disregards how many quantities are tested.
+    """
+    is_uncertain = change.outcome is QuantityOutcome.UNCERTAIN
+    return is_uncertain and abs(change.difference) > change.half_width
+
+
+def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
+    """Returns sentences on what changed, where that is more than one quantity, stayed the same or is uncertain.
+
+    A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities whose intervals
+    leave out no change are named first: the joint test of many quantities makes them doubtful.
+
+    Args:
+        difference: comparison of two groups of flights of a vehicle, quantity by quantity.
 
     Returns:
         The sentences.
     """
-    changed = []
-    significant_alone = []
+    doubtful = []
     unknown = list[QuantityChange]()
-    for change in difference.changes:
-        text = change_text(change, difference) + _parameters_beside(change, parameters)
-        if change.outcome is QuantityOutcome.CHANGED:
-            changed.append(text)
-        elif change.is_significant_alone:
-            significant_alone.append(text)
-        elif change.outcome is QuantityOutcome.UNCERTAIN:
+    for change in difference.changes_with(QuantityOutcome.UNCERTAIN):
+        if _is_doubtful(change):
+            doubtful.append(change_text(change, difference))
+        else:
             unknown.append(change)
+    changed = _changes_by_relevance(difference)
     return render_section(
         "difference_changes",
-        changed=changed,
-        significant_alone=significant_alone,
+        # One change is named by the headline.
+        changed=[change_text(change, difference) for change in changed if len(changed) > 1],
+        doubtful=doubtful,
         same=[*_texts_by_kind(difference.changes_with(QuantityOutcome.SAME))],
-        unknown=[*_texts_of_equal_changes(unknown, difference, parameters)],
+        unknown=[*_texts_of_equal_changes(unknown, difference)],
         others=_are_two_vehicles(difference),
         has_trims=any(change.quantity.kind == SHARE for change in difference.changes),
         tested=len(difference.changes),
-        level=SIGNIFICANCE,
+        level=1 - difference.level,
     )
 
 
 def _texts_of_equal_changes(
-    changes: Sequence[QuantityChange],
-    difference: VehicleDifference,
-    parameters: Sequence[ParameterChange],
+    changes: Sequence[QuantityChange], difference: VehicleDifference
 ) -> Iterator[str]:
     """Yields the text of each change, one for all motors whose figures read alike.
 
     Args:
         changes: changes of quantities of motors or axes.
         difference: comparison of the vehicle, with the names of its motors.
-        parameters: parameters of the autopilot that changed.
     """
     motors_by_text = dict[str, list[str]]()
     for change in changes:
-        text = change_text(change, difference) + _parameters_beside(change, parameters)
+        text = change_text(change, difference)
         motors = []
         if change.quantity.is_of_motor:
             motors = [_motor_name(change, difference)]
@@ -278,62 +380,89 @@ def _texts_of_equal_changes(
         yield f"{listed(motors)}'s {text}" if motors else text
 
 
-def _parameters_beside(change: QuantityChange, parameters: Sequence[ParameterChange]) -> str:
-    """Returns the changed parameters that a figure of a loop depends on, such as " (ATC_RAT_RLL_P 0.135 → 0.108)".
+def _axes_of_parameter(name: str) -> list[str]:
+    """Returns the axes that a parameter's name contains; none where it belongs to all, such as a filter's."""
+    return [axis for axis, pattern in PARAMETER_NAMES_OF_AXES.items() if pattern.search(name)]
 
-    These are parameters of control that name the figure's axis or none, such as filters. Other quantities do not depend
-    on parameters, and have an empty text.
+
+def _control_parameters_of_axis(
+    parameters: Sequence[ParameterChange], axis: str
+) -> list[ParameterChange]:
+    """Returns the changed parameters that figures of an axis's loops depend on: of control, of this axis or of all."""
+    relevant = []
+    for parameter in parameters:
+        axes = _axes_of_parameter(parameter.name)
+        if CONTROL_PARAMETERS.match(parameter.name) and (not axes or axis in axes):
+            relevant.append(parameter)
+    return relevant
+
+
+def _gains_by_relevance(
+    parameters: Sequence[ParameterChange], axes: Collection[str]
+) -> list[ParameterChange]:
+    """Returns the changed gains of the rate controllers, those that changed by the largest factor first.
 
     Args:
-        change: the quantity.
         parameters: parameters of the autopilot that changed.
+        axes: axes whose gains are wanted; all axes where it is empty.
+
+    Returns:
+        The gains.
     """
-    if change.quantity.kind not in LOOP_KINDS:
-        return ""
-    texts = []
+    gains = []
     for parameter in parameters:
-        if not CONTROL_PARAMETERS.match(parameter.name):
-            continue
-        axes = [
-            axis
-            for axis, pattern in PARAMETER_NAMES_OF_AXES.items()
-            if pattern.search(parameter.name)
-        ]
-        if not axes or change.quantity.axis in axes:
-            texts.append(f"{parameter.name} {parameter.before:g} → {parameter.after:g}")
-    if not texts:
-        return ""
-    hidden_count = len(texts) - MAX_PARAMETERS_BESIDE
-    if hidden_count > 0:
-        texts = [*texts[:MAX_PARAMETERS_BESIDE], f"{hidden_count} more"]
-    return f", with {listed(texts)}"
+        is_of_axes = not axes or not {*axes}.isdisjoint(_axes_of_parameter(parameter.name))
+        if RATE_PID_GAINS.match(parameter.name) and is_of_axes:
+            gains.append(parameter)
+    return sorted(gains, key=_log_factor, reverse=True)
 
 
-def surest_change(difference: VehicleDifference) -> QuantityChange | None:
-    """Returns the change with the lowest p-value; None if nothing changed."""
-    changes = difference.changes_with(QuantityOutcome.CHANGED)
-    return min(changes, key=lambda change: change.p, default=None)
+def _log_factor(parameter: ParameterChange) -> float:
+    """Returns the magnitude of the logarithm of the factor by which a parameter changed; infinite from or to 0."""
+    if parameter.before == 0 or parameter.after == 0:
+        return inf
+    return abs(log(abs(parameter.after / parameter.before)))
+
+
+def _parameter_text(parameter: ParameterChange) -> str:
+    """Returns a changed parameter as text, such as "ATC_RAT_RLL_P 0.135 → 0.108"."""
+    return f"{parameter.name} {parameter.before:.4g} → {parameter.after:.4g}"
+
+
+def _gains_first(parameters: Sequence[ParameterChange]) -> list[ParameterChange]:
+    """Returns the changed parameters with the gains of rate control before all others."""
+    return sorted(parameters, key=lambda parameter: not RATE_PID_GAINS.match(parameter.name))
 
 
 def next_blocks(
-    difference: VehicleDifference, parameters: Sequence[ParameterChange] = ()
+    difference: VehicleDifference,
+    parameters: Sequence[ParameterChange] = (),
+    reviews: Mapping[str, Review] = NO_REVIEWS,
 ) -> list[Sentence]:
-    """Returns the next step: a sentence that names the part of the vehicle to check after a change.
+    """Returns the next step: that of B by itself where a light is bad in B alone, else what part to check.
 
-    It is the motor that became weaker with the lowest p-value. If none did, it is the part of the change with the
-    lowest p-value.
+    That part is the motor that became weaker with the lowest p-value. If none did, it is the part of the change with
+    the lowest p-value.
 
     Args:
         difference: comparison of two states, quantity by quantity.
         parameters: parameters of the autopilot that changed between them.
+        reviews: review documents of both logs, by side, "A" and "B".
 
     Returns:
         One sentence. None without a change, if new gains explain all changes, or if the states are of two vehicles,
         whose differences are no faults.
     """
+    if difference.is_of_same_flight:
+        return []
+    later_step = value_at(reviews.get(LATER_SIDE) or {}, "next_step.sentence")
+    is_worse = any(light.bad_side == LATER_SIDE for light in _lights_bad_on_one_side(reviews))
+    if is_worse and later_step:
+        return [Sentence(later_step, "Next, by B:")]
     changes = []
     for change in difference.changes_with(QuantityOutcome.CHANGED):
-        if not _parameters_beside(change, parameters):
+        is_of_loop = change.quantity.kind in LOOP_KINDS
+        if not (is_of_loop and _control_parameters_of_axis(parameters, change.quantity.axis)):
             changes.append(change)
     vehicles_before, vehicles_after = difference.vehicles
     known_vehicles = {*vehicles_before, *vehicles_after} - {UNKNOWN}

@@ -14,7 +14,7 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
 from mavdem.report.charts.comparison_charts import flight_series
-from mavdem.report.difference import difference_blocks
+from mavdem.report.difference import headline_of_comparison
 from mavdem.report.pages.difference_page import comparison_page
 
 
@@ -40,10 +40,7 @@ def fleets(tmp_path):
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
-    assert (
-        "Changed: motor 3's relative trim +12" in said
-        and "4 flights of A and 4 flights of B" in said
-    )
+    assert "; motor 3's relative trim +12" in said and "4 flights of A and 4 flights of B" in said
     next_step, page = said.split("\n\n")[-3:-1]
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"
@@ -103,7 +100,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     sentence, _page, rest = capsys.readouterr().out.split("\n\n")
     assert sentence == "A and B are the same flight: name another to compare it with." and not rest
     assert run("diff", "a.bin", "c.bin", "--vehicle", "alpha") == 0
-    assert "No change is significant." in capsys.readouterr().out
+    assert "No compared figure changed significantly." in capsys.readouterr().out
     for _ in range(2):
         assert run("diff", "a.bin", "other/c.bin", "--vehicle", "alpha") == 0
         assert "a_and_c-2/diff.html" in capsys.readouterr().out
@@ -120,16 +117,22 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     step = {"time": [0.0, 1.0], "step": [0.0, 1.0], "step_half": [0.0, 0.1]}
     axes = {"roll": {"rate": {"measured": step}}}
     steady = {"margins": {"level": "good", "sentence": "Enough margin."}}
-    oscillating = {"margins": {"level": "bad", "sentence": "Roll oscillates."}}
+    oscillating = {
+        "margins": {"level": "bad", "sentence": "Roll oscillates.", "figures": {"axis": "roll"}}
+    }
     reviews = (
         {"axes": axes, "identity": {"date": "2026-01-31T10:00:00Z"}, "lights": steady},
         {"axes": axes, "lights": oscillating},
     )
-    gain = ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2)
+    # The yaw's gain changed more, and is no reason of what roll does.
+    parameters = [
+        ParameterChange("ATC_RAT_RLL_P", 0.1, 0.2),
+        ParameterChange("ATC_RAT_YAW_P", 0.1, 0.5),
+    ]
     difference = vehicle_difference(before, after)
     logs = Hover().telemetry(), Hover(hovering=30.0).telemetry()
     flights = tuple(flight_series(Signals(log)) for log in logs)
-    page = comparison_page(("a.bin", "b.bin"), reviews, difference, [gain], flights=flights)
+    page = comparison_page(("a.bin", "b.bin"), reviews, difference, parameters, flights=flights)
     assert "time since take-off (s)" in page and "Mean motor output (%)" in page
     headlines = re.findall(r'<p class="headline"><strong>([^<]*)', page)
     assert headlines[0] == "Margins: bad in B, good in A. Roll oscillates."
@@ -138,15 +141,21 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     )
     assert levels == [("A", "good"), ("B", "bad")]
     assert "hase margin on roll 57 → 17°" in page
-    assert ", with ATC_RAT_RLL_P 0.1 → 0.2" in page
+    # Pitch lost as much, but roll's light says why it matters.
+    assert headlines[1].startswith("Changed: phase margin on roll 57 → 17°")
+    assert headlines[2] == "Gains changed: ATC_RAT_RLL_P 0.1 → 0.2 and 1 other parameter."
+    on_terminal = headline_of_comparison(
+        dict(zip("AB", reviews, strict=True)), difference, parameters
+    )
+    assert [f"{sentence.lead} {sentence.text}" for sentence in on_terminal] == headlines
     assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page
 
 
 @mark.parametrize(
     "half_widths, conclusion",
     [
-        ({}, "Nothing that was compared changed."),
-        ({"lag_interval": 1.0}, "No change is significant."),
+        ({}, "No compared figure changed."),
+        ({"lag_interval": 1.0}, "No compared figure changed significantly."),
         (
             {
                 "trim_share_interval": (0.2,) * 4,
@@ -154,12 +163,12 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
                 "damping_interval": 20.0,
                 "lag_interval": 1.0,
             },
-            "Whether anything changed is not known: all intervals are too wide.",
+            "Whether a compared figure changed is not known: all intervals are too wide.",
         ),
     ],
 )
 def test_page_and_terminal_conclude_alike_where_nothing_changed(half_widths, conclusion):
     difference = vehicle_difference(flown("alpha", [0]), flown("alpha", [1], **half_widths))
-    assert conclusion in [sentence.lead for sentence in difference_blocks(difference)]
+    assert conclusion in [sentence.lead for sentence in headline_of_comparison({}, difference)]
     page = comparison_page(("a.bin", "b.bin"), ({}, {}), difference)
     assert f'<p class="headline"><strong>{conclusion}' in page

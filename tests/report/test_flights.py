@@ -12,7 +12,12 @@ from mavdem.fleet.names import GivenNames
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.report import fleet_summary
 from mavdem.report.blocks import plain_text
-from mavdem.report.difference import baseline_blocks, difference_blocks, next_blocks
+from mavdem.report.difference import (
+    baseline_blocks,
+    difference_blocks,
+    headline_of_comparison,
+    next_blocks,
+)
 from mavdem.report.fleet import vehicle_health, vehicle_words
 from mavdem.report.vehicle_summary import summaries_of
 
@@ -147,7 +152,7 @@ def test_two_vehicles_differ_and_none_changed():
     before = flown(0, "quad", phase_margin=1.0, **margins)
     for vehicle, word in (("quad", "Changed: "), ("other", "Different: ")):
         after = flown(1, vehicle, phase_margin=0.3, **margins)
-        text = plain_text(difference_blocks(vehicle_difference(before, after)))
+        text = plain_text(headline_of_comparison({}, vehicle_difference(before, after)))
         assert word in text
         assert ("Changed" in text) == (vehicle == "quad")
 
@@ -171,7 +176,7 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     assert set(found) == {"quad", "new"}
     text = plain_text(found["quad"])
     assert (
-        "motor 3's relative trim +12 % ± 3 %; motor 3's control effectiveness −29 % ± 6 %" in text
+        "motor 3's control effectiveness −29 % ± 6 %; motor 3's relative trim +12 % ± 3 %" in text
     )
     for widest in ("3.0 %", "6.8 %", "17 %", "0.40 1/s", "13 ms"):
         assert f" (± {widest})" in text

@@ -8,6 +8,7 @@ from pytest import approx, mark
 from scipy.integrate import quad
 from scipy.stats import ttest_1samp
 
+from sitl_scenarios.files import load
 from sitl_scenarios.scenario import (
     Gust,
     Jet,
@@ -201,3 +202,7 @@ def test_von_karmans_autocorrelations_are_those_of_the_standards_spectra(tau):
     # 1.339 is rounded: the integral scale is L to four digits.
     assert longitudinal == approx(longitudinal_autocorrelation(lags)[0], abs=5e-4)
     assert transverse == approx(transverse_autocorrelation(lags)[0], abs=5e-4)
+
+
+def test_the_hover_that_docs_judge_by_the_drag_of_legs_is_of_the_same_vehicle():
+    assert load("wind_hover").vehicle == load("wind_legs").vehicle

@@ -21,6 +21,7 @@ from loops import HALF, HALVES, drawn_flight
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
+from mavdem.experiments.paired_test import SIGNIFICANCE
 from mavdem.facts.fleet import QuantityOutcome
 from mavdem.fleet.difference import VehicleDifference, vehicle_difference
 from mavdem.fleet.row import FlightRows
@@ -81,7 +82,7 @@ def counts(difference: VehicleDifference) -> Values:
     """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1."""
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     by_kind = Counter(change.quantity.kind for change in changes)
-    alone = any(change.is_significant_alone for change in difference.changes)
+    alone = any(change.p <= SIGNIFICANCE for change in difference.changes)
     return {
         "pairs": 1,
         "any": int(bool(changes)),

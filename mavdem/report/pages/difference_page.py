@@ -1,8 +1,7 @@
 """The HTML page that compares two flights: what differs, then responses, margins, spectra, motors and wind of both."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import degrees, sqrt
-from typing import NamedTuple
+from math import sqrt
 
 import numpy as np
 
@@ -12,29 +11,23 @@ from mavdem.fleet.difference import VehicleDifference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.quantities import (
     HALF_WIDTH_PER_SD,
-    PHASE_MARGIN,
     SHARE,
     motor_log_estimates,
     relative_to_median_motor,
 )
-from mavdem.fleet.random_effects import QuantityChange
-from mavdem.fleet.row import NOT_IDENTIFIABLE, UNKNOWN, value_at
-from mavdem.ingest.vocabulary import CONTROL_PARAMETERS
-from mavdem.report.blocks import Blocks, Sentence, Table, headline_sentence
+from mavdem.fleet.row import NOT_IDENTIFIABLE, value_at
+from mavdem.report.blocks import Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
 from mavdem.report.charts.comparison_charts import FlightSeries, flight_series_charts
 from mavdem.report.charts.flight_charts import MIN_DENSITY, STEP_RESPONSE
 from mavdem.report.difference import (
     Review,
-    change_text,
-    conclusion_without_change,
     difference_blocks,
     headline_blocks,
-    light_blocks,
+    headline_of_comparison,
     light_table,
     next_blocks,
-    surest_change,
 )
 from mavdem.report.loops import LOOP_FIGURES
 from mavdem.report.numbers import counted, rounded
@@ -52,13 +45,14 @@ ISO_DATE_LENGTH = len("2026-01-31")
 """Characters of the date in a date with a time, as documents have it."""
 
 CHANGES_CAPTION = """\
-Each change from A to B with its 90 % interval, relative to the largest one that is called the same (shaded). Squares \
-changed, rings are not known, dots stayed the same; an arrow points to what has no room. All are tested together."""
+Each change from A to B with its own 90 % interval, relative to the largest one that is called the same (shaded). \
+Squares changed, as all are tested together; rings are not known, dots stayed the same; an arrow points to what has no \
+room."""
 """What stands below the drawing of all changes."""
 
 TRIMS_CAPTION = """\
-Whiskers that do not overlap suggest a change of that motor; the verdict above also allows for how many are compared. \
-They hold by how much flights of one vehicle differ, too, half of the change's variance each."""
+Whiskers hold by how much flights of one vehicle differ, too, half of the change's variance each. What changed is said \
+above."""
 """What stands below the chart of trims."""
 
 MAX_MOTORS = 12
@@ -110,11 +104,6 @@ def comparison_page(
     change_header = f"{counted(len(changes), 'parameter')} changed"
     plan = change_plan(difference)
     changed_group = Group.side_by_side([plan], CHANGES_CAPTION)
-    # What is a headline of these sentences stands at the top of the page already.
-    sentences = []
-    for block in difference_blocks(difference, parameters, lacking):
-        if not (isinstance(block, Sentence) and not block.text):
-            sentences.append(block)
     table_of_lights = light_table(sides)
     chapters = [
         Chapter("What changed", (), [] if plan is None else [changed_group]),
@@ -133,15 +122,14 @@ def comparison_page(
         ),
         _table_chapter("Wind", "90 % interval", _wind_rows(sides)),
         _table_chapter("Parameters", change_header, changes),
-        Chapter("In words", sentences, folded=True),
+        Chapter("In words", difference_blocks(difference, parameters, lacking), folded=True),
     ]
     headlines = {side: value_at(review, "headline.sentence") for side, review in sides.items()}
-    lights = [] if difference.is_of_same_flight else light_blocks(sides)
+    headline = headline_of_comparison(sides, difference, parameters)
     summary = [
-        *[headline_sentence(f"{light.lead} {light.text}") for light in lights],
-        *_main_difference(names, sides, difference, parameters),
-        *headline_blocks(headlines),
-        *next_blocks(difference, parameters),
+        *[headline_sentence(f"{sentence.lead} {sentence.text}".strip()) for sentence in headline],
+        *([] if difference.is_of_same_flight else headline_blocks(headlines, headline)),
+        *next_blocks(difference, parameters, sides),
     ]
     subtitle = f"{legend['A']} and {legend['B']} over each other."
     return render_document(" and ".join(names), subtitle, summary, chapters, back)
@@ -184,88 +172,6 @@ def _with_single_side(chart: Chart) -> Chart:
     if len(chart.lines) != 1:
         return chart
     return chart._replace(title=f"{chart.title}, only {chart.lines[0].name}")
-
-
-class _MarginChange(NamedTuple):
-    """The phase margins of an axis in both flights, degrees."""
-
-    axis: str
-    """Name of the axis."""
-
-    before: float
-    """Of side A."""
-
-    after: float
-    """Of side B."""
-
-
-def _main_difference(
-    names: tuple[str, str],
-    sides: Reviews,
-    difference: VehicleDifference,
-    parameters: Sequence[ParameterChange],
-) -> Blocks:
-    """Returns the headlines of a page that compares two logs: what differs most between them.
-
-    If the logs are the same flight, or of two vehicles, only that is said. Otherwise three changes are named, as far as
-    there are any: that of the quantity with the lowest p-value, the largest relative change of a
-    controller gain, and the largest change of a phase margin. Without any it is what the comparison says of all.
-
-    Args:
-        names: names of the flights, A and B.
-        sides: review documents of both logs, by side.
-        difference: statistical comparison of the quantities of both.
-        parameters: autopilot parameters that differ between the two.
-
-    Returns:
-        The sentences, each as a headline.
-    """
-    if difference.is_of_same_flight:
-        return [
-            headline_sentence(sentence.text)
-            for sentence in render_section("difference_same_flight")
-        ]
-    vehicles = [value_at(review, "identity.name") or UNKNOWN for review in sides.values()]
-    # A gain that was 0 has no relative change.
-    gains = [
-        parameter
-        for parameter in parameters
-        if CONTROL_PARAMETERS.match(parameter.name) and parameter.before != 0
-    ]
-    surest = surest_change(difference)
-    margin_changes = [
-        change for change in difference.changes if change.quantity.kind == PHASE_MARGIN
-    ]
-    sentences = render_section(
-        "difference_first",
-        files=names,
-        are_two=vehicles[0] != vehicles[1] and UNKNOWN not in vehicles,
-        changed="" if surest is None else change_text(surest, difference),
-        gain=max(gains, key=lambda gain: abs(gain.after / gain.before - 1), default=None),
-        margin=None if surest in margin_changes else _largest_margin_change(margin_changes),
-        without_change=conclusion_without_change(difference),
-    )
-    return [headline_sentence(sentence.text) for sentence in sentences]
-
-
-def _largest_margin_change(changes: Sequence[QuantityChange]) -> _MarginChange | None:
-    """Returns the phase margin that differs most, of those whose difference is significant.
-
-    Args:
-        changes: differences of phase margins, rad.
-
-    Returns:
-        The phase margin; None without one.
-    """
-    significant_changes = []
-    for change in changes:
-        if change.before is None or change.after is None or not change.is_significant_alone:
-            continue
-        margin_before, margin_after = degrees(change.before), degrees(change.after)
-        significant_changes.append(_MarginChange(change.quantity.axis, margin_before, margin_after))
-    return max(
-        significant_changes, key=lambda change: abs(change.before - change.after), default=None
-    )
 
 
 def _rate_loops(sides: Reviews, axis: str) -> dict[str, Review]:
