@@ -104,11 +104,11 @@ def _setpoint_columns(setpoints: Sequence[Setpoint], boot: int, time: Array) -> 
 
 
 def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns the source of a flight, as the first part of its provenance, so that it can be made again.
+    """Returns the source of a flight, as the first part of its provenance: all that is needed to make it again.
 
     Args:
         signals: signals of the vehicle, for one axis.
-        segment: span of the log that the flight is.
+        segment: part of the log from which the flight is made.
 
     Returns:
         Values by name: ``source`` (name of the log), MAVLink ids and types of the vehicle, ``axis``, the ``segment``
@@ -129,11 +129,11 @@ def _source_provenance(signals: Signals, segment: Segment) -> JsonValues:
 
 
 def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
-    """Returns the name of what flew, as the second part of a flight's provenance.
+    """Describes the vehicle and the treatment of its data, as the second part of a flight's provenance.
 
     Args:
         signals: signals of the vehicle, for one axis.
-        segment: span of the log that the flight is.
+        segment: part of the log from which the flight is made.
 
     Returns:
         Values by name: ``motors`` (output channels, positions and spins, and which of these are assumed), ``scale`` of
@@ -148,7 +148,7 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
         if CONTROL_PARAMETERS.match(name):
             control_parameters[name] = value
     scale = asdict(motors.scale)
-    # The documents that hold a provenance have no such key, and the parameters say it.
+    # The schema of documents with a provenance has no such key, and the lower stop follows from the parameters.
     del scale["lower_stop"]
     return {
         "motors": {
@@ -171,10 +171,10 @@ def _vehicle_provenance(signals: Signals, segment: Segment) -> JsonValues:
 
 
 def _earlier_parameters(signals: Signals, segment: Segment) -> Parameters:
-    """Returns the controller's parameters whose values at the start of a segment are not their last ones.
+    """Returns the controller's parameters whose values at the start of a segment differ from those at the log's end.
 
-    If a log has no messages with parameters, their first values stand for those at the start of the segment. Parameters
-    that the autopilot sets itself do not count.
+    If a log has no messages with parameters, their first values are taken for those at the start of the segment.
+    Parameters that the autopilot itself changes in flight are left out.
 
     Args:
         signals: signals of the vehicle.
@@ -221,8 +221,8 @@ class ParameterMessages(NamedTuple):
 def _changed_parameters(signals: Signals) -> ParameterMessages:
     """Selects the PARAM_VALUE messages of parameters that did not always have their last value.
 
-    An autopilot may send all of its thousand parameters in every boot, but few ever change. The search for what was
-    valid at some time is then quick.
+    An autopilot may send all of its thousand parameters in every boot, but few ever change. With these alone, the
+    search for the values at some time is fast.
 
     Args:
         signals: signals of the vehicle, whose log has PARAM_VALUE.

@@ -76,9 +76,9 @@ class Attitude:
 def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     """Returns Euler angle and body rate of an axis from the fastest source that covers the flight.
 
-    Logs of ArduPilot can have the body rate of PID_TUNING far more often than the attitude. Then the samples are those
-    of PID_TUNING. Their angle is the integral of the rate, corrected by the attitudes that were sent in between. A
-    telemetry stream's PID_TUNING is not used: it has no stamp of its own.
+    Logs of ArduPilot can have the body rate in PID_TUNING far more often than the attitude. Then the samples are those
+    of PID_TUNING, and their angle is the integral of the rate, corrected by the attitudes that were sent in between.
+    PID_TUNING of a telemetry stream is not used, since the message has no time stamp there.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -88,7 +88,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
         The attitude; None if no attitude was recorded.
     """
     sent_attitude = attitude_from_messages(telemetry, axis)
-    # A DataFlash log calls the message RATE; under its MAVLink name it was sent over a telemetry link.
+    # In a DataFlash log the message has another name, RATE. So its MAVLink name means that it came over a link.
     is_from_link = telemetry.name_in_source(TUNING_MESSAGE) == TUNING_MESSAGE
     if sent_attitude is None or is_from_link:
         return sent_attitude
@@ -99,7 +99,7 @@ def attitude_of_axis(telemetry: Telemetry, axis: str) -> Attitude | None:
     if preferred_message(counts) == sent_attitude.message:
         return sent_attitude
     integrated_rates = _integrated_rates(sent_attitude, tuning)
-    # A flight of which these rates cover only a part must not be lost for the rest.
+    # If the fast rates cover only a part of the flight, the slower messages are used, so that the rest is not lost.
     if integrated_rates.covered_count < MIN_PREFERRED_SHARE * len(sent_attitude.time):
         return sent_attitude
     is_selected = np.isfinite(integrated_rates.angle)
@@ -121,8 +121,8 @@ def tuning_rates(
 ) -> TimeSeries | None:
     """Returns the body rate of an axis and its setpoint from PID_TUNING.
 
-    Some firmware sends them in deg/s, some in rad/s. Which it is shows in the spread of the rates in the attitude
-    message.
+    Some firmware sends them in degrees/s, some in rad/s. The unit is recognised by comparison with the standard
+    deviation of the body rate in the attitude message, which is always in rad/s.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -201,8 +201,8 @@ def attitude_from_messages(telemetry: Telemetry, axis: str) -> Attitude | None:
 def _euler_angles(columns: Columns, message: str, axis: str) -> tuple[Array, Array, Array]:
     """Returns the Euler angles of a message that has the attitude.
 
-    Rows with an impossible value are excluded later. So that a bad heading does not exclude rows for a model of roll or
-    pitch, the yaw of ATTITUDE is read only where it is needed. A quaternion cannot be separated like that.
+    Rows with an impossible value are excluded later. The yaw of ATTITUDE is read only for a model of yaw, so that a bad
+    heading does not exclude rows from a model of roll or pitch. A quaternion cannot be separated in this way.
 
     Args:
         columns: fields of the message, N rows.
@@ -258,16 +258,18 @@ class _IntegratedRates(NamedTuple):
 def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRates:
     """Integrates a fast body rate to an Euler angle, and corrects its drift by the slower attitude messages.
 
-    The difference between the angle of a message and the integral is taken at each attitude message, interpolated
-    between the messages, and added. The angle then has the detail of the fast rate, and agrees with the messages.
+    The drift is the difference between the sent angle and the integral at each attitude message. It is interpolated
+    linearly between the messages and added to the integral. So the angle has the bandwidth of the fast rate, and agrees
+    with the messages (a complementary filter).
 
     Args:
         attitude: Attitude of the axis, from the attitude messages.
         tuning: Body rate of the axis and its setpoint (N, 2), rad/s, from PID_TUNING.
 
     Returns:
-        Angle and its derivative at the N stamps of the body rate, each boot by itself; the angle is NaN where
-        it is not between two messages, or in an outage of the messages.
+        Angle, rad, and its derivative, rad/s, (N,) at the stamps of the body rate, for each boot separately; and the
+        number of attitude messages within them. The angle is NaN before the first attitude message, after the last one,
+        and in an outage of the messages.
     """
     rate = tuning.values[:, 0]
     angle = np.full_like(rate, np.nan)
@@ -284,7 +286,8 @@ def _integrated_rates(attitude: Attitude, tuning: TimeSeries) -> _IntegratedRate
         angle[is_covered] = integral + np.interp(time, sent_time, drift)
         is_in_span = (sent_time >= time[0]) & (sent_time <= time[-1])
         covered_count += int(np.count_nonzero(is_in_span))
-        # Only the body rate of this axis is fast; what the other rates add changes with the attitude.
+        # The Euler rate is the body rate of the axis plus a coupling by the other two rates, which are known only at
+        # the slower messages.
         coupling = attitude.euler_rate[rows] - attitude.rate[rows]
         euler_rate[is_covered] += np.interp(time, sent_time, coupling)
     return _IntegratedRates(angle, euler_rate, covered_count)

@@ -86,10 +86,15 @@ def battery_name(number: int) -> str:
 
 
 def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
-    """Returns the messages of each battery, with SYS_STATUS as those of the first.
+    """Collects the messages about each battery.
+
+    SYS_STATUS is taken for the first battery and BATTERY2 for the second; BATTERY_STATUS is split by its ``id``.
 
     Args:
         telemetry: Messages of the vehicle.
+
+    Returns:
+        Number of the battery, name of the message and its columns; several items for a battery with several messages.
     """
     batteries = []
     if "SYS_STATUS" in telemetry.messages:
@@ -114,9 +119,9 @@ def battery_columns(telemetry: Telemetry) -> list[BatteryColumns]:
 def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
     """Returns the batteries whose voltage was measured, by number.
 
-    If BATTERY_STATUS has one battery, or none, SYS_STATUS measures the same one; it is preferred, since it comes more
-    often. Of several batteries SYS_STATUS repeats one, and is used only for a first battery that BATTERY_STATUS lacks.
-    BATTERY2 is used for a second one that BATTERY_STATUS lacks.
+    If BATTERY_STATUS has at most one battery, SYS_STATUS measures the same one and is preferred, since it is sent more
+    often. With several batteries, SYS_STATUS repeats one of them, and is used only if BATTERY_STATUS lacks the first
+    one. BATTERY2 is used only if BATTERY_STATUS lacks the second one.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -147,15 +152,17 @@ def connected_batteries(telemetry: Telemetry) -> tuple[Battery, ...]:
 def _battery_of_sys_status(
     batteries: Mapping[int, Battery], sys_status: Battery, autopilot: str
 ) -> dict[int, Battery]:
-    """Finds out which battery that of SYS_STATUS is among those of BATTERY_STATUS.
+    """Decides under which number the battery of SYS_STATUS is listed, and whether it replaces one of BATTERY_STATUS.
+
+    Two medians of the voltage that agree within ``SAME_BATTERY_DIFFERENCE`` are of the same battery.
 
     Args:
-        batteries: Those of BATTERY_STATUS by number.
+        batteries: Batteries of BATTERY_STATUS by number.
         sys_status: Battery of SYS_STATUS.
         autopilot: MAV_AUTOPILOT without its prefix.
 
     Returns:
-        The battery by its number, which may be that of the only one of BATTERY_STATUS; empty if it is one of several.
+        The battery of SYS_STATUS by its number; empty if it only repeats a battery of BATTERY_STATUS.
     """
     if not batteries:
         return {FIRST_BATTERY: sys_status}
@@ -166,7 +173,7 @@ def _battery_of_sys_status(
         if difference <= SAME_BATTERY_DIFFERENCE * volts:
             number = only_battery.number
             return {number: replace(sys_status, number=number, cells=only_battery.cells)}
-    # PX4's SYS_STATUS changes from one battery to another.
+    # PX4's SYS_STATUS shows the battery with the least charge, which changes in flight.
     if autopilot == "PX4" or FIRST_BATTERY in batteries:
         return {}
     return {FIRST_BATTERY: sys_status}
@@ -175,8 +182,8 @@ def _battery_of_sys_status(
 def _battery(number: int, columns: Columns) -> Battery | None:
     """Makes a battery from its messages.
 
-    Impossible voltages are left out, and outliers from the median of their neighbours. If few values remain, no battery
-    is connected to the sensor.
+    Impossible voltages, and outliers from the running median, are left out. If too few values remain, no battery is
+    connected to the sensor.
 
     Args:
         number: Number of the battery.
@@ -194,7 +201,7 @@ def _battery(number: int, columns: Columns) -> Battery | None:
     candidates = volts[is_possible]
     is_outlier = deviates_from_median(candidates, VOLTAGE_MEDIAN_SAMPLES, candidates / 2)
     is_possible[is_possible] = ~is_outlier
-    # If no battery is measured, a few damaged messages still have a voltage.
+    # Without a connected battery, a few damaged messages may still have a possible voltage.
     min_samples = max(MIN_VOLTAGE_SAMPLES, np.count_nonzero(~np.isnan(volts)) / 2)
     if np.count_nonzero(is_possible) < min_samples:
         return None
@@ -246,7 +253,7 @@ def _volts(columns: Columns) -> Array | None:
 
 
 def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
-    """Returns the elements of BATTERY_STATUS with voltages.
+    """Returns the voltages of the cells in BATTERY_STATUS.
 
     Args:
         columns: Columns (N,) of BATTERY_STATUS.
@@ -258,7 +265,7 @@ def _cell_millivolts(columns: Mapping[str, Array]) -> Array:
     cells[cells == UINT16_UNKNOWN] = np.nan
     if "voltages_ext" not in columns:
         return cells
-    # Of the elements beyond the tenth, 0 is one that is not in use.
+    # In voltages_ext, cells 11 to 14, an element that is not in use is 0.
     further_cells = np.array(float_column(columns, "voltages_ext"), ndmin=2)
     further_cells[(further_cells == 0) | (further_cells == UINT16_UNKNOWN)] = np.nan
     return np.column_stack([cells, further_cells])
@@ -283,7 +290,7 @@ def _cells_in_message(columns: Columns, is_possible: Flags) -> int | None:
     counts = np.isfinite(volts).sum(axis=1)
     lowest, highest = POSSIBLE_CELL_VOLTAGE
     is_single_cell = (volts >= lowest) & (volts <= highest)
-    # One element alone may be the sum of a battery of one cell, or of an empty one of two.
+    # A single element is no count of cells: it may be the voltage of one cell, or the sum of two empty ones.
     if counts.min() < 2 or np.ptp(counts) > 0 or not is_single_cell[np.isfinite(volts)].all():
         return None
     return int(counts[0])

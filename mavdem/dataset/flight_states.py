@@ -68,8 +68,8 @@ def airborne_intervals(signals: Signals, boot: int) -> Intervals:
 def _operating_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which a vehicle other than a multirotor operates: armed and, if reported, in the air.
 
-    Its motor outputs do not show when it flies: a plane glides, and idles on the runway. So a surface vehicle operates
-    while it is armed, and so does a vehicle whose landed state is not reported.
+    Its motor outputs do not show when it flies, since a plane glides in the air and idles on the runway. So the reports
+    decide. A surface vehicle, or one whose landed state is not reported, operates while it is armed.
 
     Args:
         signals: Signals of the vehicle.
@@ -163,7 +163,7 @@ def landed_state_intervals(signals: Signals, boot: int, states: tuple[int, ...])
 
 
 def _with_samples_near(time: Array) -> Intervals:
-    """Finds the intervals in which the last or the next sample is no farther than ``MAX_REPORT_INTERVAL``.
+    """Finds the intervals in which some sample is at most ``MAX_REPORT_INTERVAL`` earlier or later.
 
     Args:
         time: Stamps (N,) of the samples, s, ascending.
@@ -202,9 +202,9 @@ def min_running_command(motors: MotorOutputs) -> float:
 
 
 def max_collective(signals: Signals) -> float:
-    """Returns the highest collective, the mean output of all motors, that a log shows for some time.
+    """Returns the highest sustained collective in a log; the collective is the mean output of all motors.
 
-    It is the highest moving average over ``AVERAGING_SECONDS``, since a short peak lifts no vehicle.
+    It is the maximum of the moving average over ``AVERAGING_SECONDS``, since a short peak lifts no vehicle.
 
     Args:
         signals: signals of the vehicle.

@@ -150,7 +150,7 @@ def usable_segments(
     Returns:
         The flights, and the learnability of the best segment.
     """
-    # The best comes first.
+    # The first one is that of the best segment.
     learnabilities = list(segment_learnabilities(signals, components, min_rate))
     best_learnability = learnabilities[0]
     usable = [learnability for learnability in learnabilities if learnability.learnable]
@@ -233,7 +233,7 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     if not vehicles:
         raise NotLearnable(NotLearnableReason.LOG_WITHOUT_VEHICLE)
     listed_vehicles = matching or vehicles
-    # Two logs can be joined in one file; then only the number of its board tells vehicles with the same ids apart.
+    # In a file of two logs, vehicles may have the same ids; then only the number of the board distinguishes them.
     has_same_ids = len({_mavlink_ids(vehicle) for vehicle in listed_vehicles}) < len(
         listed_vehicles
     )

@@ -151,7 +151,7 @@ def height_above_take_off(
 def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
     """Returns whether a vehicle was held: it never rose in a flight, and hardly tilted although setpoints asked it to.
 
-    That is a vehicle on a test stand, or in somebody's hand. If no height shows whether it rose, it counts as free.
+    Such a vehicle is on a test stand, or in somebody's hand. If the height was not recorded, it counts as free.
 
     Args:
         signals: signals of the vehicle.
@@ -167,7 +167,7 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeIn
         boot_angle = tilt.angle_series.of_boot(boot)
         angle = boot_angle.select(in_intervals(boot_angle.time, [flight_interval]))
         for setpoint in signals.for_axis(axis).setpoints:
-            # Setpoints of body rates, in rad/s, tell nothing about the tilt that was asked for.
+            # Setpoints of body rates, in rad/s, do not state a tilt.
             is_of_angle = setpoint.unit == "rad"
             if is_of_angle and _is_not_followed(setpoint, boot, angle.time, angle.values):
                 return True
@@ -175,7 +175,7 @@ def _ignored_tilt_setpoints(signals: Signals, boot: int, flight_interval: TimeIn
 
 
 def _is_not_followed(setpoint: Setpoint, boot: int, time: Array, angle: Array) -> bool:
-    """Returns whether a setpoint asks for a large tilt, and the vehicle makes hardly any of it.
+    """Returns whether the setpoint of a tilt angle is large, and the measured angle hardly follows it.
 
     Both are compared by their root mean squares (RMS), at the times when the setpoint is valid.
 
@@ -222,11 +222,11 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
     is_flown = in_intervals(collective.time, landed_state_intervals(signals, boot, OFF_GROUND))
     if not is_flown.any():
         return []
-    # Hover is the median collective in flight, without the times of less than half of the highest usual collective, in
-    # which the vehicle stands or falls.
+    # The hover collective is the median in flight. Times below half of a high quantile are left out, since the vehicle
+    # stands on the ground or falls then.
     is_carrying = mean > np.quantile(mean[is_flown], HIGH_QUANTILE) / 2
     hover_collective = float(np.median(mean[is_flown & is_carrying]))
-    # The rotation is compared with the vehicle's own fastest rotation in flight.
+    # The rotation is judged relative to the fastest rotation of this vehicle in flight, a high quantile.
     square_rates = _mean_square_tilt_rates(signals, boot, collective.time)
     flight_square_rate = np.quantile(square_rates[is_flown], HIGH_QUANTILE)
     is_rotating = is_flown & (square_rates >= MIN_ROTATING_SQUARE_RATIO * flight_square_rate)
@@ -241,9 +241,10 @@ def grounded_intervals(signals: Signals, boot: int) -> Intervals:
 def _motor_deviations(
     signals: Signals, boot: int, collective: TimeSeries, is_rotating: Flags
 ) -> Array:
-    """Returns how far the furthest motor deviates from its usual output while the vehicle rotates freely.
+    """Returns the largest deviation of any motor from its usual output, at each time.
 
-    The output of a motor is taken relative to the mean of all motors.
+    Outputs are taken relative to the mean of all motors. The usual output of a motor is its median while the vehicle
+    rotates freely.
 
     Args:
         signals: signals of the vehicle.
@@ -268,7 +269,7 @@ def _motor_deviations(
 
 
 def _mean_square_tilt_rates(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the speed at which roll and pitch change: the sum of the mean squares of their rates.
+    """Returns how fast roll and pitch change around each time: the sum of the mean squares of their rates.
 
     Args:
         signals: signals of the vehicle.

@@ -19,8 +19,8 @@ Intervals = list[TimeInterval]
 def true_intervals(time: Array, condition: Flags) -> Intervals:
     """Returns the intervals in which a sampled condition is true, from its first to its last true stamp.
 
-    A condition that is true at the first or the last stamp is taken to be true before or after it as well, so only
-    changes that were recorded bound an interval.
+    A condition that is true at the first or the last stamp is assumed to be true before or after it as well, so that
+    only recorded changes bound an interval.
 
     Args:
         time: (N,) stamps in seconds, rising.
@@ -78,10 +78,10 @@ def intersection(first: Intervals, second: Intervals) -> Intervals:
 
     Args:
         first: intervals (start, end) in s, ascending and without overlap.
-        second: the same of the other set.
+        second: intervals of the other set, likewise.
 
     Returns:
-        Ascending intervals of more than one point of time. The search goes through both sets once, side by side.
+        Ascending intervals, each longer than 0.
     """
     overlaps = []
     i = 0
@@ -91,7 +91,7 @@ def intersection(first: Intervals, second: Intervals) -> Intervals:
         end = min(first[i][1], second[j][1])
         if start < end:
             overlaps.append((start, end))
-        # The interval that ends earlier overlaps with no later one of the other set.
+        # The interval that ends earlier overlaps no further interval of the other set: the search goes on after it.
         if first[i][1] < second[j][1]:
             i += 1
         else:

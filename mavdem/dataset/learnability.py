@@ -40,7 +40,7 @@ def learnability_of(signals: Signals, components: Sequence[Component] = ()) -> L
 
     Args:
         signals: Signals of the vehicle for an axis.
-        components: All components in the log, for the advice on rates: one may ask the vehicle for other rates.
+        components: All components in the log, for the advice on rates: one of them may request other rates.
     """
     return next(segment_learnabilities(signals, components))
 
@@ -143,12 +143,17 @@ def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | N
 
 
 def _missing_part_of_attitude(telemetry: Telemetry) -> str:
-    """Returns the part of the attitude that a DataFlash log lacks: "angles", "rates", or "" where that is not clear.
+    """Finds out which part of the attitude a DataFlash log lacks.
 
-    Angles and body rates are in the same messages as their setpoints, so that the setpoints show which were logged.
+    DataFlash logs angles together with their setpoints (ATT or ANG), and body rates with theirs (RATE). Without both
+    there is no ATTITUDE, but ATTITUDE_TARGET is made of the setpoints that were logged, and its name in the log shows
+    which these are.
 
     Args:
         telemetry: Messages of a vehicle without ATTITUDE.
+
+    Returns:
+        The missing part, "angles" or "rates"; "" if it is not known.
     """
     if "ATTITUDE_TARGET" not in telemetry.messages:
         return ""
@@ -159,8 +164,7 @@ def _missing_part_of_attitude(telemetry: Telemetry) -> str:
 def _no_multirotor(signals: Signals, components: Sequence[Component]) -> Fact:
     """Returns the refusal of a vehicle that is no multirotor, since models are of multirotors only.
 
-    A log may have several vehicles, of which the wrong one was chosen. So the refusal names another one that is a
-    multirotor.
+    The user may have chosen the wrong vehicle of the log, so the refusal names another one that is a multirotor.
 
     Args:
         signals: signals of the chosen vehicle.
@@ -192,7 +196,7 @@ def _component_ids(component: Component) -> str:
 def _without_inputs(signals: Signals) -> Fact:
     """Returns the refusal of a log that lacks the inputs of the model.
 
-    They are the motor outputs or, where the caller chose it, the controller's demand for the axis. Without motor
+    The inputs are the motor outputs or, if the caller chose it, the controller's demand for the axis. Without motor
     outputs the refusal advises how to record them.
 
     Args:
@@ -217,8 +221,9 @@ def _without_inputs(signals: Signals) -> Fact:
 def _never_airborne(signals: Signals, figures: QualityFigures) -> Fact:
     """Returns the refusal of a vehicle that was armed and did not fly, with the evidence that it did not.
 
-    The evidence is a landed state in the air without any vertical speed, the landed state on the ground or, where none
-    is reported, the low collective (mean output of all motors).
+    The evidence is the first of these that applies: the autopilot reported that it was in the air, but without any
+    vertical speed; the autopilot reported it on the ground throughout; or, without such reports, the collective (mean
+    output of all motors) was low.
 
     Args:
         signals: signals of the vehicle.

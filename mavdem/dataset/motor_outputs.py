@@ -109,7 +109,7 @@ class MotorOutputs:
 def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
     """Returns the motor outputs of a vehicle, or why a log has none.
 
-    Several messages can hold them. The most preferred one that has the outputs of all motors is taken.
+    Several messages can have them. The most preferred one that has the outputs of all motors is used.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -136,8 +136,8 @@ def motor_outputs_or_obstacle(telemetry: Telemetry) -> MotorOutputs | Fact:
 def axis_demand(telemetry: Telemetry, axis: str) -> MotorOutputs | None:
     """Returns the controller's demand for one axis, -1 to 1, in the form of motor outputs with a single column.
 
-    Where motor outputs are logged too slowly, a model can take the demand, which the mixer turns into them, as its
-    input. The resolution is the smallest difference between two recorded values.
+    If motor outputs are logged too slowly, a model can use the demand instead, from which the mixer computes them. The
+    resolution is the smallest difference between two recorded values.
 
     Args:
         telemetry: messages of the vehicle.
@@ -192,7 +192,10 @@ class ChannelOutputs(NamedTuple):
 
 
 def channel_outputs(message: str, columns: Columns, autopilot: str) -> ChannelOutputs:
-    """Returns the outputs of all channels in a message, and how many of them belong to one port.
+    """Returns the outputs of all channels in a message, and the number of channels of one port.
+
+    SERVO_OUTPUT_RAW has fields for 16 channels. ArduPilot uses all of them for a port; other autopilots may use only
+    the first 8, so that the number of fields with outputs decides.
 
     Args:
         message: Name of a message in ``MOTOR_MESSAGES``.
@@ -236,16 +239,16 @@ class _OutputBank:
 def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fact:
     """Reads the outputs of all motors from one message.
 
-    A message has the outputs of all channels of an autopilot, of which some drive servos or nothing. The motors' own
-    follow from the parameters or, without these, from the channels that move.
+    A message has the outputs of all channels of an autopilot, of which some drive servos or nothing. The channels of
+    the motors follow from the parameters or, without these, from the channels whose outputs change.
 
     Args:
         telemetry: messages and parameters of the vehicle.
         message: name of a message with output channels that the log has.
 
     Returns:
-        The outputs; or a fact that says why the message does not have them: no motor moves, or channels of motors are
-        missing or constant.
+        The outputs; or a fact with the reason why the message does not have them: the outputs of all motors are
+        constant, or channels of motors are missing or constant.
     """
     name = telemetry.name_in_source(message)
     banks = _output_banks(message, telemetry.messages[message], telemetry.autopilot)
@@ -253,7 +256,7 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
     moving_channels = [
         channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
     ]
-    # Parameters of before a change count too, so a motor that is disabled in flight keeps its channel.
+    # Of a parameter that changed, the first value counts, so that a motor that is disabled in flight keeps its channel.
     parameters = {**telemetry.parameters, **telemetry.initial_parameters}
     geometry = motor_geometry(
         telemetry.vehicle, telemetry.autopilot, parameters, moving_channels, len(banks[0].channels)
@@ -279,7 +282,7 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
 def _combined_outputs(
     telemetry: Telemetry, message: str, geometry: MotorGeometry, banks: Sequence[_OutputBank]
 ) -> MotorOutputs | Fact:
-    """Combines the outputs of all motors to one table on the stamps of the bank that holds most motors.
+    """Combines the outputs of all motors to one table at the stamps of the bank with most motors.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -288,14 +291,14 @@ def _combined_outputs(
         banks: The bank of each motor's channel.
 
     Returns:
-        The outputs; an obstacle where no row has a finite output of every motor.
+        The outputs; or a fact, if no row has a finite output of every motor.
     """
     # The list has the bank of each motor, so the bank that occurs most often in it holds most motors.
     main_bank = max(banks, key=banks.count)
     sent_outputs = [
         bank.outputs(channel) for bank, channel in zip(banks, geometry.channels, strict=True)
     ]
-    # The rows of another bank come a moment before or after those of the main one.
+    # The messages of another bank are sent a moment before or after those of the main one.
     columns = []
     for bank, outputs in zip(banks, sent_outputs, strict=True):
         if bank is not main_bank:
@@ -305,10 +308,10 @@ def _combined_outputs(
     combined_series = clean_series(stamps, np.column_stack(columns))
     if not len(combined_series.time):
         return Fact(MotorObstacle.OUTPUTS_NOT_FINITE, name=telemetry.name_in_source(message))
-    # The resolution is that of the outputs as sent: interpolated ones fall between the steps of the stream.
+    # The resolution is found from the outputs as sent: interpolated ones lie between the steps of the stream.
     scale = output_scale(np.concatenate(sent_outputs), telemetry.parameters, geometry.drivers)
     if scale.stop == 1.0:
-        # No parameter says where the upper stop is. One that a parameter states is not guessed from a few samples.
+        # No parameter states an upper stop below full range, so it is inferred from the outputs.
         scale = replace(scale, stop=_observed_upper_stop(scale.fraction(combined_series.values)))
     return MotorOutputs(
         message=message,
@@ -342,7 +345,7 @@ def _output_banks(message: str, columns: Columns, autopilot: str) -> list[_Outpu
     for number in np.unique(port):
         is_of_port = port == number
         table = outputs[:, :channels_per_port]
-        # Channel by channel, in the table itself: of hours of flight each copy of it takes hundreds of megabytes.
+        # The table is changed in place, since a copy of hours of flight takes hundreds of megabytes.
         for column in table.T:
             if not np.isfinite(column[is_of_port]).any():
                 column[is_of_port] = 0.0
@@ -379,11 +382,11 @@ def _interpolated_outputs(main: TimeSeries, bank: TimeSeries, outputs: Array) ->
 
 
 def _observed_upper_stop(fractions: Array) -> float:
-    """Infers the upper stop of the outputs from how often their highest value comes.
+    """Infers the upper stop of the outputs from how often their highest value occurs.
 
-    An output that moves freely is seldom exactly at its maximum; one that is limited stays there. The histogram of some
-    motor must have far more samples in the bin of the highest value than in the bins just below it, and most samples
-    below those.
+    An output that moves freely is seldom exactly at its maximum, while a limited one stays there. So the histogram of
+    at least one motor must have far more samples in the bin of the highest value than in the bins just below it, and
+    most of its other samples still further below.
 
     Args:
         fractions: (N, k) outputs as fractions of the range.
@@ -394,7 +397,8 @@ def _observed_upper_stop(fractions: Array) -> float:
     highest = float(fractions.max())
     if highest < MIN_OBSERVED_STOP:
         return 1.0
-    # Bin 0 begins at the highest value and each further bin lies below the one before. Zeros are no outputs.
+    # Bin 0 begins at the highest value, and each further bin is below the one before. Outputs of 0 are motors that are
+    # off, and do not count.
     for column in fractions.T:
         running_fractions = column[column > 0]
         bins = np.floor((highest - running_fractions) / STOP_BIN_WIDTH)

@@ -48,8 +48,8 @@ There half the thrust no longer carries the vehicle, and derivatives of Euler an
 def settled_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals of settled flight in a boot.
 
-    They are armed, in the air and upright, without what the ground holds, without climb-out and landing, and without
-    long climbs and descents.
+    In settled flight the vehicle is armed, in the air, upright and not held by the ground. Climb-out, landing, and long
+    climbs and descents are left out.
 
     Args:
         signals: Signals of the vehicle.
@@ -83,7 +83,7 @@ def settled_intervals(signals: Signals, boot: int) -> Intervals:
 def _flights_in_air(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which a vehicle is armed and in the air, without reported take-offs and landings.
 
-    If neither the landed state nor the vertical speed is known, the flight modes that land say when it lands.
+    If neither the landed state nor the vertical speed was recorded, the times in a flight mode that lands are left out.
 
     Args:
         signals: signals of the vehicle.
@@ -108,8 +108,9 @@ def without_transients(
 ) -> TimeInterval | None:
     """Returns a flight without its climb-out and its landing.
 
-    Both last ``TRANSIENT_SECONDS`` at least, and as long as the vehicle still rises, or already sinks, faster than
-    ``MAX_LEVEL_FLIGHT_SPEED``. An infinite end of the flight was not recorded, and nothing is cut there.
+    The climb-out lasts ``TRANSIENT_SECONDS``, or longer while the vehicle still rises faster than
+    ``MAX_LEVEL_FLIGHT_SPEED``; the landing likewise, while it sinks. An infinite start or end of the flight was not
+    recorded, and nothing is cut there.
 
     Args:
         flight_interval: Start and end of the flight, s.
@@ -126,7 +127,7 @@ def without_transients(
         is_inside = (climb_rate.time >= level_start) & (climb_rate.time <= level_end)
         is_sinking = speed <= -MAX_LEVEL_FLIGHT_SPEED
         is_rising = speed >= MAX_LEVEL_FLIGHT_SPEED
-        # A whole flight cannot only sink: there the estimate of the height has diverged, and says nothing.
+        # A whole flight cannot only sink: the estimate of the height has diverged, and its rate is not used.
         is_whole_flight = not (isinf(start) or isinf(end))
         has_diverged = is_whole_flight and not np.any(is_inside & ~is_sinking)
         if is_inside.any() and not has_diverged:
@@ -150,7 +151,7 @@ def _without_long_climbs(level: Intervals, climb_rate: TimeSeries) -> Intervals:
         The remaining intervals, s.
     """
     speed = moving_average(climb_rate)
-    # If all level flight sinks, the estimate of the height has diverged.
+    # If the vehicle sinks in all level flight, the estimate of the height has diverged, and nothing is removed.
     if not np.any(speed[in_intervals(climb_rate.time, level)] > -MAX_LEVEL_FLIGHT_SPEED):
         return level
     is_climbing = abs(speed) > MIN_CLIMB_SPEED

@@ -38,7 +38,8 @@ class PilotInput(NamedTuple):
 def pilot_input(signals: Signals) -> PilotInput:
     """Returns the sticks and switches that were recorded.
 
-    PX4's manual control has the sticks without their channels; then the first four channels count as those.
+    The sticks of MANUAL_CONTROL, in %, are preferred. Without them, sticks are the radio channels that the autopilot's
+    parameters assign to them, in µs. All other channels count as switches.
 
     Args:
         signals: signals of the vehicle.

@@ -43,7 +43,7 @@ OTHER_SOURCE_PARAMETERS = ("FLOW_TYPE", "FLOW_ENABLE", "VISO_TYPE", "BCN_TYPE", 
 
 
 def has_fix_by_row(columns: Columns) -> Flags:
-    """Returns flags of a receiver's messages: whether each had a position in three dimensions.
+    """Flags the messages of a satellite receiver that have a three-dimensional position fix.
 
     Args:
         columns: Fields of GPS_RAW_INT or GPS2_RAW.
@@ -58,22 +58,25 @@ def has_fix_by_row(columns: Columns) -> Flags:
 
 
 def is_position_fix(fix_types: NDArray[Any], satellites: Array) -> Flags:
-    """Returns whether messages of a receiver (N,) are of a position in three dimensions.
+    """Flags messages of a satellite receiver that have a three-dimensional position fix, with enough satellites.
 
     Args:
-        fix_types: Types of the fix (N,).
-        satellites: Numbers of satellites (N,); a number that is not known, infinite or NaN, contradicts no fix.
+        fix_types: Types of the fix (N,), GPS_FIX_TYPE.
+        satellites: Numbers of satellites (N,). An unknown number, infinite or NaN, does not contradict a fix.
+
+    Returns:
+        Flags (N,).
     """
     has_enough = (satellites >= MIN_FIX_SATELLITES) | ~np.isfinite(satellites)
     return (fix_types >= FIX_3D) & has_enough
 
 
 def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns whether some satellite receiver had a three-dimensional fix, at times of a boot.
+    """Returns at which times of a boot some satellite receiver had a three-dimensional fix.
 
-    If receivers were not recorded, they count as having a fix, unless the parameters say that there is none. The last
-    message of a receiver holds until its next one; but a receiver that falls silent while another continues no longer
-    counts.
+    The last message of a receiver is valid until its next one. But a receiver that is silent for longer than its usual
+    gap does not count while another one continues. If no receiver was recorded, one with a fix is assumed, unless the
+    parameters show that the vehicle has none.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -96,7 +99,7 @@ def has_position_fix(telemetry: Telemetry, boot: int, time: Array) -> Flags:
             continue
         is_recorded = True
         rows = rows[np.argsort(columns["time"][rows], kind="stable")]
-        # The last message holds; before the first message, the first one does.
+        # The last message is valid; before the first message, the first one.
         message_time = columns["time"][rows]
         last_row = np.maximum(np.searchsorted(message_time, time, side="right") - 1, 0)
         has_receiver_fix = has_fix_by_row(columns)[rows][last_row]
@@ -117,14 +120,18 @@ def _longest_usual_gap(time: Array) -> float:
 
 
 def measures_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns whether a sensor measured velocity or position, as the estimator's velocity needs, at given times.
+    """Returns at which times the estimator's velocity is supported by a sensor of velocity or position.
 
-    PX4 says itself whether its velocity is valid. ArduPilot calls it valid without any sensor at times.
+    PX4 itself reports when its velocity is not valid, so that all of it counts. ArduPilot sometimes reports a velocity
+    as valid without any such sensor.
 
     Args:
         telemetry: Messages of the vehicle.
         boot: Number of the boot.
         time: Times (T,) in that boot, s.
+
+    Returns:
+        Flags (T,).
     """
     if telemetry.autopilot == "PX4" or has_other_position_source(telemetry):
         return np.ones(len(time), np.bool_)

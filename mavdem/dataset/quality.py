@@ -116,7 +116,8 @@ def log_quality(signals: Signals, segments: int) -> QualityFigures:
         armed_durations.append(total_duration(recorded_intervals))
     airborne = 0.0
     for boot in np.intersect1d(attitude.boot, inputs.boot):
-        # Inputs that end early are no landing.
+        # The time in the air counts up to the end of the longer of the two streams: if one ends early, that is no
+        # landing.
         attitude_time = attitude.time[rows_of_boot(attitude.boot, boot)]
         input_time = inputs.time[rows_of_boot(inputs.boot, boot)]
         recorded_start = min(attitude_time[0], input_time[0])
@@ -220,8 +221,8 @@ def samples_at_limits(fractions: Array, scale: OutputScale) -> LimitFlags:
         scale: Their scale, with both stops.
 
     Returns:
-        Flags with the shape of ``fractions``. No motor is known to reach either limit where nothing says the range of
-        the outputs.
+        Flags with the shape of ``fractions``, for the upper and for the lower limit. They are all false if the range of
+        the outputs is not known.
     """
     is_range_known = scale.name != UNKNOWN_SCALE
     is_at_upper = is_range_known & (fractions >= scale.stop - STOP_MARGIN)
@@ -244,15 +245,15 @@ class _TorqueCommand(NamedTuple):
 
 
 def _torque_command(signals: Signals, flight: Flight) -> _TorqueCommand:
-    """Combines the inputs of a flight to the torque command about its axis, and says how much rounding adds to it.
+    """Combines the inputs of a flight to the torque command about its axis, and computes the rounding error in it.
 
     Both are needed to judge whether the command is lost in the rounding of the recorded motor outputs.
 
-    The command is the combination of the motors by the mixer row of the axis. If the motors' positions are not known,
-    it is that motor's deviation from the mean of all motors which varies most.
+    The command is the combination of the motors by the mixer row of the axis. If the positions of the motors are not
+    known, the deviations of the motors from their mean are computed instead, and the one that varies most is used.
 
-    Rounding to a step q makes a uniform error of variance q²/12 in each input; errors of several motors add up by the
-    squares of their weights.
+    Rounding to a step q makes a uniform error of variance q²/12 in each input. The variances of several motors add up,
+    each multiplied by the square of its weight.
 
     Args:
         signals: signals of the vehicle, for one axis.
@@ -284,8 +285,8 @@ def _quantisation_step(values: Array) -> float:
 def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     """Estimates the signal-to-noise ratio of the changes of a rounded quantity over ``RATE_INTEGRATION_SPAN``.
 
-    The ratio is that of the changes and not of the values, since the dynamics show in the changes. Both ends of a
-    change are rounded, so the noise has twice the variance of rounding.
+    Changes and not values are compared, since the dynamics show in the changes. Both ends of a change are rounded, so
+    the noise has twice the variance q²/12 of rounding to a step q.
 
     Args:
         time: (N,) stamps, s.
@@ -295,7 +296,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     Returns:
         Ratio of variances; None for values that are not rounded or too short a record.
     """
-    # Each sample whose span ends before the record does is the start of one change.
+    # A change begins at each sample that is at least the span before the end of the record.
     is_start = time <= time[-1] - RATE_INTEGRATION_SPAN
     end_values = np.interp(time[is_start] + RATE_INTEGRATION_SPAN, time, values)
     changes = end_values - values[is_start]
@@ -308,8 +309,8 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
 def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
     """Estimates how many messages per second have new values, instead of repeating the values before them.
 
-    An unchanged value is either a repetition of the last measurement, or a new measurement rounded to the same step.
-    When the value moves again, a repeated one jumps by several steps, a rounded one by a single step.
+    An unchanged value is either a repetition of the last measurement, or a new measurement that was rounded to the same
+    value. At the next change, a repeated value jumps by several quantisation steps, a rounded one by a single step.
 
     Args:
         time: (N,) stamps, s.
@@ -325,7 +326,7 @@ def _fresh_rate(time: Array, rows: Array, steps: Array | float) -> float:
     changes_after_standstill = changes[1:][has_changed[1:] & ~has_changed[:-1]]
     if not len(changes_after_standstill):
         return rate
-    # A quantity that is not rounded has no steps to count in.
+    # A quantity that is not rounded has no quantisation step, and its jumps count as 0 steps.
     divisors = np.where(np.asarray(steps) > 0, steps, np.inf)
     largest_jumps = (changes_after_standstill / divisors).max(axis=1)
     if np.median(largest_jumps) > MIN_HELD_CHANGE_STEPS:
@@ -357,8 +358,8 @@ def _consistency(time: Array, angle: Array, euler_rate: Array) -> float | None:
     if not len(changes):
         return None
     errors = abs(unexplained_changes - np.median(unexplained_changes))
-    # A single wrong sample spoils every span that it lies in, about as many as begin within one span's time. So at
-    # least that many of the worst spans are left out.
+    # A single wrong sample spoils all spans that contain it; their number is that of the samples in one span. At least
+    # so many of the worst spans are left out.
     spans_of_a_sample = int(np.count_nonzero(time <= time[0] + RATE_INTEGRATION_SPAN))
     outlier_count = max(round(OUTLIER_SHARE * len(errors)), spans_of_a_sample)
     usual_spans = np.argsort(errors)[: max(len(errors) - outlier_count, 0)]

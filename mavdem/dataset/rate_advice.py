@@ -53,11 +53,12 @@ def rate_advice(
 ) -> Fact:
     """Advises how to get attitude and motor outputs at a higher rate.
 
-    A component that asks for rates by itself has to be stopped first, since its requests override all settings.
+    If another component, such as a ground station, requests rates, it has to be stopped first, since its requests
+    override all settings.
 
     Args:
         telemetry: Messages of the vehicle.
-        rate: Rate to ask for, Hz.
+        rate: Rate to advise, Hz.
         components: All components in the log.
 
     Returns:
@@ -113,6 +114,7 @@ def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fa
     Returns:
         The remedy for the autopilot, with the names of ArduPilot's ports that are fast enough already.
     """
+    # ArduPilot has parameters such as SR1_EXTRA1: the rate of a group of messages (EXTRA1) on a port (SR1).
     parameters = telemetry.parameters
     ports = set()
     prefixes = set()

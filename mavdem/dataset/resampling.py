@@ -58,7 +58,7 @@ It never matters: a flight on so coarse a grid is refused for its rate.
 
 
 def common_step(streams: Iterable[Array]) -> float:
-    """Returns the step of a uniform grid for several streams: the sampling interval of the slowest, to 0.1 ms.
+    """Returns the step of a uniform grid for several streams: the sampling interval of the slowest, rounded to 0.1 ms.
 
     Args:
         streams: Stamps (N,), s, of each stream, rising.
@@ -71,18 +71,18 @@ def common_step(streams: Iterable[Array]) -> float:
 
 
 def _sampling_interval(time: Array) -> float:
-    """Estimates the interval at which a stream was meant to be sampled.
+    """Estimates the nominal sampling interval of a stream.
 
-    Autopilots sample at whole cycles of their scheduler. Steps of 4, 8 and 12 ms are 8 ms with jitter by a cycle,
-    whatever the mean of a few seconds. Steps of 8 and 12 ms alone are an interval of 10 ms, rounded to cycles of 4 ms,
-    and their mean is the interval.
+    Autopilots sample at whole cycles of their scheduler. With a cycle of 4 ms, steps of 4, 8 and 12 ms are a nominal
+    interval of 8 ms with a jitter of one cycle, even if their mean over a few seconds is another. Steps of 8 and 12 ms
+    alone are an interval of 10 ms that was rounded to cycles; then the mean is the interval.
 
     Args:
         time: (N,) stamps, s, rising.
 
     Returns:
-        The nearest multiple of the cycle, up to ``MAX_CYCLES_PER_STEP`` of them, where jitter shows; otherwise the mean
-        interval, s.
+        The interval, s: where there is jitter by cycles, the multiple of the cycle nearest to the mean, up to
+        ``MAX_CYCLES_PER_STEP`` cycles; otherwise the mean.
     """
     mean = 1 / mean_rate(time)
     elapsed_time = time - time[0]
@@ -132,7 +132,7 @@ def common_grid(attitude_time: Array, motor_time: Array, dt: float) -> Array:
         motor_rows = nearest_rows(grid, motor_time)
         if attitude_rows is not None and motor_rows is not None:
             break
-    # A low-pass filter is wrong near the ends of its stream, so grid points there are left out.
+    # The output of a low-pass filter is wrong near the ends of its stream, so grid points there are left out.
     is_valid = _is_free_of_edges(grid, dt, attitude_time)
     is_valid &= _is_free_of_edges(grid, dt, motor_time)
     return grid[is_valid] if is_valid.any() else grid
@@ -162,7 +162,7 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStr
         values: (N, k) samples.
 
     Returns:
-        (T, k) values on the grid, and the fact (``Resampling``) that says how they were made.
+        (T, k) values on the grid, and a fact about the method (``Resampling``).
     """
     if needs_low_pass(time, dt):
         cutoff = CUTOFF_RATIO / dt
@@ -177,7 +177,7 @@ def resample(grid: Array, dt: float, time: Array, values: Array) -> ResampledStr
 
 
 def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
-    """Returns the row of a stream's sample at each grid point, if each grid point has its own.
+    """Returns the row of a stream's sample at each grid point, if every grid point has a sample of its own.
 
     Args:
         grid: (T,) times of the grid, s.
@@ -186,7 +186,7 @@ def nearest_rows(grid: Array, time: Array) -> NDArray[np.intp] | None:
     Returns:
         (T,) rows of the stream; None unless all differ and lie within ``STAMP_RESOLUTION`` of their grid points.
     """
-    # The nearest stamp of a grid point is the one between whose neighbouring midpoints the point lies.
+    # A stamp is nearest to the grid points between the midpoints to its two neighbours.
     midpoints = (time[1:] + time[:-1]) / 2
     rows = np.searchsorted(midpoints, grid, side="right")
     is_near = abs(time[rows] - grid) <= STAMP_RESOLUTION
@@ -211,8 +211,8 @@ def low_pass_impulse_response(rate: float, dt: float) -> Array:
         Weights (2 L + 1,), with L the samples in ``FILTER_EDGE_STEPS`` grid steps. Their sum is 1; less than a
         hundredth is cut off at the ends.
     """
-    # The filter runs over an impulse in the middle of a signal four times as long as the response that is kept, so that
-    # the ends of the signal do not matter.
+    # The response to an impulse in the middle of a signal that is four times as long as the part that is kept, so that
+    # the transients at the ends of the signal do not reach this part.
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     centre = 4 * reach
     impulse = np.zeros(2 * centre + 1)
@@ -223,7 +223,7 @@ def low_pass_impulse_response(rate: float, dt: float) -> Array:
 
 
 def _is_free_of_edges(grid: Array, dt: float, time: Array) -> Flags:
-    """Returns flags of the grid points so far from the ends of a stream that its filter does not spoil them.
+    """Flags the grid points that are so far from the ends of a stream that its low-pass filter is valid there.
 
     Args:
         grid: (T,) times of the grid, s.
@@ -240,10 +240,10 @@ def _is_free_of_edges(grid: Array, dt: float, time: Array) -> Flags:
 
 
 def _low_passed(time: Array, values: Array, cutoff: float) -> tuple[Array, Array]:
-    """Interpolates a stream to as many uniform stamps and low-passes it.
+    """Interpolates a stream to the same number of uniform stamps, and low-passes it.
 
-    The filter has no phase, since it runs forwards and then backwards. The band of the dynamics passes unchanged; at
-    the cut-off half the amplitude remains, at twice that 1/257.
+    The filter has zero phase, since it runs forwards and then backwards. Its gain is near 1 in the band of the
+    dynamics, 1/2 at the cut-off frequency, and 1/257 at twice that.
 
     Args:
         time: (N,) stamps, s.

@@ -270,8 +270,8 @@ class SegmentJudge:
         Returns:
             The refusal, with the figures that decided and a remedy where there is one.
         """
-        # The gaps of a slow stream cut a flight into short segments, in which the messages may well be fast. Its user
-        # should raise the rate, not fly longer. So the rates of the whole log are checked, not those of the segment.
+        # The gaps of a slow stream cut a flight into short segments, in which the messages may well be fast. Then the
+        # user should raise the rate, and not fly longer. So for a short segment the rates of the whole log are checked.
         if (figures.duration or 0.0) < MIN_SEGMENT_DURATION:
             return self.slow_or_short(self.log_figures, figures.duration)
         for check in (
@@ -287,7 +287,7 @@ class SegmentJudge:
         return None
 
     def slow_or_short(self, figures: QualityFigures, duration: float | None = None) -> Fact:
-        """Explains why a log has no segment that is long enough: slow streams or else a short flight.
+        """Returns the reason why a log has no segment that is long enough: slow streams or, otherwise, a short flight.
 
         Args:
             figures: Quality of the log.
@@ -309,7 +309,7 @@ class SegmentJudge:
         )
 
     def _too_slow(self, figures: QualityFigures) -> Fact | None:
-        """Returns the refusal of a segment whose attitude or inputs come too slowly, with what would make them faster.
+        """Returns the refusal of a segment whose attitude or inputs have too low a rate, with advice how to raise it.
 
         Args:
             figures: figures of the segment, with the rates of both streams, Hz; a missing rate counts as 0.
@@ -329,7 +329,10 @@ class SegmentJudge:
         return refusal.replace(remedy=self._remedy_for_slow_streams(attitude_rate))
 
     def _remedy_for_slow_streams(self, attitude_rate: float) -> Fact:
-        """Returns the remedy for slow streams: the demand in place of the motors, if that is fast, or faster streams.
+        """Returns the remedy for slow streams.
+
+        If only the motor outputs are slow and the controller's demand is fast, a model can use the demand as its input.
+        Otherwise the rates of the streams must be raised.
 
         Args:
             attitude_rate: Rate of the attitude, Hz.
@@ -345,8 +348,8 @@ class SegmentJudge:
     def _repeated_values(self, figures: QualityFigures) -> Fact | None:
         """Returns the refusal of a stream that repeats old values under new stamps.
 
-        Some autopilots and radios send the last value again, so that the rate of messages looks higher than it is. The
-        rate of values that are new decides.
+        Some autopilots and radios send the last value again, so that the rate of messages is higher than that of the
+        measurements. The rate of new values decides.
 
         Args:
             figures: figures of the segment: rates of messages and of new values (``_fresh``) of both streams, Hz.
@@ -472,8 +475,8 @@ def impossible_attitude(signals: Signals, code: NotLearnableReason | Caution) ->
         code: whether this is a reason against a model, because they are many, or only a caution.
 
     Returns:
-        A fact with the number of such messages (``count``), of all messages (``sent``), the ``name`` of the message,
-        and the largest possible ``body_rate``, rad/s.
+        A fact with the number of such messages (``count``), the number of all messages (``sent``), the ``name`` of the
+        message, and the largest possible ``body_rate``, rad/s.
     """
     attitude = signals.attitude
     assert attitude is not None

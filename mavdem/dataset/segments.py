@@ -94,9 +94,9 @@ def recorded_spans(signals: Signals) -> Segments:
 def settled_segments(signals: Signals) -> Segments:
     """Returns the segments of settled flight in which attitude and model inputs come fast and without gaps.
 
-    A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MIN_STREAM_RATE``, end a
-    segment, since ground stations change the rates in flight. Only where that leaves no segment at all, any rate is
-    allowed, and steps of three usual ones; learnability then decides.
+    A segment ends at a gap longer than ``MAX_GAP_SECONDS``, and where the usual rate falls below ``MIN_STREAM_RATE``,
+    since ground stations change rates in flight. Only if no segment at all remains, any rate is allowed, with gaps up
+    to three times the usual step; whether such a segment can be used is decided later (``learnability``).
 
     Args:
         signals: signals of the vehicle.
@@ -118,7 +118,7 @@ def settled_segments(signals: Signals) -> Segments:
 def longest_recorded_segment(signals: Signals) -> Segment | None:
     """Returns the longest segment that has both attitude and model inputs without gaps.
 
-    It is the best that a log has where no segment is good enough to learn from: rate and phase of flight do not count.
+    It is used where a log has no settled segment: neither the rates nor the phase of flight are considered.
 
     Args:
         signals: signals of the vehicle, for one axis.
@@ -137,7 +137,7 @@ def in_segments(
     *segments: Segment,
     slack: float = STAMP_RESOLUTION,
 ) -> Flags:
-    """Returns flags of the samples of a stream that belong to segments.
+    """Flags the samples of a stream that belong to any of several segments.
 
     Args:
         stream: N samples with their times and boots.
@@ -160,8 +160,8 @@ def rows_of_segment(
 ) -> slice:
     """Finds the rows of a stream that belong to a segment.
 
-    They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, and
-    to compare every sample with each of them takes longer than all else.
+    They are found by bisection, since streams are sorted by boot and time. A log of hours has hundreds of segments, for
+    which a comparison with every sample is slow.
 
     Args:
         stream: Samples with their times and boots.
@@ -240,7 +240,7 @@ def _fast_runs(time: Array) -> Intervals:
 
 
 def slow_steps(steps: Array) -> Flags:
-    """Returns whether a stream is slower than ``MIN_STREAM_RATE`` around each of its steps.
+    """Flags the steps of a stream around which it is slower than ``MIN_STREAM_RATE``.
 
     Args:
         steps: (N,) seconds between its stamps.

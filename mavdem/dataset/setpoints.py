@@ -78,7 +78,8 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
 
     Returns:
         The setpoint of the body rate, rad/s, and that of the Euler angle, rad; only those of which a value was
-        recorded. A yaw that never changes in the whole log is not returned: the autopilot steers by the rate alone.
+        recorded. A setpoint of yaw that is constant in the whole log is left out: it is not used, since the autopilot
+        controls the rate alone.
     """
     columns = telemetry.messages.get(SETPOINT_MESSAGE)
     if columns is None:
@@ -107,15 +108,15 @@ def recorded_setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
 def near_measured_yaw(setpoint: Setpoint, yaw: TimeSeries) -> Setpoint:
     """Returns a setpoint of yaw moved by whole turns to within half a turn of the measured yaw.
 
-    A heading has the same meaning after a whole turn. The measured yaw runs on without jumps, so that the difference of
-    the two is the error of the heading only if the setpoint runs on in the same way.
+    Headings that differ by a whole turn are the same. The measured yaw is unwrapped (it has no jumps by a turn), so the
+    difference of the two is the error of the heading only if the setpoint is unwrapped in the same way.
 
     Args:
-        setpoint: setpoint of yaw, rad, of any turn.
-        yaw: the measured yaw, rad, without jumps by a turn.
+        setpoint: setpoint of yaw, rad.
+        yaw: the measured yaw, rad, unwrapped.
 
     Returns:
-        The setpoint; in boots without a measured yaw as it was.
+        The setpoint, unchanged in boots without a measured yaw.
     """
     series = setpoint.signal
     values = series.values.copy()
@@ -141,7 +142,7 @@ def held_setpoint(setpoint: Setpoint, boot: int, time: Array) -> Array:
         (T,) values in the unit of the setpoint; NaN where none came within ``MAX_SETPOINT_AGE`` before.
     """
     signal = setpoint.signal.of_boot(boot)
-    # A setpoint of NaN at -inf stands before the first one.
+    # A setpoint of NaN at time −∞ is put before the first one, and is the last value of earlier times.
     stamps = np.append(-np.inf, signal.time)
     values = np.append(np.nan, signal.values)
     last_row = np.searchsorted(stamps, time + STAMP_ROUNDING, side="right") - 1

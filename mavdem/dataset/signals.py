@@ -188,6 +188,7 @@ class VehicleSignals:
         if columns is None:
             return None
         mode_bits = columns["base_mode"].astype(int)
+        # The meaning of custom_mode depends on the autopilot, which is the same in all rows.
         custom_modes = columns.get("custom_mode", np.zeros(len(columns["time"])))
         landing_modes = list(LANDING_MODES.get(int(columns["autopilot"][0]), ()))
         is_armed = mode_bits & ARMED > 0
@@ -201,9 +202,9 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def heartbeats(self) -> Columns | None:
-        """Columns of the vehicle's own HEARTBEAT messages, sorted by boot and time; None if there are none.
+        """Columns of the vehicle's HEARTBEAT messages, sorted by boot and time; None if there are none.
 
-        Those that name another type of vehicle or autopilot are of other components, or damaged, and are left out.
+        Messages with another type of vehicle or autopilot are from other components, or damaged, and are left out.
         """
         telemetry = self.telemetry
         columns = telemetry.messages.get("HEARTBEAT")
@@ -215,25 +216,29 @@ class VehicleSignals:
         autopilots = [
             enum_name("MAV_AUTOPILOT", number) for number in columns["autopilot"].tolist()
         ]
-        is_own_type = np.array(types) == vehicle_type
-        is_own_autopilot = np.array(autopilots) == telemetry.autopilot
-        rows = np.flatnonzero(is_own_type & is_own_autopilot)
+        is_same_type = np.array(types) == vehicle_type
+        is_same_autopilot = np.array(autopilots) == telemetry.autopilot
+        rows = np.flatnonzero(is_same_type & is_same_autopilot)
         if not len(rows):
             return None
         order = np.lexsort((columns["time"][rows], columns["boot"][rows]))
         return selected_rows(columns, rows[order])
 
     def mode_changes(self, boot: int) -> list[ModeChange]:
-        """Returns the flight modes that were entered, from CURRENT_MODE or else HEARTBEAT, the first mode included.
+        """Returns the changes of the flight mode, from CURRENT_MODE or otherwise from HEARTBEAT.
 
         Args:
             boot: Number of the boot.
+
+        Returns:
+            Time, s, and name of each mode that was entered, with the first mode of the boot.
         """
         columns = self.telemetry.messages.get("CURRENT_MODE") or self.heartbeats
         if columns is None or "custom_mode" not in columns:
             return []
         rows = np.flatnonzero((columns["boot"] == boot) & np.isfinite(columns["custom_mode"]))
         numbers = columns["custom_mode"][rows].astype(int)
+        # No mode has the number −1, so that the first row counts as a change.
         changes = np.flatnonzero(np.diff(numbers, prepend=-1))
         times = columns["time"][rows[changes]].tolist()
         names_by_mode = announced_names(self.telemetry.messages.get("AVAILABLE_MODES", {}))
@@ -282,7 +287,7 @@ class VehicleSignals:
         if not places.is_fix.any():
             return None
         radians = np.radians(places.degrees)
-        # The first fix is the first true flag.
+        # ``argmax`` returns the row of the first true flag, the first fix.
         origin = radians[np.argmax(places.is_fix)]
         # Wrapping keeps the distance small across the date line too.
         angles = wrapped_angle(radians - origin)
@@ -314,7 +319,7 @@ class VehicleSignals:
     @property
     @cached_per_vehicle()
     def autopilot_wind(self) -> TimeSeries | None:
-        """The autopilot's own estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east.
+        """The autopilot's estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east.
 
         It comes from WIND_COV (PX4) or WIND (ArduPilot). None if it was not recorded, or is always 0.
         """
@@ -332,7 +337,7 @@ class VehicleSignals:
         else:
             return None
         wind = clean_series(columns, np.column_stack([north, east]))
-        # ArduCopter sends zeros unless it fuses drag, and then it has no estimate.
+        # ArduCopter sends zeros unless its filter fuses drag: zeros are no estimate.
         return wind if wind.values.any() else None
 
     @property
@@ -396,8 +401,9 @@ class Signals(VehicleSignals):
     def model_inputs(self) -> MotorOutputs | None:
         """The inputs of the model: the motor outputs, or the controller's demand for the axis.
 
-        Motors are preferred, because they include what the mixer and its limits do. The demand is taken where the
-        caller chose it, motors were not recorded, or only the demand comes at ``MIN_STREAM_RATE``. None without inputs.
+        Motor outputs are preferred, because they contain the effects of the mixer and its limits. The demand is used if
+        the caller chose it, if motor outputs were not recorded, or if only the demand has a rate of at least
+        ``MIN_STREAM_RATE``. None without inputs.
         """
         if self.inputs == "demand":
             return self.demand
@@ -421,7 +427,7 @@ class Signals(VehicleSignals):
     def setpoints(self) -> tuple[Setpoint, ...]:
         """Setpoints of the axis; empty if none were recorded.
 
-        That of yaw is within half a turn of the measured yaw, which has no jumps by a turn.
+        The setpoint of yaw is unwrapped to within half a turn of the measured yaw.
         """
         setpoints = recorded_setpoints(self.telemetry, self.axis)
         if self.axis in TILT_AXES or self.attitude is None:
@@ -436,7 +442,7 @@ class Signals(VehicleSignals):
     def angle_setpoint(self) -> TimeSeries | None:
         """Setpoint of the Euler angle of the axis, rad; None if it was not recorded.
 
-        It comes from ATTITUDE_TARGET or, of ArduPilot, from NAV_CONTROLLER_OUTPUT, which has roll and pitch in degrees.
+        It is that of ATTITUDE_TARGET or, for ArduPilot, of NAV_CONTROLLER_OUTPUT, which has roll and pitch in degrees.
         """
         for setpoint in self.setpoints:
             if setpoint.unit == "rad":
@@ -454,8 +460,8 @@ class Signals(VehicleSignals):
     def injected_signals(self) -> tuple[InjectedSignal, ...]:
         """Test signals that system identification, or PX4's autotune, added to the commands of the axis.
 
-        The column ``axis`` of the message SIDD says in which axis and at which point of the controller a signal was
-        added. Each point with a signal that is not 0 throughout has an entry: rad or rad/s, or the unit of the demand.
+        The column ``axis`` of the message SIDD states the axis and the point of the controller at which a signal was
+        added. Each point with a signal that is not 0 throughout has an entry, in rad, rad/s or the unit of the demand.
         """
         columns = self.telemetry.messages.get("SIDD")
         if columns is None:
@@ -475,8 +481,8 @@ class Signals(VehicleSignals):
     def rate_and_setpoint(self) -> RateWithSetpoint | None:
         """Body rate and its setpoint, rad/s, from the faster of two sources; None if no setpoint was recorded.
 
-        One source is PID_TUNING, which has both at the same stamps. The other is the attitude for the rate, and
-        ATTITUDE_TARGET for the setpoint, each with stamps of its own. The one with more samples of the rate is taken.
+        One source is PID_TUNING, which has both at the same stamps. The other is the attitude for the rate and
+        ATTITUDE_TARGET for the setpoint, at different stamps. The source with more samples of the rate is used.
         """
         attitude = self.attitude
         tuning = tuning_rates(self.telemetry, self.axis, attitude)

@@ -64,8 +64,8 @@ class SpeedController:
     def motor_index(self, geometry: MotorGeometry) -> int | None:
         """Returns the index of its motor among those of a vehicle.
 
-        If the log does not name the motor, the controller has the number of its output channel, as in ArduPilot, and in
-        PX4 where channels count the motors.
+        If the log does not name the motor, the number of the controller is that of its output channel, as in ArduPilot,
+        and in PX4 if channels are numbered like the motors.
 
         Args:
             geometry: number and channel of each motor.
@@ -163,8 +163,8 @@ def _controllers_of_esc(telemetry: Telemetry) -> Iterator[SpeedController]:
 def _controllers_of_esc_status(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the controllers of ESC_STATUS, with the errors of ESC_INFO.
 
-    Both have four controllers from ``index`` on. Controllers beyond the ``count`` of ESC_INFO do not exist; where that
-    is not known, those that never turn are left out.
+    A message of either kind has the values of four controllers, from number ``index`` on. Controllers beyond the
+    ``count`` of ESC_INFO do not exist; if that is not known, those whose motor never turns are left out.
 
     Args:
         telemetry: messages of the vehicle.
@@ -243,8 +243,8 @@ def _values_by_controller(columns: Columns, field: str) -> Array:
 def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedController]:
     """Yields the controllers of ESC_TELEMETRY_1_TO_4 and so on.
 
-    ArduPilot sends a speed of 0 of a controller that is silent. Its counter of messages stands still then, so that such
-    samples are left out.
+    For a silent controller ArduPilot sends a speed of 0. Its counter of messages does not change then, by which such
+    samples are recognised and left out.
 
     Args:
         telemetry: messages of the vehicle.
@@ -275,14 +275,14 @@ def _controllers_of_esc_telemetry(telemetry: Telemetry) -> Iterator[SpeedControl
 
 
 def _is_heard(columns: Columns, counts: NDArray[Any]) -> Flags:
-    """Determines by a counter whether a speed controller was heard since the message before.
+    """Flags the messages before which the autopilot received new telemetry from a speed controller.
 
     Args:
         columns: fields of the message, N rows.
-        counts: messages of the controller so far (N,); they begin again at 0 after 65535.
+        counts: counter (N,) of the telemetry packets of the controller, which wraps after 65535.
 
     Returns:
-        (N,) whether it was.
+        Flags (N,): whether the counter differs from that of the message before.
     """
     order = np.lexsort((columns["time"], columns["boot"]))
     is_heard = np.zeros(len(counts), dtype=bool)

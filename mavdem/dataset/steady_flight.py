@@ -61,7 +61,7 @@ class AttitudeTracking(NamedTuple):
 
 
 def strays_from_setpoint(angles: Array, setpoints: Array) -> Flags:
-    """Returns whether roll or pitch is known to be far from its setpoint, at each sample.
+    """Flags the samples in which roll or pitch is far from its setpoint.
 
     Args:
         angles: (..., 2) angles of roll and pitch, rad; the leading dimensions are free.
@@ -110,8 +110,8 @@ def attitude_tracking(signals: Signals, boot: int) -> AttitudeTracking | None:
 def steady_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which motors may be compared with each other: settled flight that is steady too.
 
-    In a manoeuvre motors differ on purpose. Steady flight follows its attitude setpoint and keeps its heading. Without
-    a recorded attitude all settled flight counts as steady.
+    In a manoeuvre motors differ on purpose. In steady flight the vehicle follows its attitude setpoint and keeps its
+    heading. Without a recorded attitude all settled flight counts as steady.
 
     Args:
         signals: signals of the vehicle.

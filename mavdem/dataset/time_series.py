@@ -53,7 +53,7 @@ def rows_of_boot(boots: Integers, boot: int) -> slice:
     Returns:
         The slice of its rows; an empty one if there are none.
     """
-    # By bisection a log of hundreds of boots does not look at every sample for each of them.
+    # Bisection, since a log may have hundreds of boots, and a comparison with every sample for each would be slow.
     return slice(bisect_left(boots, boot), bisect_right(boots, boot))
 
 
@@ -75,10 +75,21 @@ def float_column(columns: Columns, field: str) -> Array:
 
 
 def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
-    """Returns several scalar fields of a message as the columns (N, k) of one array, like :func:`float_column`."""
+    """Converts several scalar fields of a message to one array of floating-point numbers.
+
+    Args:
+        columns: Fields of one kind of message, N rows each.
+        fields: Names of k fields, at least one.
+
+    Returns:
+        (N, k) numbers, a column for each field, as by :func:`float_column`.
+
+    Raises:
+        KeyError: The message lacks one of the fields.
+    """
     names = tuple(fields)
     table = np.empty((len(columns[names[0]]), len(names)))
-    # One field at a time: of hours of flight the columns beside the array would take as much as it.
+    # Filled field by field, which needs only half the memory of ``column_stack`` for hours of flight.
     for number, name in enumerate(names):
         table[:, number] = float_column(columns, name)
     return table
@@ -87,8 +98,8 @@ def float_columns(columns: Columns, fields: Iterable[str]) -> Array:
 def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> TimeSeries:
     """Makes a time series of values that were computed from a message: sorted, finite, each stamp once.
 
-    Links repeat and reorder messages. Of several rows with one stamp the first is kept. If all rows are used, in their
-    order, the series has the very arrays that were given: of hours of flight a copy takes much memory.
+    Links repeat and reorder messages. Of several rows with the same stamp the first is kept. If all rows are used, in
+    their order, the series shares the arrays that were given, since a copy of hours of flight takes much memory.
 
     Args:
         columns: Fields of the message, of which ``time`` and ``boot`` (N,) are used.
@@ -96,7 +107,8 @@ def clean_series(columns: Columns, values: Array, rows: Flags | None = None) -> 
         rows: (N,) which rows belong to the series; all by default.
 
     Returns:
-        The series, with the number of rows that belong to it and of those that could not be used.
+        The series, with the number of selected rows (``sent_count``), and of those that could not be used
+        (``unused_count``): not finite, or with another value than an earlier row of the same stamp.
     """
     time = columns["time"]
     boot = columns["boot"]
@@ -164,7 +176,7 @@ def message_counts(telemetry: Telemetry, names: Names) -> dict[str, int]:
 
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
-    """Returns the most preferred message among those that came about as often as the most frequent one.
+    """Returns the most preferred message among those that are about as frequent as the most frequent one.
 
     Args:
         counts: Number of messages by name, the preferred name first.
@@ -177,14 +189,14 @@ def preferred_message(counts: Mapping[str, int]) -> str | None:
 
 
 def names_by_preference(counts: Mapping[str, int]) -> list[str]:
-    """Sorts messages by preference, those that came clearly less often than the most frequent one at the end.
+    """Sorts messages by preference, but puts those that are clearly less frequent than the most frequent one last.
 
     Args:
         counts: Number of messages by name, the preferred name first.
 
     Returns:
-        The names of messages that came at all. "Clearly less often" is below ``MIN_PREFERRED_SHARE`` of the largest
-        count.
+        The names of messages with a count above 0. "Clearly less frequent" is below ``MIN_PREFERRED_SHARE`` of the
+        largest count.
     """
     min_count = MIN_PREFERRED_SHARE * max(counts.values(), default=0)
     recorded_names = [name for name, count in counts.items() if count]

@@ -47,9 +47,9 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:
             """Returns the cached result, or computes and caches it.
 
-            The key has the function, the vehicle's telemetry, those attributes of the signals that the result depends
-            on, and the arguments. Results are frozen, since all callers share them. A refusal (``NotLearnable``) is
-            cached like a result, and raised at each call.
+            The key consists of the function, the vehicle's telemetry, those attributes of the signals on which the
+            result depends, and the arguments. Results are made immutable, since all callers share them. A refusal
+            (``NotLearnable``) is cached like a result, and raised at each call.
             """
             key = (
                 function.__module__,
@@ -66,7 +66,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
                     signals.cache[key] = NotLearnable(error.fact)
             result = signals.cache[key]
             if isinstance(result, NotLearnable):
-                # A new exception each time: one that is raised twice would collect the tracebacks of both.
+                # A new exception each time, since one that is raised again accumulates tracebacks.
                 raise NotLearnable(result.fact)
             return result
 

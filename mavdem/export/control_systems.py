@@ -105,7 +105,7 @@ def identified_parameters(learned: Learned) -> Physical:
         if status is not Status.REPORTED:
             doubtful.append(f"{name} {status}")
     if doubtful:
-        # Several parameters may have the same reason, which is said once.
+        # Several parameters may have the same reason, which is stated once.
         unique_reasons = dict.fromkeys(fact.advised for fact in physical.reasons.values() if fact)
         reasons = " ".join(unique_reasons)
         warn(f"Poorly known of this plant: {', '.join(doubtful)}. {reasons}", stacklevel=4)
@@ -115,9 +115,9 @@ def identified_parameters(learned: Learned) -> Physical:
 def plant_system(parameters: Sequence[float], names: SignalNames) -> control.StateSpace:
     """Returns the plant of one set of physical parameters in continuous time.
 
-    With the motors' torque τ, the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω, φ̇ = ω,
-    where u is the sum of the inputs by their effects. A delay has no finite state-space model, so it is replaced by its
-    Padé approximation, a rational all-pass filter of ``PADE_ORDER``.
+    With the motors' torque τ, rad/s², the rate ω and the angle φ: τ̇ = (u(t − delay) − τ)/lag, ω̇ = τ − damping ω,
+    φ̇ = ω, where u is the sum of the inputs, each times its effect. A delay has no finite state-space model, so it is
+    replaced by its Padé approximation, a rational all-pass filter of ``PADE_ORDER``.
 
     Args:
         parameters: effect of each input, rad/s² per unit, then the damping, 1/s, the motor time constant, s, and the

@@ -119,7 +119,7 @@ def convert_stream(source: Path, out: Path) -> JsonValues:
         raise ValueError(f"{source} is a {ending} already: choose another format")
     with atomic_write(out) as file:
         frames_written = STREAM_WRITERS[ending](file, stream)
-    # MCAP counts nanoseconds in 64 bits. The writer fills stamps that do not fit, like those that are missing.
+    # MCAP has nanoseconds in 64 bits. The writer fills stamps that are too large, as it fills missing ones.
     is_missing = stream.stamps == 0
     is_too_large = stream.stamps > MAX_NANOSECOND_STAMP if ending == ".mcap" else np.False_
     return {

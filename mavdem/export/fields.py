@@ -63,8 +63,8 @@ def messages_of(telemetry: Telemetry, text: str = "") -> Iterator[MessageFields]
         text: Only messages are described whose name contains this text, in upper or lower case.
 
     Yields:
-        For each message its fields and instances, its count, and its rate, Hz: where several instances, such as
-        batteries, send it, the rate of the first one.
+        For each message its fields and instances, its count, and its rate, Hz. If it has several instances, such as
+        batteries, the rate is that of the first one.
     """
     for message in message_names(telemetry, text):
         columns = telemetry.messages[message]
@@ -93,18 +93,21 @@ def samples_of(
 ) -> FieldSamples:
     """Returns all samples of one field in the order of time.
 
-    Messages may come late, and streams of several sensors may be joined one after another: a plot needs ascending
-    times. Only the columns of time, boot, instance and the field itself are read.
+    Samples are sorted by time, since messages may be late, and streams of several sensors may be concatenated. Only the
+    columns of time, boot, instance and the field itself are read.
 
     Args:
         telemetry: Messages of the vehicle.
         message: Name of the message, as MAVLink or as the log calls it.
         field: One of the message's numeric fields, as ``messages_of`` lists them.
         instance: Number of one of several equal sensors or outputs; None for all of them.
-        boot: After which boot of the autopilot, from 0.
+        boot: Number of the boot of the autopilot, from 0.
+
+    Returns:
+        Times, s since boot, and values.
 
     Raises:
-        ValueError: The log has no such message, field or instance; it says which there are.
+        ValueError: The log has no such message, field or instance; the error lists those that it has.
     """
     columns = _columns_of(telemetry, message)
     fields = _numeric_fields(columns)
@@ -132,10 +135,10 @@ def samples_between(samples: FieldSamples, start: float, end: float) -> FieldSam
 
 
 def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples:
-    """Thins samples for a plot without losing a peak.
+    """Reduces the number of samples for a plot without losing a peak.
 
-    The time is divided into equal intervals. Of each, the sample with the least and that with the largest value are
-    kept, in the order in which they came.
+    The time is divided into equal intervals. In each of them the samples with the smallest and with the largest value
+    are kept, in the order of time.
 
     Args:
         samples: N samples, ascending in time.
@@ -163,7 +166,7 @@ def extremes_of_intervals(samples: FieldSamples, intervals: int) -> FieldSamples
 
 
 def _columns_of(telemetry: Telemetry, message: str) -> Columns:
-    """Returns the columns of a message by its name in MAVLink, or else by its name in the log.
+    """Returns the columns of a message by its name in MAVLink or, without one of that name, by its name in the log.
 
     Args:
         telemetry: Messages of the vehicle.
@@ -184,7 +187,7 @@ def _columns_of(telemetry: Telemetry, message: str) -> Columns:
 def _numeric_fields(columns: Columns) -> dict[str, Array]:
     """Returns the numeric fields of a message, as views of its columns.
 
-    The elements of an array field are fields of their own, such as "controls[0]". Time and boot are left out.
+    Each element of an array field is a separate field, such as "controls[0]". Time and boot are left out.
 
     Args:
         columns: Fields of N messages, (N,) or, of an array field, (N, k).
@@ -194,7 +197,7 @@ def _numeric_fields(columns: Columns) -> dict[str, Array]:
     """
     fields: dict[str, Array] = {}
     for key, values in columns.items():
-        # Some keys are members of an enumeration of strings; their own text is the field's name.
+        # Some keys are members of a StrEnum, whose value is the name of the field.
         name = str(key)
         if name in CLOCK_COLUMNS or values.dtype.kind not in "biuf":
             continue

@@ -73,9 +73,9 @@ def geographic_paths(vehicle: Telemetry) -> list[GeographicPath]:
 
 
 def valid_name(name: str) -> str:
-    r"""Returns the name of a file with escapes, such as ``\x01``, for what no map may contain.
+    r"""Returns the name of a file with escapes, such as ``\x01``, for characters that a map file cannot contain.
 
-    XML has no control characters, and UTF-8 has no characters for the bytes of a name that is not valid Unicode.
+    XML does not allow control characters, and UTF-8 cannot encode the bytes of a name that is not valid Unicode.
 
     Args:
         name: name of the file.

@@ -50,7 +50,7 @@ class Channels(NamedTuple):
 
 
 def column_name(name: str, unit: str) -> str:
-    """Returns the name of a column, which needs no quotes in any language.
+    """Makes the name of a column of letters, digits and underscores, which needs no quotes in any language.
 
     >>> column_name("motor 1 (front left)", "µs")
     'motor_1_us'
@@ -137,7 +137,7 @@ def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> No
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(list(table))
     writer.writerows(zip(*formatted_columns, strict=True))
-    # Without this the wrapper would close the file, which belongs to the caller.
+    # Otherwise the wrapper would close the file, which belongs to the caller, when it is garbage-collected.
     text.detach()
 
 

@@ -112,7 +112,7 @@ class Fact:
         """Returns a copy of the fact in which some values are replaced, as :func:`dataclasses.replace` does.
 
         Args:
-            level: the new level; None for that of this fact.
+            level: the new level; None to keep the level.
             changes: new values of figures, or of ``time``, ``until`` and ``subject``, by name. New names are added.
         """
         values = {"time": self.time, "until": self.until, "subject": self.subject, **self.figures}

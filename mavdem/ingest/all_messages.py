@@ -18,8 +18,8 @@ INSTANCE = "instance"
 def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
     """Returns a vehicle with all messages of its log, and all their fields.
 
-    DataFlash and ULog, of which only what mavdem uses is translated to MAVLink, are read again, under their own names
-    and in their own units. Other formats are read as a whole at once.
+    Of DataFlash and ULog, ``read_log`` translates to MAVLink only what mavdem uses. These logs are read again here, and
+    keep the names and units of the log. Other formats were read completely before.
 
     Args:
         telemetry: the vehicle, as ``read_log`` returns it.
@@ -41,13 +41,13 @@ def with_all_messages(telemetry: Telemetry, path: PathName) -> Telemetry:
 
 
 def _joined_instances(topics: dict[str, dict[int, Fields]]) -> Tables:
-    """Returns the columns of each topic, those of several instances as one table in the order of time.
+    """Makes one table of each topic, with the rows of all its instances in the order of time.
 
     Args:
         topics: Columns with ``time`` by topic and by number of the instance.
 
     Returns:
-        Columns by topic, with ``boot``, and with the number of the instance where there are several.
+        Columns by topic, with ``boot``, which is 0, and with the number of the instance if a topic has several.
     """
     tables = {}
     for name, columns_by_instance in topics.items():

@@ -25,8 +25,8 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     """Cuts pieces of equal length out of a stream, such as the headers that begin at each marker.
 
     The pieces may overlap. The stream is viewed as a sequence of items of ``width`` bytes, one of which begins at each
-    byte (a stride of 1), so that the pieces are just the items with the numbers ``start``. Of a mapped file only some
-    pages are resident at a time.
+    byte (a stride of 1), so that the piece at an offset is the item of that number. A mapped file is read in parts, and
+    the pages of each part are released, to bound the resident memory.
 
     Args:
         data: Bytes (B,) of the stream.
@@ -36,7 +36,7 @@ def rows_of(data: Bytes, start: Offsets, width: int) -> Bytes:
     Returns:
         The pieces as a table (N, width).
     """
-    # The type "V8" is an item of 8 bytes without meaning; NumPy copies such items faster than single bytes by index.
+    # NumPy's type "V8" is an opaque item of 8 bytes. Such items are copied faster by index than single bytes.
     windows = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
     if mapping_of(data) is None:
         return windows[start].view(np.uint8).reshape(len(start), width)

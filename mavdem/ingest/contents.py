@@ -102,7 +102,7 @@ def file_content(path: PathName) -> FileContent:
     """
     path = Path(path)
     size = path.stat().st_size if path.is_file() else 0
-    # A folder or a device counts as size 0. ``file_bytes`` refuses it, and a file that is too large.
+    # A folder or a device counts as size 0; ``file_bytes`` raises the error for it, and for a file that is too large.
     is_mappable = MIN_MAPPED_BYTES <= size <= MAX_LOG_BYTES
     if not is_mappable:
         return file_bytes(path)
@@ -275,7 +275,7 @@ def _content_of_xz(content: bytes, path: Path, limit: int | None) -> bytes:
     except lzma.LZMAError as error:
         raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=error, kind="xz") from None
     if limit is None and not decompressor.eof:
-        # The archive has not ended: either its own bytes ran out, or the bound on the result was reached.
+        # The archive has not ended: either the file is cut off, or the bound on the unpacked size was reached.
         if len(unpacked_bytes) < max_size:
             raise Unreadable(SourceFact.ARCHIVE_DAMAGED, path=path, because=None, kind="xz")
         raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="xz")
@@ -301,6 +301,7 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
             bounded_size = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * member.compress_size
             max_size = min(MAX_LOG_BYTES, bounded_size)
             with archive.open(member) as file:
+                # One byte more than allowed shows that the log is too large.
                 content = file.read(max_size + 1 if limit is None else limit)
     # The library raises a RuntimeError without a password, and a NotImplementedError for a rare way of packing.
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:
@@ -310,6 +311,7 @@ def _content_of_zip(path: Path, limit: int | None) -> bytes:
     if limit is None and len(content) > max_size:
         raise Unreadable(SourceFact.FILE_TOO_LARGE, path=path, size_limit=max_size, archive="zip")
     if content.startswith((ZIP_MAGIC, EMPTY_ZIP_MAGIC)):
+        # An archive within the archive is not unpacked.
         names = [member.filename]
         raise Unreadable(SourceFact.ARCHIVE_WITHOUT_ONE_LOG, path=path, names=names, count=0)
     return content

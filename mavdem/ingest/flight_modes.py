@@ -106,8 +106,8 @@ def mode_name(
         autopilot: MAV_AUTOPILOT without its prefix.
         vehicle: MAV_TYPE without its prefix.
         number: HEARTBEAT.custom_mode.
-        announced_names: Names that the autopilot announced by custom mode; they count for PX4's external modes, and for
-            modes that are not known here.
+        announced_names: Names that the autopilot announced, by custom mode. They are used for PX4's external modes, and
+            for modes that ``flight_modes.toml`` and MAVLink's enumerations do not have.
 
     Returns:
         The name ("Loiter"), or "mode 33" where the mode has none; of PX4 "mode 4:19", by main and sub mode.
@@ -127,13 +127,13 @@ def _px4_mode_name(number: int, announced_names: Mapping[int, str]) -> str:
 
     Args:
         number: HEARTBEAT.custom_mode.
-        announced_names: Names that the autopilot announced, by custom mode. They count for external modes, whose
-            meaning differs from vehicle to vehicle, and for modes that are not known here.
+        announced_names: Names that the autopilot announced, by custom mode. They are used for external modes, whose
+            meaning differs from vehicle to vehicle, and for modes that ``flight_modes.toml`` does not have.
 
     Returns:
-        The name ("Position"), otherwise that of the main mode, otherwise "mode 4:19" by main and sub mode.
+        The name ("Position"). A mode without one gets the name of its main mode, or "mode 4:19" by main and sub mode.
     """
-    # The third and the fourth byte from the lowest (union px4_custom_mode).
+    # The main mode is in bits 16 to 23 and the sub mode in bits 24 to 31 (union px4_custom_mode).
     main_mode = number >> MAIN_MODE_SHIFT & BYTE_MASK
     sub_mode = number >> SUB_MODE_SHIFT & BYTE_MASK
     is_external = main_mode == AUTO_MODE and sub_mode in EXTERNAL_SUB_MODES
@@ -144,7 +144,7 @@ def _px4_mode_name(number: int, announced_names: Mapping[int, str]) -> str:
         return _NAME_OF_CUSTOM_MODE[number]
     if not main_mode:
         return f"mode {number}"
-    # Sub modes of the other main modes are varieties of them.
+    # The sub modes of AUTO are modes such as mission or landing; those of other main modes are only variants of these.
     name_of_main_mode = _NAME_OF_CUSTOM_MODE.get(main_mode << MAIN_MODE_SHIFT)
     if name_of_main_mode is not None and main_mode != AUTO_MODE:
         return name_of_main_mode

@@ -73,7 +73,7 @@ def read_log(path: AnyPath) -> Log:
             from mavdem.ingest.tlog import read_tlog as read
     log = read(name)
     if Path(name).stat().st_size >= MIN_BYTES_TO_RETURN:
-        # What only the reading needed is freed by now.
+        # Large temporary arrays are freed by now, but Python's allocator may keep their memory.
         return_freed_memory()
     return log
 

@@ -100,7 +100,7 @@ def join_logs(logs: Sequence[Log]) -> Log:
         logs: At least one log. They may be in any order where all have UTC; without it they must be in order of time.
 
     Returns:
-        The log, under the name of the earliest one; the very log where there is only one.
+        The log, under the name of the earliest one; a single log is returned as it is.
 
     Raises:
         Unreadable: The logs are not of one flight, or nothing shows that they are.
@@ -141,7 +141,7 @@ def _recording(log: Log) -> Recording:
     start = float(_densest_time(vehicle.messages, first_boot)[0])
     end = float(_densest_time(vehicle.messages, last_boot)[-1])
     if np.isfinite(log.receive_time).all():
-        # The recorder's clock is that of all logs that it made, whatever the autopilot knows.
+        # Reception times are by the clock of the computer that recorded all logs, and need no UTC of the autopilot.
         utc_at_first_boot: float | None = log.receive_time[0] - start
         utc_at_last_boot: float | None = log.receive_time[1] - end
     else:
@@ -160,9 +160,9 @@ def _recording(log: Log) -> Recording:
 
 
 def _densest_time(messages: Tables, boot: int) -> Array:
-    """Returns the stamps of the message that came most often in a boot.
+    """Returns the stamps of the most frequent message of a boot, which show when the boot's record begins and ends.
 
-    Messages that come seldom may be older than the file: PX4 repeats their last values at its beginning.
+    The stamps of rare messages may be older than the file: PX4 logs their last values at its beginning.
 
     Args:
         messages: Columns by message, with ``time`` and ``boot``.
@@ -327,9 +327,9 @@ def _clock_runs_on(earlier: Recording, later: Recording) -> bool:
 def _is_same_flight(earlier: Recording, later: Recording) -> bool:
     """Returns whether two logs without UTC show by themselves that they are of one flight.
 
-    The vehicle must be armed at the end of the first log and soon after the beginning of the second. And the second
-    clock must continue the first, or have restarted so shortly before that nobody can have armed the vehicle on the
-    ground.
+    The vehicle must be armed at the end of the first log and soon after the beginning of the second. In addition the
+    clock of the second log must continue that of the first, or begin so near zero that there was no time to arm the
+    vehicle on the ground: the autopilot restarted in flight.
 
     Args:
         earlier, later: The recordings in the order of time.
@@ -360,17 +360,18 @@ def _joined_vehicle(earlier: Recording, later: Recording, *, has_restarted: bool
 
     Args:
         earlier, later: The recordings in the order of time.
-        has_restarted: Whether the later one begins with a boot of its own.
+        has_restarted: Whether the autopilot restarted between them, so that the later one begins with another boot.
 
     Returns:
-        The vehicle, without the repair that reports the joining. Of values that differ, such as parameters, the later
-        log's are taken.
+        The vehicle, without the repair that reports the joining. Parameters that differ have the later log's values;
+        identity, such as the firmware, is the earlier log's where it has one.
     """
+    # Boots are numbered on from the last one of the earlier log.
     boot_offset = earlier.last_boot - later.first_boot + int(has_restarted)
     messages: dict[str, Columns] = dict(earlier.vehicle.messages)
     for name, columns in later.vehicle.messages.items():
         if not has_restarted:
-            # What is older than the file would be there twice, and out of order.
+            # Values from before the beginning of the later log would be there twice, and out of order.
             is_repeated = (columns["boot"] == later.first_boot) & (columns["time"] <= earlier.end)
             columns = selected_rows(columns, ~is_repeated)
         later_columns = {**columns, "boot": columns["boot"] + boot_offset}

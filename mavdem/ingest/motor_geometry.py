@@ -121,11 +121,12 @@ def _values_of_all(values: Mapping[int, Value], motors: Sequence[int]) -> tuple[
 def _assumed_channels(
     vehicle: str, moving_channels: Sequence[int], bank_size: int, non_motor_channels: set[int]
 ) -> tuple[list[int], ChannelSource]:
-    """Guesses the motors' channels from those whose outputs change, where parameters do not say it.
+    """Guesses the motors' channels from those whose outputs change, where parameters do not state them.
 
-    Usually each motor's output changes. A motor that stands still, or is at its limit all the time, has a constant
-    output all the same: where at least half of the motors' channels change, and they lie within the first channels of
-    their bank, these first channels are taken. The motors of a tricopter are on no such row of channels.
+    Usually each motor's output changes. But a motor that stands still, or is at its limit all the time, has a constant
+    output. So if at least half as many channels change as there are motors, and all of them are among the first
+    channels of a bank, the motors are assumed on these first channels. Tricopters are excepted, since their motors are
+    not on consecutive channels.
 
     Args:
         vehicle: MAV_TYPE without its prefix.
@@ -136,11 +137,11 @@ def _assumed_channels(
     Returns:
         The channels in the order of the motors, and which assumption gave them.
     """
-    # Of a vehicle whose number of motors is not fixed by its type, every channel that changes is taken.
+    # If the vehicle's type does not state the number of motors, every channel that changes is taken for one.
     motor_count = MOTOR_COUNTS.get(vehicle, len(moving_channels))
     moving_motors = sorted(moving_channels)[:motor_count]
 
-    # The first channels that can be motors, from the bank that holds the lowest changing channel.
+    # The first channels of the bank with the lowest changing channel, without those that drive something else.
     lowest_channel = min(moving_channels, default=1)
     banks_before = (lowest_channel - 1) // bank_size
     first_channel = banks_before * bank_size + 1
@@ -163,9 +164,9 @@ X_QUAD_MOTORS = (1, 2, 3, 4)
 def _rotors_or_assumption(
     rotors: _Rotors, motors: tuple[int, ...]
 ) -> tuple[_Rotors, PositionSource]:
-    """Returns the rotors if the positions of all motors are known, otherwise those of an X quadrotor, or none.
+    """Returns the rotors if the positions of all motors are known, otherwise those of an assumed X quadrotor, or none.
 
-    An X quadrotor, by far the most common frame, is assumed of every vehicle with the motors 1 to 4.
+    The X quadrotor is by far the most common frame; it is assumed if the motors are numbers 1 to 4.
 
     Args:
         rotors: Positions and spins by number of the motor, as far as the parameters have them.
@@ -250,8 +251,7 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int
 
     FRAME_CLASS is the kind of frame (quadrotor, hexarotor, …), FRAME_TYPE its arrangement (plus, X, …). Before
     ArduCopter 3.5 the class was compiled in and follows from the vehicle's MAV_TYPE, and FRAME was the type. Logs of
-    these versions may lack the MAV_TYPE too; a vehicle with the motors 1 to 4 is then a quadrotor, since quadrotors
-    alone have these.
+    these versions may lack the MAV_TYPE too; then a vehicle with exactly the motors 1 to 4 is a quadrotor.
 
     Args:
         vehicle: MAV_TYPE without its prefix.
@@ -276,8 +276,8 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int
 def _frame_rotors(frame_class: int, frame_type: int) -> _Rotors:
     """Returns the rotors of one of ArduPilot's frames; none if ``frames.toml`` does not have it.
 
-    The table has a pair for each frame: the bearing of each motor, degrees, and a text with a sign for each motor, "+"
-    for counterclockwise and "-" for clockwise.
+    The table has, for each frame, the bearings of the motors from the nose, degrees clockwise, and a text with a sign
+    for each motor, "+" for counterclockwise rotation and "-" for clockwise.
 
     Args:
         frame_class: Number of the kind of frame, FRAME_CLASS.
@@ -348,10 +348,10 @@ def _px4_rotors(parameters: Parameters) -> _Rotors:
 def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_size: int) -> _Wiring:
     """Finds which bank of channels each of PX4's output drivers fills, and so the channel of each motor.
 
-    A parameter such as PWM_AUX_FUNC3 names the motor that an output of a driver drives, but no message says which bank
-    belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first free bank in
-    which its motor outputs change. Drivers without such a bank are tried again, and then half of their outputs may be
-    constant.
+    A parameter such as PWM_AUX_FUNC3 names the motor on an output of a driver, but no message states which bank of
+    channels belongs to which driver. Drivers are tried in a fixed order, the most common first: each gets the first
+    free bank in which all its motor outputs change. Drivers without such a bank are tried again, with a limit at which
+    half of their outputs may be constant (``MAX_CONSTANT_SHARES``).
 
     Args:
         parameters: The autopilot's parameters by name.
@@ -370,7 +370,7 @@ def _px4_wiring(parameters: Parameters, moving_channels: Sequence[int], bank_siz
     for max_constant_share in MAX_CONSTANT_SHARES:
         for driver in NAMES["px4_drivers"]:
             outputs = _px4_motor_outputs(parameters, driver)
-            # A motor that an earlier driver gave a channel has a spare output here, which is left out.
+            # An output for a motor that already has a channel of an earlier driver is a spare one, and is left out.
             new_outputs = {
                 motor: output
                 for motor, output in outputs.items()
@@ -416,7 +416,7 @@ def _matching_bank(
     """Returns the first bank in which enough of a driver's motor outputs change.
 
     Args:
-        banks: Free banks, each as its number of channels before it.
+        banks: Free banks, each given by the number of channels before it: output n is on channel bank + n.
         outputs: The driver's motor outputs, from 1.
         moving_channels: Channels, from 1, whose outputs change.
         max_constant_share: Share of the outputs that may be constant, 0 to 1.

@@ -187,7 +187,7 @@ class MotorGeometry:
         elif axis == "pitch":
             levers = [forward for forward, _ in self.positions]
         else:
-            # Yaw is the reaction to the drag of the propellers, alike for all motors but for its sign.
+            # The yaw torque is the reaction to the drag of the propellers: equal for all motors except for the sign.
             levers = self.spins
         weights = np.array(levers, np.float64)
         total = abs(weights).sum()
@@ -195,13 +195,13 @@ class MotorGeometry:
 
 
 def motor_parameters(autopilot: str) -> Names:
-    """Lists the parameters that say where motors are and how they respond.
+    """Lists the parameters about the positions of motors and about their response.
 
     Args:
         autopilot: MAV_AUTOPILOT without its prefix ("PX4").
 
     Returns:
-        Names of parameters, of motors 1 to 8 where a motor has its own; empty for an autopilot without such a list.
+        Names of parameters, with those of each of the motors 1 to 8; empty for an autopilot without such a list.
     """
     patterns = NAMES["motor_parameters"].get(autopilot, ())
     names: dict[str, None] = {}

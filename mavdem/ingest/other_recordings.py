@@ -257,9 +257,10 @@ def _importance(chain: _Chain) -> int:
 
 
 def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
-    """Returns the median duration of a byte of the log, over parts of the size of a cluster.
+    """Returns the median time per byte of the log, over parts of the size of a cluster.
 
-    A cluster is the unit in which a memory card stores files, so parts of another file begin and end with one.
+    A cluster is the unit in which a memory card stores files. It is the size of the parts since blocks of another file
+    begin and end with a cluster.
 
     Args:
         positions: Offsets (N,) of messages in the file, ascending.
@@ -269,6 +270,7 @@ def _seconds_per_byte(positions: StreamPositions, time: Array) -> float:
         Seconds per byte; 0 if no part shows it.
     """
     clusters = positions // CLUSTER_BYTES
+    # Row of the first message in each cluster.
     first_rows = np.flatnonzero(np.diff(clusters, prepend=-1))
     durations = np.diff(time[np.append(first_rows, len(time) - 1)])
     sizes = np.diff(positions[np.append(first_rows, len(time) - 1)])
@@ -290,7 +292,8 @@ def _runs(
         rules: Limits of what the clock may do.
 
     Returns:
-        The runs in the order of the file, each with its first and last time, and UTC and beginning of its boot.
+        The runs in the order of the file, each with its first and last time, the UTC at which its boot clock read 0,
+        and whether a log begins with it.
     """
     positions, time, _ = messages
     steps = np.diff(time)
@@ -305,7 +308,7 @@ def _runs(
             boots.positions, positions[[first, end - 1]]
         ).tolist()
         utc = boots.utc[first_boot:end_boot]
-        # A log begins with definitions. They follow the last message of the log before.
+        # A log begins with definitions, its head, which lies between the last message of the run before and this run.
         earliest_head = positions[first] - MAX_HEAD_BYTES
         if runs:
             earliest_head = max(earliest_head, positions[runs[-1].end - 1])
@@ -326,7 +329,7 @@ def _runs(
 
 
 def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, int]:
-    """Finds blocks whose bytes come earlier in the file too, as when a file contains a cluster of a memory card twice.
+    """Finds blocks of messages that repeat bytes from earlier in the file, as if a cluster was stored twice.
 
     Args:
         messages: The messages with sound stamps.
@@ -344,7 +347,7 @@ def _repeated_blocks(messages: StampedMessages, falls: Integers) -> dict[int, in
         earlier_start = content.find(content[start : start + COMPARED_BYTES], 0, start)
         if earlier_start < 0:
             continue
-        # The end of the repeated bytes, which may be within a message.
+        # The repetition is compared byte by byte up to the first difference, which may be within a message.
         max_size = min(start - earlier_start, len(content) - start)
         earlier_bytes = np.frombuffer(content, np.uint8, max_size, earlier_start)
         repeated_bytes = np.frombuffer(content, np.uint8, max_size, start)
@@ -361,8 +364,8 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
 
     Args:
         runs: The runs in the order of the file.
-        max_gap: Longest time, s, between two runs of a chain whose UTC is not known: messages are missing where another
-            block replaced them.
+        max_gap: Longest time, s, between two runs of a chain if their UTC is not known. A gap is possible, since a
+            block of another recording may have replaced messages.
         rules: Limits of what the clock may do.
 
     Returns:
@@ -393,16 +396,16 @@ def _chains(runs: list[_Run], max_gap: float, rules: ClockRules) -> list[_Chain]
 
 
 def _agree(chain: _Chain, kept_chain: _Chain, rules: ClockRules) -> bool:
-    """Returns whether a chain can be of the same vehicle's recording as a larger one that is kept.
+    """Returns whether a chain can belong to the same recording as a larger one that is kept.
 
-    One of the two must be before the other in the file. The later one must continue in time, or be another boot: a log
-    begins there, its clock begins near zero, or by UTC it began after the end of the first.
+    One of the two must lie before the other in the file. The later one must continue in time, or be of another boot:
+    a log begins there, its clock begins near zero, or by UTC its boot began after the end of the earlier one.
 
     Args:
         chain, kept_chain: The chains: runs of messages, each of which continues the clock of the one before.
         rules: Limits of what the clock may do.
     """
-    earlier, later = sorted((chain, kept_chain), key=lambda either: either.runs[0].first)
+    earlier, later = sorted((chain, kept_chain), key=lambda each_chain: each_chain.runs[0].first)
     if earlier.runs[-1].first > later.runs[0].first:
         return False
     if later.runs[0].begins_log:

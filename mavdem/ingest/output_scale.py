@@ -101,11 +101,11 @@ DEFAULT_PULSE_RANGE = (1000.0, 2000.0)
 def output_scale(
     outputs: Array, parameters: Parameters, drivers: Sequence[OutputDriver] = ()
 ) -> OutputScale:
-    """Finds the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
+    """Recognises the scale of motor outputs, such as pulse widths in µs or DShot commands, which no message states.
 
-    Scales differ by their largest output, and some of them also by the smallest one above 0. The range of PX4's driver,
-    which its parameters state, is tried first, then pulse widths, then DShot with the idle throttle of the parameters.
-    In other cases the largest output alone decides.
+    Scales differ in their largest output, and some of them also in the smallest one above 0. The range of PX4's driver
+    by its parameters is tried first, then pulse widths, then DShot with the idle throttle of the parameters. Otherwise
+    the largest output alone decides.
 
     Args:
         outputs: Outputs of any shape, as they were sent, also while disarmed; values that are not finite are ignored.
@@ -113,7 +113,7 @@ def output_scale(
         drivers: PX4's output driver of each motor (``MotorGeometry.drivers``); empty for other autopilots.
 
     Returns:
-        The scale. If no scale fits, its name is "unknown", and it is from 0 to the largest output.
+        The scale. If none fits, its name is "unknown", and its range is 0 to the largest output.
     """
     values = np.unique(outputs[np.isfinite(outputs)])
     positive = values[values > 0]
@@ -130,7 +130,7 @@ def output_scale(
     if smallest >= MIN_PULSE_WIDTH and MIN_RUNNING_PULSE_WIDTH < largest <= MAX_PULSE_WIDTH:
         low, high = _pulse_range(positive, parameters, drivers)
         upper_stop = _ardupilot_stop(parameters)
-        # The range of PX4's driver begins at the output that it sends an idling motor.
+        # The range of PX4's driver begins at the output of an idling motor, so that its lower stop is the range's end.
         lower_stop = 0.0 if drivers else _ardupilot_lower_stop(parameters)
         return OutputScale("PWM", "µs", low, high, step, upper_stop, lower_stop)
     if drivers and MAX_IDLE_DSHOT < largest <= MAX_DSHOT_COMMAND and "DSHOT_MIN" in parameters:
@@ -167,13 +167,15 @@ def _scale_of_largest(largest: float, *, is_px4: bool) -> tuple[str, float]:
 def _pulse_range(
     pulse_widths: Array, parameters: Parameters, drivers: Sequence[OutputDriver]
 ) -> Interval:
-    """Returns the pulse widths at no and at full throttle, µs: the first range of the parameters that fits.
+    """Returns the pulse widths at no and at full throttle, µs: the first range in the parameters that fits the outputs.
 
-    If none fits, it is the autopilot's default or, for pulses of PX4 beyond that, up to the longest of any motor.
+    PX4's range is that of its output drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX. If these are 0, and in
+    ArduCopter before 3.4, which has neither, it is the range of the radio's throttle channel. Before 3.3 that is
+    always channel 3, also if RCMAP_THROTTLE assigns the stick to another: the motors are constructed from ``g.rc_3``
+    (``ArduCopter.pde``).
 
-    PX4's is that of its drivers. ArduPilot's is MOT_PWM_MIN to MOT_PWM_MAX; where they are 0, and in ArduCopter before
-    3.4, which has neither, the motors' range is that of the radio's throttle channel. Before 3.3 that is channel 3,
-    wherever RCMAP_THROTTLE puts the stick: the motors are constructed of ``g.rc_3`` (``ArduCopter.pde``).
+    If no range fits, it is the autopilot's default. For pulses of PX4 above the default, it ends at the longest
+    possible pulse.
 
     Args:
         pulse_widths: Distinct outputs (N,) above 0, µs.
@@ -181,7 +183,7 @@ def _pulse_range(
         drivers: PX4's output driver of each motor; empty for ArduPilot.
 
     Returns:
-        Pulse width at no throttle, and at full throttle.
+        Pulse widths at no throttle and at full throttle, µs.
     """
     ranges = [_px4_range(drivers, parameters)]
     if not drivers:
@@ -203,7 +205,7 @@ def _pulse_range(
             return low, high
     low, high = DEFAULT_PULSE_RANGE
     if drivers and pulse_widths.max() > high + 1:
-        # The range is another one than PX4's default, and no motor is known to be at its end.
+        # The range was changed from PX4's default, and nothing shows its upper end.
         return low, MAX_PULSE_WIDTH
     return low, high
 
@@ -232,8 +234,8 @@ def _px4_range(drivers: Sequence[OutputDriver], parameters: Parameters) -> Inter
 def _px4_limit(driver: OutputDriver, end: str, parameters: Parameters) -> float:
     """Returns one end, "MIN" or "MAX", of the range of one of PX4's outputs.
 
-    An output has a parameter of its own since PX4 1.13 (PWM_MAIN_MIN1), where -1 means the driver's. The driver's is
-    PWM_MAIN_MIN in PX4 1.12, and PWM_MIN, of the main outputs only, before.
+    Since PX4 1.13 each output has a parameter (PWM_MAIN_MIN1), where -1 means that the driver's applies. The driver's
+    is PWM_MAIN_MIN in PX4 1.12; before, there is only PWM_MIN, for the main outputs.
 
     Args:
         driver: Driver and number of the output.
@@ -257,10 +259,10 @@ MIN_STOP = 0.5
 
 
 def _ardupilot_stop(parameters: Parameters) -> float:
-    """Returns the share of the range at which ArduPilot's mixer limits motors.
+    """Returns the upper limit that ArduPilot's mixer sets to the motors, as a share of the range of their outputs.
 
-    The parameter is MOT_SPIN_MAX from ArduCopter 3.4 on; MOT_THST_MAX in 3.3, a share of what is above THR_MIN, per
-    mille of the range; and MOT_TCRV_MAXPCT, in percent, before. Source: ``AP_MotorsMulticopter`` and, before it,
+    From ArduCopter 3.4 on it is MOT_SPIN_MAX. In 3.3 it is MOT_THST_MAX, a share of the range above THR_MIN, which is
+    in per mille. Before, it is MOT_TCRV_MAXPCT, in percent. Source: ``AP_MotorsMulticopter`` and, before it,
     ``AP_Motors`` of https://github.com/ArduPilot/ardupilot.
 
     Args:

@@ -70,7 +70,7 @@ def _parameter_of_line(line: str) -> tuple[str, float]:
 
 
 def with_parameters(log: Log, path: PathName) -> Log:
-    """Adds the parameters of a file to a log: each vehicle gets those that it does not have.
+    """Returns a log whose vehicles have the parameters of a file in addition; parameters in the log take precedence.
 
     Args:
         log: The log, which stays as it is.

@@ -30,10 +30,10 @@ from mavdem.ingest.vocabulary import EstimatorRatio
 
 
 def sys_status(topics: Topics) -> Fields:
-    """Makes SYS_STATUS (SYS_STATUS.hpp) of the first connected battery, with the decimals that the message cuts off.
+    """Makes SYS_STATUS of the first connected battery, with the decimals that the message would cut off.
 
-    PX4 itself sends the connected battery with the least charge, which changes in flight. Beside the message's fields
-    there is ``charge_state``, that of BATTERY_STATUS, MAV_BATTERY_CHARGE_STATE.
+    PX4 itself (SYS_STATUS.hpp) sends the connected battery with the least charge, which may change in flight. In
+    addition to the message's fields there is ``charge_state`` (MAV_BATTERY_CHARGE_STATE), as in BATTERY_STATUS.
 
     Args:
         topics: The logged topics, by name and number of the instance; each battery is an instance of battery_status.
@@ -50,19 +50,19 @@ def sys_status(topics: Topics) -> Fields:
 def battery_status(topics: Topics) -> Fields:
     """Makes BATTERY_STATUS (BATTERY_STATUS.hpp) of all connected batteries, with the number of each, from 0, as ``id``.
 
-    It is made only where another battery than the first is connected, or several: else it would repeat SYS_STATUS.
+    It is made only if a battery besides the first is connected: otherwise it would repeat SYS_STATUS.
 
     Args:
         topics: The logged topics, by name and number of the instance.
 
     Returns:
-        ``time`` (N,), s, ``id``, ``voltages`` (N, 1), mV, that of the battery, ``cell_count``, and as far as logged
-        ``current_battery``, ``battery_remaining`` and ``charge_state``.
+        Columns (N,) in the order of time: ``time``, s, ``id``, ``voltages`` (N, 1), mV, of the whole battery,
+        ``cell_count``, and if logged ``current_battery``, ``battery_remaining`` and ``charge_state``.
     """
     parts = []
     batteries = _batteries(topics)
-    has_other_than_first = bool(batteries.keys() - {0})
-    if not has_other_than_first:
+    has_further_battery = bool(batteries.keys() - {0})
+    if not has_further_battery:
         return {}
     for battery_id, battery in batteries.items():
         columns = _battery_fields(battery)
@@ -86,7 +86,7 @@ def _battery_fields(battery: Columns) -> Fields:
     fields = fields_by_rule(battery, rule)
     columns = {"time": battery["time"], **fields}
     if "warning" in battery:
-        # PX4's warnings begin with none, 0; MAVLink's states with undefined, 0, and then OK.
+        # PX4's warning 0 means none; in MAVLink 0 means undefined and 1 means OK. The further levels agree.
         columns["charge_state"] = battery["warning"] + 1
     return columns
 
@@ -94,9 +94,9 @@ def _battery_fields(battery: Columns) -> Fields:
 def _batteries(topics: Topics) -> dict[int, Columns]:
     """Selects the messages of each battery while it is connected.
 
-    The topic battery_status has the battery's number as ``id``, from 1, where 0 means no battery; without that field
-    the number of the instance counts. Old versions and simulators report no battery as connected; then all messages are
-    kept.
+    The topic battery_status has the battery's number as ``id``, from 1, where 0 means no battery. Without that field,
+    or if two instances have the same id, the number of the instance is used. Old versions and simulators report no
+    battery as connected; then all messages are kept.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -144,7 +144,7 @@ MAX_AID_AGE = 1.0
 
 
 def estimator_status(topics: Topics) -> Fields:
-    """Makes the columns of ESTIMATOR_STATUS from the estimator instance that PX4 flies by at each time.
+    """Makes the columns of ESTIMATOR_STATUS from the estimator instance that PX4 uses at each time.
 
     PX4 runs several instances of its EKF and selects a primary one. The columns are named as those of MAVLink's
     message, which PX4 fills from the topic estimator_status (ESTIMATOR_STATUS.hpp). If no primary instance was logged,
@@ -193,8 +193,15 @@ def estimator_instances(topics: Topics) -> Fields:
 def _estimators(topics: Topics) -> dict[int, Fields]:
     """Returns the fields of ESTIMATOR_STATUS for each logged instance of estimator_status, with ``time``, s.
 
-    PX4 1.15 and later low-pass the ratios of estimator_status, so that a rejected sample may stay below 1 there. Where
-    the samples of the aiding sources were logged, the ratios are theirs, and the field with ``UNFILTERED_ENDING`` is 1.
+    PX4 1.15 and later low-pass the test ratios of estimator_status, so that a rejected sample may stay below 1 there.
+    Where the samples of the aiding sources were logged, their ratios replace these, and the flag under the field's name
+    with ``UNFILTERED_ENDING`` is 1.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+
+    Returns:
+        Columns (N,) by the number of the instance.
     """
     rule = TRANSLATION_RULES["ESTIMATOR_STATUS"]
     instances = {}
@@ -211,15 +218,15 @@ def _estimators(topics: Topics) -> dict[int, Fields]:
 
 
 def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: Array) -> Array:
-    """Returns the largest test ratio that the samples of the aiding sources have, by the times of estimator_status.
+    """Returns the largest test ratio of an innovation, over all aiding sources, at the times of estimator_status.
 
-    The topics have the squares of the ratios (``estimator_aid_source.hpp``). A source counts while the estimator uses
-    it (:func:`_is_used`): PX4 computes the ratio of sources too that it does not use.
+    The topics estimator_aid_src_… have the squares of the ratios (``estimator_aid_source.hpp``), also of sources that
+    the estimator does not use. Only samples of sources in use count (:func:`_is_used`).
 
     Args:
         topics: The logged topics, by name and number of the instance.
         instance: Number of the estimator instance.
-        ratio: The innovation.
+        ratio: The kind of innovation.
         time: Times (T,) of estimator_status, s, ascending.
 
     Returns:
@@ -232,7 +239,7 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
             numbers = topic.get("estimator_instance", np.full(len(topic["time"]), number))
             rows = np.flatnonzero(numbers == instance)
             is_fused = topic.get("fused", np.zeros(len(numbers)))[rows] > 0
-            # A log without the field does not tell the rejected samples from those of a source that is not used.
+            # Without the field, samples that were not fused count as rejected: a source in use remains in use.
             is_rejected = topic.get("innovation_rejected", np.ones(len(numbers)))[rows] > 0
             rows = rows[_is_used(is_fused, is_rejected)]
             squares = [
@@ -242,24 +249,24 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
                 continue
             sample_time = topic["time"][rows]
             ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
-            # Each time has the row of the first sample after the time before, and the row after its own last sample.
+            # The window of a time has the samples since the time before, or at least the last sample.
             ends = np.searchsorted(sample_time, time, side="right")
             starts = np.minimum(np.r_[ends[:1] - 1, ends[:-1]], ends - 1)
             is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
             if is_recent.any():
                 windows = np.column_stack([starts, ends])[is_recent]
-                # ``reduceat`` also takes the maxima between windows, which are every second part. The appended 0 is
-                # there since the end of the last window may be the end of the samples.
-                parts = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
-                largest[is_recent] = np.fmax(largest[is_recent], parts[::2])
+                # ``reduceat`` returns the maxima from each index to the next: of windows and of the gaps between them
+                # by turns. The appended 0 makes the end of the last sample a valid index.
+                maxima = np.maximum.reduceat(np.append(ratios, 0.0), windows.ravel())
+                largest[is_recent] = np.fmax(largest[is_recent], maxima[::2])
     return largest
 
 
 def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
-    """Returns for each sample of an aiding source whether the estimator uses the source.
+    """Returns for each sample of an aiding source whether the estimator uses the source at that time.
 
-    It does from a sample that it fused until one that it neither fused nor rejected: then it was deselected, or its
-    data stopped being valid. Samples that are rejected right after fused ones are still of a source in use.
+    A source is in use from a sample that was fused until one that was neither fused nor rejected: then it was
+    deselected, or its data became invalid. Rejected samples do not change the state.
 
     Args:
         is_fused: (N,) whether the estimator fused the sample.
@@ -268,13 +275,14 @@ def _is_used(is_fused: Flags, is_rejected: Flags) -> Flags:
     Returns:
         (N,) flags, false before the first fused sample.
     """
-    tells_use = is_fused | ~is_rejected
-    last_telling = np.maximum.accumulate(np.where(tells_use, np.arange(len(is_fused)), -1))
-    return np.append(is_fused, False)[last_telling]
+    shows_state = is_fused | ~is_rejected
+    # Row of the latest sample that shows the state; before the first one it is −1, the appended "not in use".
+    state_rows = np.maximum.accumulate(np.where(shows_state, np.arange(len(is_fused)), -1))
+    return np.append(is_fused, False)[state_rows]
 
 
 def primary_estimators(topics: Topics, time: Array) -> Integers:
-    """Returns the number of the estimator instance that flies at each time; 0 where no topic names it.
+    """Returns the number of the estimator instance that PX4 uses at each time; 0 if no topic states it.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -287,7 +295,7 @@ def primary_estimators(topics: Topics, time: Array) -> Integers:
     primary = selector.get("primary_instance", np.zeros(0, np.int64))
     if not len(primary):
         return np.zeros(len(time), np.int64)
-    # Before the first message the instance is the one that it names.
+    # Before the first message the primary instance is taken from that message.
     rows = np.searchsorted(selector["time"], time, side="right") - 1
     return primary[np.maximum(rows, 0)].astype(np.int64)
 
@@ -312,13 +320,14 @@ SENSOR_TOPICS = (
 
 
 def accelerometers(topics: Topics) -> Fields:
-    """Makes the table of all accelerometers, of the mean force in vehicle_imu_status, where there are several.
+    """Makes a table of all accelerometers, if there are several, from their mean specific force in vehicle_imu_status.
 
     Args:
         topics: The logged topics, by name and number of the instance; each IMU is an instance.
 
     Returns:
-        ``time`` (N,), s, the number of the IMU from 0 as ``instance``, and ``xacc``, ``yacc`` and ``zacc``, m/s².
+        Columns (N,) in the order of time: ``time``, s, the number of the IMU from 0 as ``instance``, and ``xacc``,
+        ``yacc`` and ``zacc``, m/s²; empty if there is only one accelerometer.
     """
     parts = []
     statuses = topics["vehicle_imu_status"]

@@ -132,12 +132,12 @@ def interpolated_rotations(
     before = unit[next_rows - 1]
     after = unit[next_rows]
     cosine = np.sum(before * after, axis=1)
-    # The negative of a quaternion is the same rotation.
+    # q and −q are the same rotation; of the two, the one nearer to ``before`` gives the shorter way.
     after = after * np.where(cosine < 0, -1.0, 1.0)[:, np.newaxis]
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
     time_before = time[next_rows - 1]
     share = (query_time - time_before) / (time[next_rows] - time_before)
-    # sinc keeps neighbours that are equal from a division by zero.
+    # sin(s θ) / sin θ is written with sinc(x) = sin(π x) / (π x), which is finite at θ = 0, for equal neighbours.
     weight_before = (1 - share) * np.sinc((1 - share) * angle / np.pi)
     weight_after = share * np.sinc(share * angle / np.pi)
     weighted_sum = weight_before[:, np.newaxis] * before + weight_after[:, np.newaxis] * after
@@ -152,11 +152,10 @@ THRUST_CHANNEL = 3
 
 
 def actuator_control_target(topics: Topics) -> Fields:
-    """Makes ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
+    """Makes ACTUATOR_CONTROL_TARGET: the demands on roll, pitch and yaw, −1 to 1, and on thrust, 0 to 1.
 
-    It is made of vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or of the
-    actuator_controls_0 of PX4 before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp
-    until then).
+    They come from vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down. Before PX4 1.14 they come
+    from actuator_controls_0, which has the eight controls of the message (ACTUATOR_CONTROL_TARGET.hpp).
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -189,7 +188,7 @@ BODY_ANGLE_FIELDS = ("roll_body", "pitch_body", "yaw_body")
 def attitude_target_messages(topics: Topics) -> Fields:
     """Makes ATTITUDE_TARGET (PX4's ATTITUDE_TARGET.hpp) of vehicle_attitude_setpoint and vehicle_rates_setpoint.
 
-    Each topic makes messages of its own, in which ``type_mask`` marks the setpoint of the other topic as not sent.
+    Each message of a topic becomes one ATTITUDE_TARGET, whose ``type_mask`` marks the other setpoint as not sent.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -265,7 +264,7 @@ VIBRATION_IMUS = 3
 def vibration(topics: Topics) -> Fields:
     """Makes VIBRATION (VIBRATION.hpp) of vehicle_imu_status: the level of vibration and the clipped samples by IMU.
 
-    Each IMU is an instance of the topic with stamps of its own; all are interpolated at the stamps of the first.
+    Each IMU is an instance of the topic, with different stamps; all are interpolated at the stamps of the first.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -340,8 +339,8 @@ class SampleTopic(NamedTuple):
 def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
     """Returns samples of a sensor before the autopilot's filters.
 
-    A message of the FIFO topic, the sensor's own buffer, holds up to 32 of them, ``dt`` µs apart, the last at
-    ``timestamp_sample``, as integers that ``scale`` converts to the unit. If the topic was not logged, the means in
+    A message of the FIFO topic is the content of the sensor's buffer: up to 32 samples, ``dt`` µs apart, the last at
+    ``timestamp_sample``, as integers to be multiplied by ``scale``. If the topic was not logged, the means in
     sensor_combined are used.
 
     Args:
@@ -357,7 +356,7 @@ def sensor_samples(topics: Topics, sample_topic: SampleTopic) -> Fields:
         time = combined_topic["time"]
         means = array_field(combined_topic, sample_topic.combined_field, 3)
         return {"time": time, **dict(zip("xyz", means.T, strict=True))}
-    # Tables of a row per message and a column per sample, of which the first ``samples`` are filled.
+    # The tables have a row per message and a column per sample, of which the first ``samples`` columns are filled.
     sample_number = np.arange(MAX_FIFO_SAMPLES)
     sample_count = fifo["samples"][:, None]
     is_sample = sample_number < sample_count
@@ -442,11 +441,11 @@ SETPOINT_TYPE_LAND = 4
 def extended_sys_state(topics: Topics) -> Fields:
     """Makes EXTENDED_SYS_STATE (PX4's EXTENDED_SYS_STATE.hpp): on the ground or in the air, by the land detector.
 
-    There is a row whenever one of the topics came, and at the first message of each second: old PX4 logged the state at
-    its changes only.
+    The land detector reports whether the vehicle is on the ground or in the air. In the air, the state is take-off or
+    landing while an automatic mode flies to a target of that type.
 
-    The land detector says whether the vehicle is on the ground or in the air. In the air, an automatic mode whose
-    target is of the type take-off or landing makes it one of these.
+    There is a row for each message of the three topics, and one at the first message of each second: old versions of
+    PX4 logged the state only at its changes.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -459,7 +458,7 @@ def extended_sys_state(topics: Topics) -> Fields:
     target = first_instance(topics, "position_setpoint_triplet")
     if "landed" not in land_detector:
         return {}
-    # The first stamp in a second is the first one of some topic in that second, and these are few.
+    # The first stamp of a second in the log is the first one of some topic in that second. Only these few are sorted.
     seconds_of_topics = [
         firsts_of_seconds(topic["time"])
         for instances in topics.values()

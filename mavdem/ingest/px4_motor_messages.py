@@ -29,8 +29,9 @@ MIN_TURNS_PER_DRIVER = 2
 def servo_output_raw(topics: Topics) -> Fields:
     """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) of actuator_outputs: each instance of the topic is a port of 16.
 
-    The decimals that the message cuts off are kept. An instance that two drivers publish in turn, each with its
-    ``noutputs``, becomes two ports; that of the driver whose first output changes most keeps the instance's number.
+    The decimals that the message would cut off are kept. If two drivers publish the same instance by turns, each with
+    its number of outputs (``noutputs``), it becomes two ports. The driver whose first output has the largest range gets
+    the number of the instance.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -40,13 +41,13 @@ def servo_output_raw(topics: Topics) -> Fields:
     """
     ports = []
     for instance, topic in topics.get("actuator_outputs", {}).items():
-        # With two drivers the number of outputs alternates from message to message.
+        # With two drivers the number of outputs alternates from message to message; a few changes are no second driver.
         output_counts = topic.get("noutputs", np.zeros(len(topic["time"])))
-        turns = np.count_nonzero(np.diff(output_counts))
+        alternations = np.count_nonzero(np.diff(output_counts))
         parts: list[Columns] = [topic]
-        if turns:
+        if alternations:
             distinct_counts = np.unique(output_counts)
-            if turns >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
+            if alternations >= MIN_TURNS_PER_DRIVER * len(distinct_counts):
                 parts = [selected_rows(topic, output_counts == count) for count in distinct_counts]
         parts.sort(key=lambda part: -float(np.ptp(part["output[0]"])))
         for part_number, part in enumerate(parts):
@@ -59,10 +60,10 @@ def servo_output_raw(topics: Topics) -> Fields:
 
 
 def _used_outputs(topic: Columns) -> Array:
-    """Returns the outputs of actuator_outputs.
+    """Returns the outputs in actuator_outputs, with 0 for those that are not in use.
 
-    Outputs from number ``noutputs`` on are not in use, and may hold old values; they are set to 0. Where ``noutputs``
-    is 0 or was not logged, all outputs are kept.
+    Outputs from index ``noutputs`` on are not in use, and may contain old values. If ``noutputs`` is 0 or was not
+    logged, all outputs are kept.
 
     Args:
         topic: Columns (N,) of actuator_outputs.
@@ -79,10 +80,10 @@ def _used_outputs(topic: Columns) -> Array:
 
 
 def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
-    """Makes HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range, of actuator_motors, from PX4 1.13 on.
+    """Makes HIL_ACTUATOR_CONTROLS, outputs as shares of their range, of the topic actuator_motors (PX4 1.13 and later).
 
-    The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
-    a motor that is off, becomes 0.
+    The topic is indexed by motor, the message by channel: each motor is put on the channel that the parameters state. A
+    motor that is off, NaN in the topic, becomes 0.
 
     Args:
         topics: The logged topics.
@@ -149,9 +150,10 @@ def motor_speeds(topics: Topics) -> Fields:
 
 
 def _is_online(topic: Columns, instance: int) -> Flags:
-    """Returns flags of esc_status: whether a controller reports, by its flags or the number of controllers.
+    """Flags the messages of esc_status in which a speed controller reports.
 
-    If neither was logged, one that ever turns reports throughout.
+    It is flagged by the field esc_online_flags or, without it, by the number of controllers. If neither was logged, a
+    controller whose speed is ever above 0 reports in all messages.
 
     Args:
         topic: Columns (N,) of esc_status.
@@ -189,7 +191,8 @@ def _speed_controller(topic: Columns, instance: int) -> Fields:
         fields["Curr"] = topic[f"{field}esc_current"]
     if f"{field}esc_temperature" in topic:
         temperature = topic[f"{field}esc_temperature"].astype(np.float64)
-        # Before the first report of a controller it is 0 or NaN.
+        # Before the first report of a controller it is 0 or NaN. Some controllers report kelvins, which are recognised
+        # by a median that would be too hot in °C.
         reported_temperature = temperature[temperature > 0]
         if len(reported_temperature) and np.median(reported_temperature) > MAX_ESC_CELSIUS:
             temperature = np.where(temperature > 0, temperature - ZERO_CELSIUS, np.nan)

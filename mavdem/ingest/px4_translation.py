@@ -156,7 +156,7 @@ def messages_of_topics(topics: Topics, parameters: Parameters) -> TranslatedTopi
 
 
 def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
-    """Makes a message by one of the functions of ``px4_messages``, and adds ``boot``, 0 throughout.
+    """Makes a message by one of the functions of ``px4_messages``, and adds the column ``boot``, all 0.
 
     Args:
         maker: The function, which raises KeyError where something it needs was not logged.
@@ -172,7 +172,7 @@ def _message(maker: Callable[..., Fields], *arguments: Any) -> Fields:
     count = len(columns.get("time", ()))
     if not count:
         return {}
-    # The number of the only boot takes no memory.
+    # A broadcast column takes no memory.
     return columns | {"boot": np.broadcast_to(np.int64(0), count)}
 
 
@@ -224,7 +224,15 @@ def _demand_topic(topics: Topics) -> str:
 
 
 def _attitude_topic(topics: Topics, attitude: Columns) -> str:
-    """Returns the topic whose stamps ATTITUDE_QUATERNION has: that of the body rates, or that of the attitude."""
+    """Returns at the stamps of which topic ATTITUDE_QUATERNION was made: those of the body rates or of the attitude.
+
+    Args:
+        topics: The logged topics, by name and number of the instance.
+        attitude: Columns of ATTITUDE_QUATERNION.
+
+    Returns:
+        vehicle_angular_velocity if all stamps of the message are stamps of that topic, otherwise vehicle_attitude.
+    """
     rates = first_instance(topics, "vehicle_angular_velocity")
     if attitude and rates:
         stamps = rates["time"]
@@ -252,11 +260,11 @@ def attitude_repairs(topics: Topics, messages: Tables) -> Facts:
     Returns:
         One repair with both rates, Hz; none if the attitude was not interpolated.
     """
-    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
+    logged_stamps = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
     stamps = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
-    if len(stamps) <= CLEARLY_MORE * max(map(len, logged), default=0):
+    if len(stamps) <= CLEARLY_MORE * max(map(len, logged_stamps), default=0):
         return ()
-    attitude_rate = rate_without_gaps(np.diff(max(logged, key=len)))
+    attitude_rate = rate_without_gaps(np.diff(max(logged_stamps, key=len)))
     body_rate_rate = rate_without_gaps(np.diff(stamps))
     return repair_facts(
         Repair.ATTITUDE_INTERPOLATED, attitude_rate=attitude_rate, rate=body_rate_rate

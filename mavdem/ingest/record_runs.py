@@ -69,7 +69,9 @@ class RecordRuns:
         self._last_rows: Offsets = self._starts
 
     def run_at(self, position: int, end: int) -> RecordRun | None:
-        """Returns the records that follow each other from an offset on, as far as a stretch goes.
+        """Returns the records that follow each other without a gap from an offset on, up to the end of a stretch.
+
+        The file is searched as far as it is needed, each time twice as many bytes as the time before.
 
         Args:
             position: Offset of the first record.
@@ -94,21 +96,22 @@ class RecordRuns:
         self._stretch_bytes = MIN_STRETCH_BYTES
 
     def _search(self, stretch: slice) -> None:
-        """Finds the possible records of a stretch, and the last row of the run that each belongs to.
+        """Finds the possible records of a stretch and, for each, the last row of the run to which it belongs.
 
-        A run ends with a record behind which no other begins directly.
+        A run ends with a record after whose last byte no other record begins. The results replace those of the stretch
+        before.
 
         Args:
-            stretch: First offset, and the offset before which records begin.
+            stretch: Range of offsets at which records may begin.
         """
         self._stretch = stretch
         self._starts, self._ends = self._find_records(stretch.start, stretch.stop)
         ends_run = np.ones(len(self._starts), dtype=np.bool_)
         ends_run[:-1] = self._ends[:-1] != self._starts[1:]
-        # A row's run is the number of runs that end before it.
+        # The index of a row's run is the number of runs that end before the row.
         run_of_row: Offsets = np.cumsum(ends_run) - ends_run
         self._last_rows = np.flatnonzero(ends_run)[run_of_row]
-        # What was read of a mapped file stays in memory until it is released.
+        # The pages of a mapped file remain in memory until they are released.
         self._resident_bytes += stretch.stop - stretch.start
         if self._resident_bytes >= RESIDENT_BYTES:
             release_pages(self._data)

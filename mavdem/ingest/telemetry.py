@@ -124,8 +124,8 @@ class Telemetry(ImmutableResult):
 def firmware_version(telemetry: Telemetry) -> tuple[int, int] | None:
     """Returns major and minor version of the firmware, by its name; None if the name has none.
 
-    PX4 writes a small v ("PX4 v1.15.0-beta"), ArduPilot a capital one ("ArduCopter V4.4.4"). Only the autopilot's own
-    letter counts, since what else stands in a name, such as that of a board, may have a number after the other one.
+    PX4 writes a lower-case v ("PX4 v1.15.0-beta"), ArduPilot an upper-case one ("ArduCopter V4.4.4"). Only the letter
+    of this autopilot is searched: other parts of the name, such as the board, may have a number after the other letter.
 
     Args:
         telemetry: autopilot and firmware of the vehicle.
@@ -146,7 +146,8 @@ def rate_without_gaps(steps: Array) -> float:
         steps: Times (N,) between successive messages, s.
 
     Returns:
-        Messages per second, without the gaps; 0 without any steps, and where all are 0.
+        Messages per second: 1 / the mean of the steps that are at most ``MAX_USUAL_STEP_RATIO`` medians long; 0 if
+        there are no steps, or all are 0.
     """
     if not len(steps):
         return 0.0
@@ -195,16 +196,16 @@ def rows_by_value(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.int3
         The rows of each value, ascending; the values are in ascending order too.
     """
     parts: dict[int, list[NDArray[np.int32]]] = {}
-    # A long column is sorted part by part, which takes less memory.
+    # A long column is sorted in parts, to bound the memory.
     for begin in range(0, len(values), SORTED_ROWS):
         part = values[begin : begin + SORTED_ROWS]
         if part.dtype.itemsize > np.dtype(np.uint16).itemsize and is_in_uint16(part):
-            # Numbers of 16 bits are sorted fastest.
+            # NumPy sorts integers of 16 bits fastest (radix sort).
             part = part.astype(np.uint16)
         order = np.argsort(part, kind="stable").astype(np.int32)
         sorted_values = part[order]
         first_rows = np.flatnonzero(begins_value(sorted_values))
-        # The part before the first row of the first value is empty.
+        # ``split`` puts an empty part before the first row of the first value.
         groups = np.split(order + np.int32(begin), first_rows)[1:]
         for value, rows in zip(sorted_values[first_rows].tolist(), groups, strict=True):
             parts.setdefault(value, []).append(rows)
@@ -287,7 +288,7 @@ def translated_fields(
         for factor, source_name in choices:
             if source_name in source:
                 values = source[source_name]
-                # Without a factor integers stay integers.
+                # With the factor 1, integers remain integers.
                 fields[name] = values if factor == 1 else np.asarray(values, np.float64) * factor
                 break
         if name in required and name not in fields:

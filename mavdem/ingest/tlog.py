@@ -154,8 +154,8 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
         Numbers of bytes (n,).
     """
     if isinstance(rows, slice):
-        # A slice of a mapped log is taken without lists of its rows. The frames before rows first to stop - 1 are the
-        # rows first - 1 to stop - 2; before the first frame of the log is its beginning, byte 0.
+        # A slice avoids arrays of row numbers for a large log. The frames before rows first to stop − 1 are the rows
+        # first − 1 to stop − 2; the first frame of the log is preceded by byte 0, the beginning of the log.
         first, stop, _ = rows.indices(len(frames))
         before = frames[max(first - 1, 0) : max(stop - 1, 0)].end
         if first == 0:
@@ -166,14 +166,17 @@ def _bytes_before(frames: Frames, rows: slice | Rows) -> NDArray[np.integer]:
 
 
 def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[np.uint64]:
-    """Reads the receive stamps before some frames (n,), UNIX µs; 0 where there is none.
+    """Reads the receive stamps in the 8 bytes before some frames.
 
     Args:
         data: The bytes of the log.
         frames: All its frames (N,).
         rows: Rows (n,) of the frames.
+
+    Returns:
+        Receive stamps (n,), UNIX µs; 0 where there is none.
     """
-    # After damage, the bytes before a frame may be anything.
+    # After damage, another number of bytes lies between two frames, and these are no stamp.
     has_stamp = _bytes_before(frames, rows) == STAMP_BYTES
     stamp_start = frames.start[rows][has_stamp] - STAMP_BYTES
     stamps = np.zeros(len(has_stamp), dtype=np.uint64)
@@ -184,8 +187,8 @@ def _receive_stamps(data: Bytes, frames: Frames, rows: slice | Rows) -> NDArray[
 def _without_carriage_returns(data: Bytes) -> tuple[Bytes, Facts]:
     """Undoes the conversion of line ends by a transfer in text mode, which puts a carriage return before line feeds.
 
-    It is recognised by every byte of the value of a line feed having a carriage return before it, which in a binary
-    file does not happen by chance.
+    The damage is recognised by a carriage return before every byte with the value of a line feed, which does not happen
+    by chance in a binary file.
 
     Args:
         data: The bytes of the log.

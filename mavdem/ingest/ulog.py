@@ -188,7 +188,8 @@ def _status_texts(texts: Sequence[LoggedText]) -> Columns:
 def _parameter_values(other: OtherRecords) -> Columns:
     """Makes PARAM_VALUE of the parameters' values when the logger began, and of each that was set later.
 
-    All are sent as float32, whatever the parameter's type, so that they are decoded without PX4's copying of bits.
+    All are of the type float32, also integer parameters. So PX4's encoding of integers as the bits of a float does not
+    apply when they are decoded.
 
     Args:
         other: The records with the parameters.
@@ -235,10 +236,10 @@ def _default_parameters(other: OtherRecords) -> dict[str, float]:
 def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics, int]:
     """Returns the topics that mavdem reads, sorted by time and without messages whose stamps are far from all others.
 
-    A topic is a kind of message of PX4, such as ``vehicle_attitude``; it has several instances where, say, a vehicle
-    has two batteries. The first message of each topic needs care: when logging starts, PX4 logs the topic's last
-    message, with its stamp, which may be long past. It is kept, since it says what held at the start, and is dated to
-    the start of the log.
+    A topic is a kind of message of PX4, such as ``vehicle_attitude``. It has several instances if, for example, a
+    vehicle has two batteries. The first message of each topic is a special case: when logging starts, PX4 logs the
+    topic's latest message, whose stamp may be long past. It is kept, since it is valid at the start, and its time is
+    moved to the start of the log.
 
     Args:
         logged_topics: The data records of each subscription.
@@ -252,14 +253,14 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
     for topic in logged_topics:
         stamps = topic.columns.get("timestamp", np.zeros(0))
         if stamps.dtype == np.uint64:
-            # A topic that was subscribed to twice continues under another number.
+            # A topic that was subscribed to twice continues under another subscription number.
             subscriptions.setdefault((topic.name, topic.instance), []).append(topic.columns)
     topics: dict[str, dict[int, Columns]] = {}
     outlier_count = 0
     for (name, instance), parts in subscriptions.items():
         fields = concatenated_columns(parts)
         is_outlier = outlier_stamps(fields["timestamp"] / MICROSECONDS)
-        # The first message is no outlier, however long past.
+        # The first message may be long past, and is never an outlier.
         is_outlier[:1] = False
         outlier_count += int(np.count_nonzero(is_outlier))
         if is_outlier.any():
@@ -267,7 +268,7 @@ def _topics(logged_topics: Sequence[LoggedTopic], start: float) -> tuple[Topics,
         if np.any(fields["timestamp"][1:] < fields["timestamp"][:-1]):
             fields = selected_rows(fields, np.argsort(fields["timestamp"], kind="stable"))
         time = fields["timestamp"] / MICROSECONDS
-        # Its stamp is moved to the start of the log, but not beyond the second message.
+        # Its time is moved to the start of the log, but not beyond the second message; ∞ if there is no second one.
         second_time = time[1:2].min(initial=np.inf)
         time[0] = np.clip(start, time[0], second_time)
         topics.setdefault(name, {})[instance] = fields | {"time": time}

@@ -231,7 +231,7 @@ class RecordDefinitions:
         return position + HEADER.size + self.header(position).length
 
     def fit(self, position: int, end: int, header: RecordHeader | None = None) -> Fit:
-        """Compares the record at an offset with the definitions of the file.
+        """Checks whether the record at an offset is consistent with the definitions of the file.
 
         Args:
             position: Offset of the record, bytes.
@@ -268,6 +268,8 @@ class RecordDefinitions:
             return _fit_if(fits=length == 2)
         if kind == UNSUBSCRIPTION:
             return Fit.UNUSED if length == 2 else Fit.DAMAGED
+        # A data record whose letter is damaged must not pass for a record of an unknown kind: with the right letter it
+        # would have the length of its subscription.
         data_header = self.content[position : position + 2] + bytes([DATA]) + body[:2]
         is_data = self.data_length(data_header) is not None
         if kind in FUTURE_TYPES and 0 < length <= MAX_UNKNOWN_BYTES and not is_data:
@@ -275,14 +277,16 @@ class RecordDefinitions:
         return Fit.DAMAGED
 
     def keyed_run(self, position: int, end: int) -> KeyedRun:
-        """Finds the sound records of information and parameters that follow each other, of which a log has a thousand.
+        """Finds sound information and parameter records that follow each other, of which a log has about a thousand.
+
+        They are checked here in one loop, which is faster than :meth:`fit` for each.
 
         Args:
             position: Offset of the first record.
             end: Offset of the end of this part of the file, which no record must exceed.
 
         Returns:
-            The records; without any, ``end`` of the run is ``position``.
+            Offsets of the records, and the offset after the last one, which is ``position`` if there are none.
         """
         content = self.content
         starts = []
@@ -298,14 +302,15 @@ class RecordDefinitions:
         return KeyedRun(starts, position)
 
     def _fit_of_data(self, body_start: int, length: int) -> Fit:
-        """Compares the length of a data record with that of its subscription.
+        """Checks the length of a data record against the layout of its topic.
 
         Args:
             body_start: Offset of the subscription number, with which the body begins.
             length: Length of the body, bytes.
 
         Returns:
-            Damaged if the length is wrong, unused if the message has no stamp, and unknown without a subscription.
+            Damaged if the length is wrong, unused if the message has no time stamp, unknown if the number has no
+            subscription; otherwise sound.
         """
         if length < 2:
             return Fit.DAMAGED
@@ -318,24 +323,25 @@ class RecordDefinitions:
         return Fit.UNUSED if topic.stamp_offset is None else Fit.SOUND
 
     def _fit_of_subscription(self, body: bytes) -> Fit:
-        """Compares a subscription with the definitions of messages.
+        """Checks a subscription against the definitions of messages and the earlier subscriptions.
 
         Args:
             body: Number of the instance (one byte), number of the subscription (two bytes), and name of the message.
 
         Returns:
-            Damaged if the name is not valid, unused if the number is taken, and unknown if the message is not defined.
+            Damaged if the name is not valid, unused if the number has a subscription already, unknown if the message is
+            not defined; otherwise sound.
         """
         name = body[3:]
         if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
             return Fit.DAMAGED
         if int.from_bytes(body[1:3], "little") in self.topics:
-            # Parsers would begin the topic again and lose what came before.
+            # Parsers would begin the topic again, and lose its data up to here.
             return Fit.UNUSED
         return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
     def learn(self, position: int) -> None:
-        """Enters a sound record that defines a message, or subscribes to one; other records change nothing.
+        """Adds a sound definition or subscription to what is known of the file; other records change nothing.
 
         Args:
             position: Offset of the record.
@@ -347,6 +353,7 @@ class RecordDefinitions:
             parsed_format = _parsed_format(body)
             if parsed_format is not None:
                 self._formats[parsed_format.name] = parsed_format.fields
+                # Layouts and sizes of other messages may depend on this definition.
                 self._fields.pop(parsed_format.name, None)
                 self._layouts.clear()
                 self._sizes.clear()
@@ -376,7 +383,7 @@ class RecordDefinitions:
         return HEADER.size + length if is_of_topic else None
 
     def possible_data_records(self, first: int, stop: int) -> PossibleRecords:
-        """Finds the places that look like data records of the present subscriptions.
+        """Finds offsets that look like data records of the subscriptions read so far.
 
         The header of a data record is five bytes: its length, the letter D, and the number of a subscription, all of
         whose records have one length.
@@ -388,7 +395,7 @@ class RecordDefinitions:
         Returns:
             Offset (n,) of the start of each possible record, and of the byte after it.
         """
-        # The headers that begin in the stretch, and no bytes behind the last one.
+        # The bytes of all headers that begin in the range, up to the end of the last header.
         content = np.frombuffer(self.content, dtype=np.uint8)
         stretch = content[first : stop + DATA_HEADER.size - 1]
         header_count = max(len(stretch) - DATA_HEADER.size + 1, 0)
@@ -410,20 +417,21 @@ class RecordDefinitions:
     def _layout_of_format(self, name: str) -> TopicLayout | None:
         """Returns the layout of a message's data records.
 
-        Padding at the end is not always logged. It is all fields at the end whose names begin with ``_padding``.
+        Padding at the end, fields whose names begin with ``_padding``, is not always logged, so that a record has a
+        minimal and a maximal length.
 
         Args:
             name: Name of the message.
 
         Returns:
-            The layout; None if the definition is missing, contains one that is missing, contains itself, has a name
-            twice, or has more than ``MAX_FIELDS`` numbers.
+            The layout; None if the definition or one that it contains is missing, or if it contains itself, has a field
+            name twice, or has more than ``MAX_FIELDS`` numbers.
         """
         try:
             size = self._size(name)
         except RecursionError:
             return None
-        # A short definition may announce any count of numbers, since messages contain arrays of other messages.
+        # Even a short definition may announce very many numbers, since messages contain arrays of other messages.
         if name not in self._formats or size is None or size.numbers > MAX_FIELDS:
             return None
         if not size.has_distinct_names:
@@ -439,7 +447,7 @@ class RecordDefinitions:
         stamp_offset = None
         offset = 0
         for field in fields:
-            # Parsers read eight bytes, whatever the type of the time stamp is.
+            # Parsers read eight bytes of the time stamp, even if it is declared with another type.
             is_stamp = field.name == "timestamp" and field.elements == 1
             if is_stamp and field.kind in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
                 stamp_offset = offset
@@ -447,7 +455,7 @@ class RecordDefinitions:
         return TopicLayout(name, min_bytes, size.length, stamp_offset)
 
     def _size(self, kind: str) -> _MessageSize | None:
-        """Returns what a number or a message takes; None if a definition is missing.
+        """Returns the number of values and of bytes of a number or a message; None if a definition is missing.
 
         Args:
             kind: The message's name, or the type of a number.
@@ -464,7 +472,7 @@ class RecordDefinitions:
         return self._sizes[kind]
 
     def _size_of_fields(self, fields: Sequence[_Field]) -> _MessageSize | None:
-        """Returns what some fields take together; None if a definition is missing."""
+        """Returns the number of values and of bytes of all fields together; None if a definition is missing."""
         numbers = 0
         length = 0
         has_distinct_names = len({field.name for field in fields}) == len(fields)
@@ -495,7 +503,7 @@ class RecordDefinitions:
         return numbers
 
     def _list_numbers(self, kind: str, name: str, numbers: list[NumberField]) -> None:
-        """Adds all numbers of a message, or of a field of one, to a list.
+        """Appends all numbers of a message, or of a field of one, to ``numbers``, by recursion into nested messages.
 
         Args:
             kind: The message's name, or the type of a number.
@@ -528,9 +536,9 @@ class RecordDefinitions:
         """Returns the pattern of bytes with which a record may begin, by the subscriptions that were read so far."""
         if self._record_start is None:
             numbers = [re.escape(number.to_bytes(2, "little")) for number in self.topics]
-            # An empty list would match any data record.
+            # An empty list of numbers would match any data record.
             start_of_data = rb"..D(?:" + b"|".join(numbers) + rb")|" if numbers else b""
-            # Looking ahead, a match has no length: the next one may begin at the byte behind.
+            # A lookahead matches without consuming bytes, so that the next match may begin at the next byte.
             pattern = rb"(?=" + start_of_data + START_OF_DEFINITION + rb")"
             self._record_start = re.compile(pattern, re.DOTALL)
         return self._record_start
@@ -566,10 +574,10 @@ def _parsed_format(body: bytes) -> _ParsedFormat | None:
 
 
 def _is_key_and_value(content: bytes) -> bool:
-    """Returns whether an information or a parameter has a key with a type, and a value of that type.
+    """Returns whether the body of an information or parameter record is a valid key and a value of the key's type.
 
     Args:
-        content: The length of the key (one byte), the key ("float MC_ROLL_P"), and the value.
+        content: The length of the key (one byte), the key with its type ("float MC_ROLL_P"), and the value.
     """
     if not content:
         return False
@@ -577,7 +585,7 @@ def _is_key_and_value(content: bytes) -> bool:
     key = KEY.fullmatch(content, 1, key_end)
     if key is None or key_end > len(content):
         return False
-    # The values of arrays have any length, and so has that of a type that is no number.
+    # The length of the value is fixed only for a single number, not for arrays and texts.
     key_type, array = key.groups()
     number_bytes = NUMBER_BYTES_BY_KEY_TYPE.get(key_type)
     return array is not None or number_bytes is None or len(content) - key_end == number_bytes

@@ -183,11 +183,14 @@ def read_other_records(
 
 
 def _name_and_value(record: bytes, key_offset: int) -> tuple[str, KeyedValue]:
-    """Returns the name in the key of a record, and the value behind the key.
+    """Reads an information or parameter record: the length of a key, the key ("float MC_ROLL_P"), and the value.
 
     Args:
         record: The record.
-        key_offset: Offset of the key's length; the key has a type and a name with a space between them.
+        key_offset: Offset of the byte with the key's length in the record.
+
+    Returns:
+        The name in the key, and the value: a number or a text if the type in the key is one, otherwise bytes.
     """
     key_end = key_offset + 1 + record[key_offset]
     key_type, _, name = record[key_offset + 1 : key_end].partition(b" ")

@@ -246,7 +246,8 @@ class _RecordScan:
     def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
         """Returns whether ``RECORDS_OF_CHAIN`` records from an offset on fit the definitions, or all up to the end.
 
-        Between them some may be unknown. A mark of synchronisation is proof by itself.
+        Up to ``MAX_UNKNOWN_RECORDS`` records of unknown kinds may lie between them. A synchronisation record, with its
+        magic bytes, is proof by itself.
 
         Args:
             position: Offset of the first record.
@@ -259,7 +260,8 @@ class _RecordScan:
             if position >= end:
                 return fitting_records > 0 or may_begin_unknown
             if self.definitions.next_position(position) > end or end - position < HEADER.size:
-                # The last record is cut off. After others it is one; alone, only with the header of a data record.
+                # The last record is cut off. It counts if a fitting record precedes it, or if its header is that of a
+                # data record.
                 data_header = self.content[position : position + DATA_HEADER.size]
                 return fitting_records > 0 or self.definitions.data_length(data_header) is not None
             fit = self.definitions.fit(position, end)
@@ -315,19 +317,19 @@ class _RecordScan:
         return end
 
     def _damaged_place(self, position: int, end: int, recent: Sequence[int]) -> slice:
-        """Finds the bytes to leave out around a record that does not fit, and adds them to the loss.
+        """Finds the bytes to leave out around a record that does not fit, and adds them to ``loss``.
 
-        The data record before it may be damaged too. If bytes are missing, that record contains the beginning of the
-        next one; if bytes were overwritten, nothing shows it. It is kept only if no more than the header of the record
+        The data record before it may be damaged too: if bytes are missing, it contains the beginning of a later record;
+        if bytes were overwritten, nothing shows it. So it is left out as well, unless only the header of the record
         after it is wrong.
 
         Args:
             position: Offset of the record that does not fit.
             end: Offset at which this part of the file ends.
-            recent: Offsets of the last records before it.
+            recent: Offsets of the last records before it, ascending.
 
         Returns:
-            The bytes to leave out.
+            The range of offsets to leave out.
         """
         start = position
         has_data_before = bool(recent) and self.definitions.header(recent[-1]).kind == DATA
@@ -337,11 +339,11 @@ class _RecordScan:
         next_position = self.definitions.next_position(position)
         is_followed = next_position < end and self.definitions.fit(next_position, end) is Fit.SOUND
         if is_followed and next_position <= next_chain:
-            # The length is right; what the record contains is wrong.
+            # The length in the record's header is right, so that only this record is damaged.
             next_chain = next_position
         is_cut_record = self._is_cut_record(position, end)
         if next_chain == end and (is_cut_record or self._is_unwritten(position, end)):
-            # Logs usually end so, when the power is switched off: nothing was lost that had been written.
+            # The usual end of a log when the power is switched off; it does not count as a loss.
             return slice(position if is_cut_record else start, end)
         if self._has_wrong_header_only(position, next_chain):
             start = position
@@ -363,7 +365,9 @@ class _RecordScan:
         return unwritten is not None and unwritten.end() == end
 
     def _has_wrong_header_only(self, position: int, next_chain: int) -> bool:
-        """Returns whether a record has its right length, so that no more than its header is wrong.
+        """Returns whether a damaged record ends where the next one begins, so that at most its header is wrong.
+
+        It does by the length in its header, or by the length of the subscription whose number it has.
 
         Args:
             position: Offset of the record.
@@ -401,8 +405,8 @@ class _RecordScan:
     def _seconds_between(self, before: Sequence[int], after: Sequence[int]) -> float:
         """Returns the time between the records before a damaged place and those after it.
 
-        The latest stamp before and the earliest after may be damaged themselves, or be much older than their
-        neighbours, as the first stamps of a topic are. So the second stamp of each side is taken if there are several.
+        The latest stamp before it and the earliest after it may be damaged too, or much older than their neighbours, as
+        the first stamp of a topic is. So if a side has more than two stamps, its second one is used.
 
         Args:
             before: Offsets of records before the place.

@@ -108,7 +108,7 @@ def _fields_to_read(topic: str, fields: Sequence[NumberField]) -> Sequence[Numbe
         topic: Name of the topic.
         fields: All fields of the topic.
     """
-    # The table has the length of an array behind its name, the file the number of each element.
+    # An array is "q[4]" in the table, with its length, and "q[0]", "q[1]", … in the file.
     names = {"timestamp", *(name.partition("[")[0] for name in TOPIC_FIELDS[topic])}
     return [field for field in fields if field.name.partition("[")[0] in names]
 

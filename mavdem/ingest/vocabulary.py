@@ -173,7 +173,7 @@ def version_text(number: int) -> str:
     """
     major, minor, patch, kind_number = number.to_bytes(4, "big")
     text = f"{major}.{minor}.{patch}"
-    # The first kind, from the highest number down, whose number is not above that of the version.
+    # Kinds are sorted by descending number; the version is of the first one whose number it reaches.
     for kind in VERSION_KINDS:
         if kind_number >= mavlink_constant(f"FIRMWARE_VERSION_TYPE_{kind.upper()}"):
             break
@@ -251,8 +251,8 @@ def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
 
     Args:
         uid2: The field uid2, 18 bytes.
-        in_words: Whether to return what ``board_number_in_texts`` returns for the same board, as ArduPilot's texts have
-            it: in words of four bytes, each the other way round.
+        in_words: Whether to return the number in the form of ArduPilot's texts (``board_number_in_texts``): in words of
+            four bytes, each with its bytes in reverse order.
 
     Returns:
         The number in hexadecimal; empty if there is none.
@@ -264,7 +264,7 @@ def board_number_in_bytes(uid2: bytes, *, in_words: bool) -> str:
         return uid2.hex()
     number = uid2.rstrip(b"\0")
     if len(number) > WORDS * WORD_BYTES:
-        # Longer than a processor's number: the simulator's.
+        # Longer than the number of a processor: it is the simulator's.
         return number[:SIMULATOR_LETTERS].hex()
     digits = ""
     for start in range(0, WORDS * WORD_BYTES, WORD_BYTES):

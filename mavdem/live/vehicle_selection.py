@@ -150,7 +150,9 @@ class Component:
         self.frame_count += 1
         is_readable = frame.checksum == CHECKSUM_MATCHES
         missing_before = self._links.missing
-        is_new = self._links.take(frame.content, frame.message_id, frame.sequence, is_readable)
+        is_new = self._links.process_frame(
+            frame.content, frame.message_id, frame.sequence, is_readable
+        )
         if not is_new:
             return False
         missing_in_gap = self._links.missing - missing_before

@@ -53,7 +53,7 @@ class SteadyRun:
 def balance_of_steady_flight(signals: Signals) -> BalanceFigures | None:
     """Measures the balance of a vehicle's motors in its steady flight: its torque commands relative to its thrust.
 
-    Each segment of settled flight, without start and landing, gives one run: its steady intervals, after one another.
+    Each segment of settled flight gives one run: the samples of its steady intervals, concatenated.
 
     Args:
         signals: Signals of the vehicle.
@@ -173,13 +173,13 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
     # The first row of the mixer is thrust, the others are torques about the axes that the geometry gives.
     axis_commands = run.commands @ signatures.mixer_rows.T
     thrust = axis_commands[:, 0]
-    # Axes that the geometry does not say stay NaN.
+    # Axes about which the geometry is not known remain NaN.
     torques = np.full((len(time), len(AXES)), np.nan)
     columns = [AXES.index(axis) for axis in signatures.axes[1:]]
     torques[:, columns] = axis_commands[:, 1:]
     table = np.column_stack([thrust, torques, run.lean])
 
-    # A rest shorter than a block is shared by all. The last sample, at fraction 1, belongs to the last block.
+    # A remainder shorter than a block lengthens all blocks. The last sample, at fraction 1, belongs to the last block.
     block_count = int(seconds / BLOCK_SECONDS)
     elapsed_fraction = (time - time[0]) / seconds
     block_numbers = np.minimum(elapsed_fraction * block_count, block_count - 1).astype(int)
@@ -196,9 +196,9 @@ def _block_means(run: SteadyRun, signatures: MotorSignatures) -> list[Array]:
 def _variance_inflation(residuals: Array) -> float:
     """Estimates the factor by which the variance of a mean exceeds that of independent blocks.
 
-    Neighbouring blocks are similar, as gusts last longer than a block, so their mean is known less precisely than from
-    as many independent ones. They are modelled as a first-order autoregression with the coefficient ρ, the correlation
-    of neighbours, for which the factor is (1 + ρ) / (1 - ρ).
+    Neighbouring blocks are correlated, since gusts last longer than a block, so that their mean is less precise than
+    that of as many independent blocks. They are modelled as a first-order autoregression whose coefficient ρ is the
+    correlation of neighbours; for it the factor is (1 + ρ) / (1 − ρ).
 
     Args:
         residuals: (N,) deviations of successive blocks from the fit, in the order of time.

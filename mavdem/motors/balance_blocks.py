@@ -48,13 +48,13 @@ class BlockAverager:
         self.restart(0.0, nan)
 
     def restart(self, time: float, heading: float) -> None:
-        """Forgets the samples so far, and begins with the block that a sample lies in.
+        """Discards the samples so far, and begins with the block that contains the next sample.
 
         Args:
             time: Time of the sample, s.
             heading: Heading, rad.
         """
-        # Blocks are numbered from the clock's beginning: this is the number of the block that is being filled.
+        # The number of the block that is being filled, counted from time 0 of the clock.
         self._number = floor(time / BLOCK_SECONDS)
         self._samples: list[Any] = []
         self._start_heading = heading
@@ -62,7 +62,7 @@ class BlockAverager:
     def add(
         self, time: float, commands: Sequence[float] | Array, heading: float
     ) -> CommandBlock | None:
-        """Adds a sample, which completes the block before if it is the first one of a new block.
+        """Adds a sample; if it is the first one of a new block, the block before is complete and is returned.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -108,11 +108,11 @@ class SampleRate:
         self._count = 0
 
     def add_sample(self, time: float, seconds: float) -> bool | None:
-        """Counts a sample, and decides whenever so many seconds have passed whether samples come fast enough.
+        """Counts a sample, and decides at regular intervals whether samples come fast enough.
 
         Args:
             time: Time of the sample, s.
-            seconds: Seconds between two decisions.
+            seconds: Interval between two decisions, s.
 
         Returns:
             Whether samples come at ``MIN_SAMPLE_RATE``, but for a tolerance; None between decisions.

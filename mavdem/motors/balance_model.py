@@ -98,15 +98,15 @@ class BalanceModel:
         return RiseEstimate(estimates, coverage_factor() * standard_errors)
 
     def thrust_loss(self, motor: int, lowest_rise: float, highest_rise: float) -> Numbers:
-        """Returns the interval of the fraction of its thrust that a motor lost, for all ``THRUST_EXPONENTS``.
+        """Returns an interval for the fraction of its thrust that a motor lost.
 
-        The interval is as wide as what is not known: how far the command rose, and with which power of it thrust goes.
-        On vehicles whose neighbours help a weak motor, its own command rises by less than it lacks: so the loss is
-        divided by that ratio. Nothing loses more than all its thrust.
+        Two things are uncertain: how far the command rose, and the exponent with which thrust depends on the command
+        (``THRUST_EXPONENTS``). On vehicles with more than four motors the neighbours of a weak motor help it, so that
+        its command rises by less than the thrust it lacks; the loss is divided by this ratio. It is at most 1.
 
         Args:
             motor: Index of the motor.
-            lowest_rise: Lower end of the interval of its command's rise, as a fraction.
+            lowest_rise: Lower end of the interval of the rise of its command, as a fraction of the command before.
             highest_rise: Upper end.
 
         Returns:

@@ -37,18 +37,18 @@ class CauseEvidence:
 
     rises: Array
     """(h, s, k) rises of the motors' commands under the hypotheses of a motor."""
-    motor_windows: Array
-    """(h, w) Bayes factors of the hypotheses of a motor, averaged over the sizes, by window."""
-    motors: Array
-    """(h,) the same with prior odds, summed over the windows."""
-    load: Array
-    """(w,) Bayes factor of a change in roll and pitch, by window."""
-    yaw: Array
-    """(w,) Bayes factor of a change in yaw, by window."""
-    all_axes: Array
-    """(w,) Bayes factor of a change in roll, pitch and yaw, by window."""
-    others: float
-    """Bayes factor of a change in yaw alone or in all axes, summed over the windows."""
+    motor_log_factors_by_window: Array
+    """(h, w) for the hypotheses of a motor, averaged over the sizes, by window."""
+    motor_log_factors: Array
+    """(h,) for the hypotheses of a motor, with their prior odds, summed over the windows."""
+    load_log_factors: Array
+    """(w,) for a change in roll and pitch alone, by window."""
+    yaw_log_factors: Array
+    """(w,) for a change in yaw alone, by window."""
+    all_axes_log_factors: Array
+    """(w,) for a change in roll, pitch and yaw, by window."""
+    other_log_factor: float
+    """For a change in yaw alone or in all axes, summed over the windows."""
 
 
 def log_sum(logarithms: Any) -> Any:
@@ -67,8 +67,8 @@ def cause_evidence(
 
     The balance is the torque that the motors make about each of a axes (roll, pitch and yaw), relative to their thrust.
     A Bayes factor is the ratio of two densities of its observed change: under the cause, averaged over the sizes that
-    the change may have, and under "nothing changed". When the change began is not known either: each of w windows is
-    one assumption on that, factors are given by window, and summed over the windows.
+    the change may have, and under "nothing changed". It is also not known when the change began: each of w windows is
+    one assumption about that, and factors are given by window and summed over the windows.
 
     Args:
         changes: Change of the balance on a axes for each of w windows.
@@ -83,17 +83,18 @@ def cause_evidence(
     motor_count = len(signatures)
     rises = hypothetical_rises(motor_count, weak_motor_sizes)
     expected_changes = rises @ signatures
-    # The shape (s, h, 1, a) has the sizes, over which the mixture sums, first, and room for the windows.
+    # Shape (s, h, 1, a): the sizes come first, since the mixture sums over them; the axis of length 1 broadcasts over
+    # the windows.
     expected_by_size = expected_changes.swapaxes(0, 1)[:, :, None]
     densities = log_t_density(changes, expected_by_size)
     # All sizes are equally probable, and so is the loss of any motor. Recoveries come after the losses.
-    motor_windows = log_sum(densities) - log(len(RISES)) - no_change
-    motors = log_sum(motor_windows.T) - log(motor_count)
-    motors[motor_count:] += log(RECOVERIES_PER_LOSS)
+    motor_log_factors_by_window = log_sum(densities) - log(len(RISES)) - no_change
+    motor_log_factors = log_sum(motor_log_factors_by_window.T) - log(motor_count)
+    motor_log_factors[motor_count:] += log(RECOVERIES_PER_LOSS)
 
     def change_of_axes(is_changed_axis: Array) -> Array:
         """Returns the log Bayes factors (w,) of a cause that changes these axes (a,), 1 or 0, by any amount."""
-        # That the amount is not known adds to the variance of these axes.
+        # The unknown amount of the change adds to the variance of these axes.
         added_variance = OTHER_CHANGE_SD**2 * is_changed_axis
         return log_t_density(changes, 0.0, added_variance) - no_change
 
@@ -102,23 +103,23 @@ def cause_evidence(
     all_axes = change_of_axes(np.ones_like(tilt_axes))
     return CauseEvidence(
         rises=rises,
-        motor_windows=motor_windows,
-        motors=motors,
-        load=load,
-        yaw=yaw,
-        all_axes=all_axes,
-        others=float(log_sum([log_sum(yaw), log_sum(all_axes)])),
+        motor_log_factors_by_window=motor_log_factors_by_window,
+        motor_log_factors=motor_log_factors,
+        load_log_factors=load,
+        yaw_log_factors=yaw,
+        all_axes_log_factors=all_axes,
+        other_log_factor=float(log_sum([log_sum(yaw), log_sum(all_axes)])),
     )
 
 
 def hypothetical_rises(motor_count: int, weak_motor_sizes: Mapping[int, float]) -> Array:
     """Returns the rise of each motor's command under each hypothesis on which motors changed.
 
-    A motor that loses thrust gets a higher command from the controller, so that it makes the same thrust as before:
-    its rise. A motor that recovers (as when ice falls off) gets a lower command again. There is one hypothesis for each
-    motor that it weakens, one for each weak motor that it recovers, and, where several are weak, one that all of them
-    recover together. How large the change is, is not known: each hypothesis has s sizes, ``RISES`` for a loss, and
-    ``RECOVERIES`` for a recovery, as fractions of the rise that the motor had.
+    The controller compensates a loss of thrust by a higher command to the motor, the rise, and lowers it again if the
+    motor recovers (for example when ice falls off). There is one hypothesis for the loss of each motor, one for the
+    recovery of each weak motor and, if several are weak, one for the joint recovery of all of them. The size of the
+    change is not known, so each hypothesis has s sizes: ``RISES`` for a loss, and ``RECOVERIES`` for a recovery, as
+    fractions of the rise that the motor had.
 
     Args:
         motor_count: k, the number of motors.

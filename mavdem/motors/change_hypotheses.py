@@ -170,15 +170,15 @@ class ChangeHypotheses:
         # (k, r): hypotheses of the motors are sorted by motor, then by rise.
         by_motor_and_rise = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motor_probabilities = by_motor_and_rise.sum(axis=1)
-        # The neighbours of a weak motor help it on vehicles with more than four motors, so its own command rises less.
+        # On vehicles with more than four motors the neighbours of a weak motor help it, so that its command rises less.
         own_rise_ratio = np.diag(self.signatures.weak_motor_commands)
         is_fault = np.outer(own_rise_ratio, RISES) >= FAULT_RISE
         fault_probabilities = np.where(is_fault, by_motor_and_rise, 0.0).sum(axis=1)
 
         return ChangeProbabilities(
-            groups=group_probabilities,
-            motors=motor_probabilities,
-            faults=fault_probabilities,
+            group_probabilities=group_probabilities,
+            motor_probabilities=motor_probabilities,
+            fault_probabilities=fault_probabilities,
             rises=_mean_and_interval_of_rises(by_motor_and_rise) * own_rise_ratio,
             posterior=posterior,
         )
@@ -186,10 +186,10 @@ class ChangeHypotheses:
     def _posterior(self, deviation: Deviation, previous: Array | None) -> Array:
         """Computes the posterior probabilities of the hypotheses by Bayes' rule.
 
-        A hypothesis expects a change with a spread, to which the scale of healthy flights' deviations is added. The
-        likelihood is the product of Student's t densities on the three axes. A motor's hypothesis is ruled out if it
-        differs by more than ``MAX_MISFIT`` scales on any axis: otherwise it might win only because the others fit even
-        worse.
+        A hypothesis expects a change with a spread, to which the scale of healthy flights' deviations is added in
+        quadrature. The likelihood is the product of Student's t densities on the three axes. The hypothesis of a motor
+        is ruled out if the observed change differs by more than ``MAX_MISFIT`` scales from it on any axis; otherwise
+        it might win only because the others fit even worse.
 
         Args:
             deviation: Deviation of the flight's balance.
@@ -204,7 +204,7 @@ class ChangeHypotheses:
         load_rows = self.groups["load"]
         motor_rows = self.groups["motor"]
         spread = self.spread.copy()
-        # A load that shifted changes yaw too where the vehicle leans, since wind pulls beside the load.
+        # If the vehicle leans, a load that shifted changes yaw too, since the drag acts beside the centre of gravity.
         spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale
@@ -221,8 +221,8 @@ class ChangeHypotheses:
     def detection_probability(self, deviation: Deviation) -> float:
         """Returns the probability with which a flight would show a rise of one motor's command by ``DETECTABLE_RISE``.
 
-        A flight whose balance is known badly looks healthy whatever its motors do. So the flight's change is replaced
-        by the signature of each motor in turn, at the flight's own scale, and explained.
+        A flight whose balance is imprecise looks healthy even if a motor is weak. To measure this, the flight's change
+        is replaced by the signature of each motor in turn, with the scale of the flight, and explained.
 
         Args:
             deviation: Deviation of the flight; its change does not count.
@@ -235,7 +235,7 @@ class ChangeHypotheses:
         probabilities = []
         for change in changes:
             change_probabilities = self.explain(deviation._replace(change=change))
-            probabilities.append(1 - change_probabilities.unchanged)
+            probabilities.append(1 - change_probabilities.unchanged_probability)
         return float(np.mean(probabilities))
 
 
@@ -265,11 +265,11 @@ def _mean_and_interval_of_rises(by_motor_and_rise: Array) -> Array:
 class ChangeProbabilities(ImmutableResult):
     """What may explain the deviation of a flight of a vehicle with k motors, with probabilities that sum to 1."""
 
-    groups: dict[str, float]
+    group_probabilities: dict[str, float]
     """Probability of each group of hypotheses, by the names in ``PRIOR_PROBABILITIES``."""
-    motors: Array
+    motor_probabilities: Array
     """(k,) probability that each motor, or its propeller, is weak."""
-    faults: Array
+    fault_probabilities: Array
     """(k,) probability that each motor is so weak that its command rises by ``FAULT_RISE`` or more."""
     rises: Array
     """(3, k) rise of each motor's own command if it is the weak one, relative to the mean command.
@@ -280,11 +280,11 @@ class ChangeProbabilities(ImmutableResult):
     """(S,) posterior probabilities of all hypotheses."""
 
     @property
-    def unchanged(self) -> float:
-        """Probability that nothing changed but what changes from flight to flight."""
-        return self.groups["healthy"]
+    def unchanged_probability(self) -> float:
+        """Probability that nothing changed except for the usual scatter from flight to flight."""
+        return self.group_probabilities["healthy"]
 
     @property
-    def fault(self) -> float:
+    def fault_probability(self) -> float:
         """Probability that some motor, or its propeller, is so weak that it is a fault."""
-        return self.faults.sum()
+        return self.fault_probabilities.sum()

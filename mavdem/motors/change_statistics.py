@@ -107,10 +107,10 @@ def long_run_variance(
 ) -> Array:
     """Estimates the long-run variance of blocks: n times the variance of the mean of n blocks.
 
-    Blocks are correlated, so this is more than the variance of a block. The method of overlapping batch means takes n
-    times the variance of the means of n neighbouring blocks, a batch. How long the correlation lasts is not known: so
-    several lengths n (``BATCH_LENGTHS``) are tried. Each estimate is averaged with the prior, weighted by numbers of
-    independent batches, and the largest counts.
+    Blocks are correlated, so it exceeds the variance of a block. The method of overlapping batch means estimates it as
+    n times the variance of the means of n neighbouring blocks, a batch. The duration of the correlation is not known,
+    so several lengths n (``BATCH_LENGTHS``) are tried. Each estimate is averaged with the prior, weighted by the
+    numbers of independent batches, and the largest one is returned.
 
     Args:
         blocks: (N, a) means of successive blocks of flight on a axes.
@@ -138,7 +138,7 @@ def long_run_variance(
         squares_about_zero = is_batch_selected @ batch_means**2
         cross_terms = 2 * mean * (is_batch_selected @ batch_means)
         squares = squares_about_zero - cross_terms + batch_count * mean**2
-        # Batches overlap: as many are independent as fit one after the other. The blocks of the prior count likewise.
+        # Batches overlap; the number of independent ones is that of batches side by side, also for the prior's blocks.
         independent_count = np.where(batch_count > length, block_count / length, 0.0)
         prior_count = prior_block_count / length
         sample_total = independent_count * length * squares / np.maximum(batch_count, 1)
@@ -153,11 +153,11 @@ def log_t_density(
 ) -> Array:
     """Computes the log density of changes under Student's t distribution about an expected change.
 
-    The distribution is the multivariate one with a diagonal scale matrix: the axes share the degrees of freedom ν,
-    since one stretch of flight shows all variances. With squares q = Σ error² / variance over the a axes, the density
-    is in proportion to Π variance^(−1/2) (1 + q / ν)^(−(ν + a) / 2).
+    The distribution is multivariate with a diagonal scale matrix. The axes share the degrees of freedom ν, since their
+    variances were estimated from the same part of the flight. With q = Σ error² / variance over the a axes, the density
+    is proportional to Π variance^(−1/2) (1 + q / ν)^(−(ν + a) / 2).
 
-    Terms that depend on the degrees of freedom only are left out; they cancel in Bayes factors.
+    Terms that depend only on the degrees of freedom are left out, since they cancel in Bayes factors.
 
     Args:
         changes: Changes of a axes for w windows.

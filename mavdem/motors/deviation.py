@@ -112,8 +112,8 @@ class LevelBalances:
 def level_balances(flights: Sequence[BalanceFigures]) -> LevelBalances:
     """Removes from the balances of flights what the lean explains: the effect of lean times the lean.
 
-    Wind makes a vehicle lean and asks for torque at once, so without this step a windy flight would look like a change
-    of the motors.
+    Wind makes a vehicle lean and at the same time requires torque, so that without this step a windy flight would look
+    like a change of the motors.
 
     Args:
         flights: n flights of one vehicle.
@@ -144,10 +144,10 @@ class ShrunkenEffects:
 def shrunken_lean_effects(flights: Sequence[BalanceFigures]) -> ShrunkenEffects:
     """Estimates the effect of lean on the balance in each flight, by empirical-Bayes shrinkage.
 
-    In a calm flight the lean hardly varies, and its effect can only be known from the vehicle's other flights. A
-    flight's own estimate is weighted by its precision, the mean of all flights by the spread between flights. Half
-    of that spread is counted as error of the estimates, since manoeuvres bias them (docs/evidence/motors.md). A flight
-    without an estimate has the mean.
+    In a calm flight the lean hardly varies, and its effect is known only from the vehicle's other flights. The estimate
+    from a flight is weighted by its precision, the mean of all flights by the spread between flights. Half of that
+    spread is counted as error of the estimates, since manoeuvres bias them (docs/evidence/motors.md). A flight without
+    an estimate gets the mean.
 
     Args:
         flights: n flights of one vehicle.

@@ -45,8 +45,9 @@ def effort_change(
 ) -> EffortChange | None:
     """Estimates whether and by how much the effort of a flight differs from that of healthy flights.
 
-    The logarithms of the healthy flights' efforts are normal, with a variance pooled from their scatter and its prior,
-    so a flight without a change follows Student's t distribution. A change is a mixture of normal distributions.
+    The logarithm of the effort is normal over healthy flights, with a variance pooled from their scatter and a prior;
+    so without a change the flight's logarithm follows Student's t distribution. The prior of a change is a mixture of
+    normal distributions.
 
     Args:
         flight: The flight.
@@ -68,7 +69,7 @@ def effort_change(
     squares = ((log_efforts - centre) ** 2).sum()
     freedom = PRIOR_BALANCE_FREEDOM + len(log_efforts) - 1
     variance_between = (PRIOR_BALANCE_FREEDOM * PRIOR_EFFORT_SD**2 + squares) / freedom
-    # The flight scatters about the mean of the healthy ones, which has an error itself.
+    # The scatter of the flight, and the error of the mean of the healthy ones.
     variance = variance_between * (1 + 1 / len(log_efforts))
     log_change = np.log(flight.effort) - centre
 

@@ -163,10 +163,10 @@ def _block_means(time: Array, commands: Array, block_seconds: float) -> _BlockMe
 
 
 def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
-    """Returns the ramp with the least product of squared residuals over the axes: the one of highest likelihood.
+    """Fits ramps of several lengths and beginnings to the balance, and returns the one of the highest likelihood.
 
-    With independent normal noise of unknown variance on each axis, −N/2 Σ log(residual sum of squares) is the log
-    likelihood of the best fit.
+    With independent normal noise of unknown variance on each axis, the log likelihood of the best fit is
+    −B/2 Σ log(residual sum of squares) over the axes.
 
     Args:
         balances: (B, a) balance of each block.
@@ -191,7 +191,7 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
         course_squares = (centred_courses**2).sum(axis=1)
         changes = (centred_courses @ centred_balances) / course_squares[:, None]
         residual_squares = total_squares - changes**2 * course_squares[:, None]
-        # A balance that never changes has no residuals; the wander bounds their logarithm.
+        # The variance of the slow wander is added, since a balance that never changes has residuals of 0.
         misfits = np.log(residual_squares / count + WANDER_SD**2).sum(axis=1)
         row = int(np.argmin(misfits))
         if misfits[row] < least_misfit:
@@ -203,10 +203,10 @@ def _best_ramp(balances: Array, min_blocks_before: int) -> Ramp:
 
 
 def _variance_of_change(balances: Array, ramp: Ramp) -> Array:
-    """Returns the variance of a ramp's change: that of a least-squares slope, and the slow wander of any balance.
+    """Returns the variance of a ramp's change: the variance of a least-squares slope, plus the slow wander of balances.
 
-    Residuals of neighbouring blocks are correlated, so their long-run variance counts: n times the variance of the mean
-    of n blocks.
+    Residuals of neighbouring blocks are correlated, so their long-run variance is used: n times the variance of the
+    mean of n blocks.
 
     Args:
         balances: (B, a) balance of each block.
@@ -234,9 +234,10 @@ def _motor_of_change(
 ) -> tuple[int | None, float]:
     """Returns the index of the motor whose weakness explains a change, and the logarithm of the odds that it does.
 
-    The signature of a motor is the change of the balance where it is weak. Its misfit to the change must be small, and
-    that of every other motor, and of a change in roll and pitch alone or in yaw alone, must be larger by strong
-    evidence. Signatures are not exact, so that their error counts as variance.
+    The signature of a motor is the change of the balance if it is weak. Its misfit to the change must be small, and the
+    misfits of all rival explanations must be larger by strong evidence. Rivals are the other motors, a change in roll
+    and pitch alone (a shifted load) and one in yaw alone. Signatures are not exact; their error is added to the
+    variance.
 
     Args:
         change: (a,) change of the balance.
@@ -249,10 +250,10 @@ def _motor_of_change(
     """
     variance = variance + (SIGNATURE_ERROR * np.linalg.norm(change)) ** 2
     weights = model.signatures / variance
-    # (k,) rise of each motor's own command that fits the change best, and the squared error that it leaves.
+    # (k,) rise of each motor's command that fits the change best, by weighted least squares, and the squared residual.
     rises = weights @ change / (weights * model.signatures).sum(axis=1)
     misfits = ((change - rises[:, None] * model.signatures) ** 2 / variance).sum(axis=1)
-    # A motor that works less hard did not lose thrust.
+    # A motor whose command fell did not lose thrust.
     misfits[rises <= 0] = np.inf
     motor = int(np.argmin(misfits))
     squares = change**2 / variance

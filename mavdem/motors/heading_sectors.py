@@ -34,11 +34,11 @@ def is_independent_of_heading(
     changes it too: a vehicle that turns may look as if a motor had become weak. So flight before and after the change
     is compared at the same heading. Headings are sorted into six sectors:
 
-    1. If the vehicle flew in some sectors both before and after the change, it must show in each of them.
-    2. If there is no such sector, it must be there in all sectors after it, two or more, and in none before it.
+    1. If the vehicle flew in some sectors both before and after the change, each of them must show the change.
+    2. Otherwise all sectors after the change, at least two, must show it, and no sector before it.
 
-    To measure how much of the change a block shows, its balance is projected on the change by weighted least squares.
-    This progress is about -1 before the change, and about 0 after it.
+    How much of the change a block shows is measured by the projection of its balance on the change, by weighted least
+    squares. This progress is about −1 before the change, and about 0 after it.
 
     Args:
         blocks: (N, a) balance about a axes in N successive blocks of flight, the latest last.
@@ -48,9 +48,9 @@ def is_independent_of_heading(
         variance: (a,) variance of the change.
 
     Returns:
-        Whether the change holds.
+        Whether the change shows at each heading.
     """
-    # Weighted least squares: axes on which the change is known well count more.
+    # Weighted least squares: axes on which the change is known precisely count more.
     weights = change / variance
     mean_after = blocks[-blocks_since:].mean(axis=0)
     progress = (blocks - mean_after) @ weights / (change @ weights)
@@ -87,7 +87,7 @@ def mean_by_sector(values: Array, headings: Array, selection: Flags) -> dict[int
         The mean by the number of the sector, 0 to 5. Sectors with fewer than ``MIN_SECTOR_BLOCKS`` blocks are left out,
         since one block is too noisy.
     """
-    # If the last heading is NaN, so are all turns, and no sector has blocks.
+    # Angle from the current heading. If that is NaN, in a turn, so are all of them, and no sector has blocks.
     turns = heading_change(headings, headings[-1])
     sector_width = 2 * np.pi / HEADING_SECTORS
     sectors = np.round(turns / sector_width) % HEADING_SECTORS

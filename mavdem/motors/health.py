@@ -62,8 +62,8 @@ def assess_motor_health(
 ) -> tuple[HealthAssessment, ...]:
     """Assesses the motors in each flight of one vehicle against its healthy flights.
 
-    A healthy flight is compared with the other healthy ones. Flights with a date are assessed in its order, and what
-    one flight shows counts as prior knowledge for the next.
+    A healthy flight is compared with the other healthy ones. Flights are assessed in the order of their dates, and the
+    result of one flight is the prior of the next.
 
     Args:
         flights: Flights of one vehicle.
@@ -100,7 +100,7 @@ def assess_motor_health(
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
 
-        # A flight without a date says nothing of the next one, and a healthy one is judged by itself.
+        # A flight without a date has no next flight, and healthy flights are no part of the sequence.
         is_in_sequence = flight.date is not None and len(other_healthy_flights) == len(healthy)
         previous = latest_evidence.get(flight.geometry_key) if is_in_sequence else None
         evidence = _flight_evidence(flight, comparable_flights, previous)
@@ -108,7 +108,7 @@ def assess_motor_health(
             latest_evidence[flight.geometry_key] = evidence
         assessment = _assessment(flight, evidence, reference)
         if assessment.health is MotorHealth.FAULT and flight in healthy:
-            faulty_healthy_flights[evidence.change.fault] = flight
+            faulty_healthy_flights[evidence.change.fault_probability] = flight
         assessments[number] = assessment
 
     if faulty_healthy_flights and not has_baseline:
@@ -137,11 +137,11 @@ def _unknown_reason(
     Args:
         flight: The flight.
         comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
-        candidate_flights: All flights of which some might have been healthy ones.
-        reference: Figures of all facts on the flights of comparison.
+        candidate_flights: All flights from which the healthy ones were chosen.
+        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
 
     Returns:
-        The reason, as a fact; None if they can.
+        The reason, as a fact; None if they can be judged.
     """
     if flight.missing is not None:
         return flight.missing
@@ -210,26 +210,27 @@ def _assessment(
     1. Fault: one motor is weak, with a probability of at least ``MIN_REPORTED_PROBABILITY``.
     2. Drift: anything changed, of balance or effort, with at least this probability, or the balance lies outside of
        nearly all healthy flights'.
-    3. Unknown: the balance is known so badly that a weak motor would not have been found.
-    4. OK: neither, though a weak motor would have shown.
+    3. Unknown: the balance is so imprecise that a weak motor would not have been found.
+    4. OK: nothing changed, and a weak motor would have been found.
 
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
-        reference: Figures that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
 
     Returns:
         The health, with its fact and probabilities.
     """
     change = evidence.change
     effort = evidence.effort
-    # The effort says nothing of a single motor, and a weak motor takes little of it; so the two are independent.
+    # The probabilities are multiplied as independent: the effort does not depend on which motor changed, and a weak
+    # motor changes the mean output only a little.
     same_effort_probability = 1.0 if effort is None else 1 - effort.probability
-    change_probability = 1 - change.unchanged * same_effort_probability
-    probabilities = change.fault, change_probability
-    if change.fault >= MIN_REPORTED_PROBABILITY:
+    change_probability = 1 - change.unchanged_probability * same_effort_probability
+    probabilities = change.fault_probability, change_probability
+    if change.fault_probability >= MIN_REPORTED_PROBABILITY:
         return _fault(flight, change, change_probability, reference)
-    # A deviation that healthy flights do not show is a change, whatever the probabilities of the hypotheses are.
+    # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
         drift = _drift(flight, evidence, change_probability, reference)
@@ -255,24 +256,24 @@ def _fault(
 ) -> HealthAssessment:
     """Returns the assessment of a flight with a weak motor.
 
-    The motor is named where it is the weak one with a probability of ``MIN_NAMED_PROBABILITY``, given that there is
-    one: to name a sound motor is the worse mistake.
+    The motor is named only if its conditional probability, given that some motor is weak, is at least
+    ``MIN_NAMED_PROBABILITY``: to name a sound motor is the worse mistake.
 
     Args:
         flight: The flight.
         change: Probability of each cause.
         change_probability: Probability that anything changed.
-        reference: Figures of all facts on the flights of comparison.
+        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
     """
-    suspect = int(change.faults.argmax())
-    suspect_probability = change.faults[suspect]
-    is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault
+    suspect = int(change.fault_probabilities.argmax())
+    suspect_probability = change.fault_probabilities[suspect]
+    is_named = suspect_probability >= MIN_NAMED_PROBABILITY * change.fault_probability
     # (3,) mean and ends of the 90 % interval.
     rise = change.rises[:, suspect]
     fact = Fact(
         MotorsBetween.MOTOR_WEAK,
         subject=flight.motors[suspect] if is_named else "",
-        probability=change.fault,
+        probability=change.fault_probability,
         motor_probability=suspect_probability,
         rise=rise,
         loss=lost_thrust(rise),
@@ -281,7 +282,7 @@ def _fault(
     return HealthAssessment(
         MotorHealth.FAULT,
         fact=fact,
-        fault_probability=change.fault,
+        fault_probability=change.fault_probability,
         change_probability=change_probability,
         suspect_motor=suspect + 1 if is_named else None,
     )
@@ -295,16 +296,16 @@ def _drift(
 ) -> Fact:
     """Returns the fact on a flight that differs from the healthy ones, without a single motor being at fault.
 
-    Either the balance, which is the torque in roll, pitch and yaw relative to the thrust, or the effort, which is the
-    mean output times the voltage, changed; the more probable change is reported. Of a changed balance, the likeliest
-    cause is given, and the motor's name if that motor is the cause with a probability of ``MIN_NAMED_PROBABILITY``. If
-    no change is probable enough, the balance is reported as outside of nearly all healthy flights'.
+    The balance (torque in roll, pitch and yaw relative to the thrust) and the effort (mean output times voltage) may
+    have changed; the more probable change is reported. For a changed balance the likeliest cause is given, with the
+    name of a motor if its probability is at least ``MIN_NAMED_PROBABILITY``. If neither change is probable enough, the
+    balance is reported as outside of nearly all healthy flights'.
 
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
         change_probability: Probability that anything changed, 0 to 1.
-        reference: Figures that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
 
     Returns:
         The fact, with its figures: probabilities from 0 to 1, shifts of the balance relative to the mean command.
@@ -318,7 +319,7 @@ def _drift(
     }
     if change_probability < MIN_REPORTED_PROBABILITY:
         return Fact(MotorsBetween.BALANCE_OUTSIDE, **balance_figures)
-    balance_probability = 1 - change.unchanged
+    balance_probability = 1 - change.unchanged_probability
     # The effort is not known in every flight.
     if effort is not None and effort.probability > balance_probability:
         return Fact(
@@ -343,13 +344,16 @@ def _balance_change(
         flight: The flight.
         change: Probability of each cause.
         change_probability: Probability that anything changed.
-        figures: Size of the change, what is usual, and the flights of comparison.
+        figures: Further values of the fact: the change, the usual deviations, and the healthy flights.
     """
-    # Of the motors, the likeliest alone competes with the other causes.
-    motor = int(change.motors.argmax())
-    cause_probabilities = {**change.groups, Explanation.MOTOR: float(change.motors[motor])}
+    # Of the motors only the likeliest one competes with the other causes, not their sum.
+    motor = int(change.motor_probabilities.argmax())
+    cause_probabilities = {
+        **change.group_probabilities,
+        Explanation.MOTOR: float(change.motor_probabilities[motor]),
+    }
     likeliest = max(Explanation, key=lambda cause: cause_probabilities[cause])
-    is_named = change.motors[motor] >= MIN_NAMED_PROBABILITY
+    is_named = change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY
     return Fact(
         MotorsBetween.BALANCE_CHANGED,
         subject=flight.motors[motor] if is_named else "",

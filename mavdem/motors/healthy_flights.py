@@ -50,8 +50,8 @@ class HealthFigures:
     def missing(self) -> Fact | None:
         """Which needed figure is not known, so that the flight's motors cannot be judged; None if all are known.
 
-        A judgement needs the balance, a geometry by which each motor can be told from others, and the lean in flight,
-        since wind changes the balance too.
+        A judgement needs the balance, a geometry in which a weak motor can be identified, and the lean in flight, since
+        wind changes the balance too.
         """
         if self.signatures is None or self.balance is None:
             return Fact(HealthUnknown.BALANCE_UNKNOWN)
@@ -87,9 +87,9 @@ class HealthFigures:
 
     @property
     def effort(self) -> float | None:
-        """Collective times voltage, V: the command at a battery of 1 V.
+        """Collective (mean motor output, 0 to 1) times battery voltage, V.
 
-        It grows with the payload, but not as the battery sags. None if command or voltage is not known.
+        It grows with the payload, but does not change as the battery sags. None if one of the two is not known.
         """
         if self.collective and self.voltage:
             return self.collective * self.voltage
@@ -98,7 +98,8 @@ class HealthFigures:
     def overlaps(self, other: HealthFigures) -> bool:
         """Returns whether two records are of one flight, logged twice: one begins before the other has ended.
 
-        How long a flight took is not known: its steady part stands for it, and is 0 without a balance.
+        The duration of the earlier flight is taken to be that of its steady part, since only this is known; it is 0
+        without a balance.
 
         Args:
             other: The other record, of the same vehicle.
@@ -115,16 +116,16 @@ HealthFlights = Sequence[HealthFigures]
 def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = None) -> HealthFlights:
     """Returns the healthy flights of a vehicle, with which its other flights are compared, each of them once.
 
-    The user may name them (``baseline``). Else they are the vehicle's first flights that are sound (no motor at its
-    limit, no oscillation, no fault), before motors and propellers wore. For that order, flights need a date.
+    The user may name them (``baseline``). Otherwise they are the vehicle's first flights by date, before motors and
+    propellers wore, that are sound: no motor at its limit, no oscillation, no fault.
 
     Args:
         flights: Flights of one vehicle.
-        baseline: Its healthy flights, where they are named; otherwise the first ``DEFAULT_HEALTHY_FLIGHTS`` sound
-            flights by date of each geometry of the motors count as healthy.
+        baseline: Its healthy flights, if the user named them. Without it, the first ``DEFAULT_HEALTHY_FLIGHTS`` sound
+            flights of each motor geometry are the healthy ones.
 
     Returns:
-        The healthy flights whose motors can be judged, none of them twice.
+        The healthy flights whose motors can be judged, without second records of the same flight.
     """
     if baseline is not None:
         return distinct_flights([flight for flight in baseline if not flight.missing])
@@ -142,7 +143,7 @@ def healthy_flights(flights: HealthFlights, baseline: HealthFlights | None = Non
 
 
 def distinct_flights(flights: HealthFlights) -> list[HealthFigures]:
-    """Returns each flight once, although some were logged twice, as on board and on the ground.
+    """Removes second records of a flight that was logged twice, for example on board and on the ground.
 
     Of two records of one flight, the one whose balance has the smaller error is kept.
 

@@ -58,7 +58,7 @@ class HoverFigures:
 
 
 def hover(path: AnyPath, vehicle: str | None = None) -> HoverFigures:
-    """Computes how hard each motor works in the settled flight of a log, at whatever rate the log has its outputs.
+    """Computes how hard each motor works in the settled flight of a log; outputs at a low rate are enough.
 
     >>> figures = mavdem.hover("flight.tlog")
     >>> figures.motors[0], figures.unit, len(figures.headroom)

@@ -65,8 +65,8 @@ class LossConfirmation(NamedTuple):
     def remaining_shares(self, balances: Array) -> Array:
         """Returns the share of the change that remains in each block: 0 as before the change, 1 as after it.
 
-        It is the projection of the balance on the change. Each axis is weighted by the inverse of the variance, so that
-        axes on which the change is known well count more.
+        It is the projection of the balance on the change, by weighted least squares: each axis is weighted by the
+        inverse of the variance of the change.
 
         Args:
             balances: (N, a) balance of each block.
@@ -78,10 +78,11 @@ class LossConfirmation(NamedTuple):
         return (balances - self.balance_before) @ weights / (self.change @ weights)
 
     def log_odds_of_return(self, times: Sequence[float], balances: Sequence[Array]) -> float:
-        """Returns the logarithm of the odds that the balance is again as before the change, against as after it.
+        """Returns the logarithm of the odds that the balance has returned to its value before the change.
 
-        Both hypotheses expect a mean share of the change, 0 and 1, with the same error, that of a mean of correlated
-        blocks. The logarithm of the ratio of two such normal densities is (1 − 2 m) / (2 σ²).
+        The alternative is that it remains as after the change. The mean share m of the change that remains is normal
+        about 0 under the one hypothesis and about 1 under the other, with the variance σ² of a mean of correlated
+        blocks. The logarithm of the ratio of these densities is (1 − 2 m) / (2 σ²).
 
         Args:
             times: (N,) ends of the blocks since the detection, s.
@@ -104,9 +105,9 @@ class LossConfirmation(NamedTuple):
         return float((1 - 2 * mean) / (2 * max(mean_variance, SMALLEST_VARIANCE)))
 
     def blocks_since_return(self, balances: Sequence[Array]) -> int:
-        """Returns the number of latest blocks, at least 1, in which the change has been over.
+        """Returns the number of blocks, at least 1, since the change was over.
 
-        The change counts as over after the last block in whose moving mean at least half of it remained.
+        It was over after the last block at which the moving average of the remaining share was at least one half.
 
         Args:
             balances: (a,) balance in each of the N blocks since the detection.

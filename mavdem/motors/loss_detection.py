@@ -171,10 +171,9 @@ class MotorLossDetector:
     def update(
         self, time: float, commands: Sequence[float] | Array, heading: float = 0.0
     ) -> list[MotorAlarm]:
-        """Takes a sample of settled flight, and tests for a change whenever a block of samples is complete.
+        """Adds a sample of settled flight, and tests for a change whenever a block of samples is complete.
 
-        A complete block is added to the flight and tested. After a gap of ``MAX_GAP``, or if the clock goes back by as
-        much, the test begins again.
+        After a gap of ``MAX_GAP``, or if the clock goes back by as much, the test begins anew.
 
         Args:
             time: Seconds on the clock of the boot.
@@ -188,15 +187,15 @@ class MotorLossDetector:
             return []
         step = time - self.latest_time
         if -MAX_GAP < step <= 0:
-            # A doubled or overtaken message: the mean of a block does not need it.
+            # A repeated message, or one that another has overtaken, is left out.
             return []
-        # After a landing, or with another clock, flight before is no reference. The first sample restarts too: the
-        # latest time is minus infinity before it.
+        # After a landing, or with another clock, the flight before is no reference. The first sample restarts, too,
+        # since the latest time before it is minus infinity.
         is_continued = 0 < step < MAX_GAP
         if not is_continued:
             self._restart(time, heading)
         self.latest_time = time
-        # None between two decisions on the rate: the obstacle then stays as it is.
+        # The rate is decided on once in ``REFERENCE_SECONDS``, and is None in between.
         is_rate_enough = self._sample_rate.add_sample(time, REFERENCE_SECONDS)
         if is_rate_enough is not None:
             self.obstacle = None if is_rate_enough else TOO_SLOW
@@ -207,7 +206,7 @@ class MotorLossDetector:
         return self.alarms[alarm_count:]
 
     def _restart(self, time: float, heading: float) -> None:
-        """Forgets all flight before a gap, with its reference, noise and weak motors, as after a landing.
+        """Discards the flight before a gap, with its reference, noise and weak motors.
 
         Args:
             time: Time of the next sample, s.
@@ -226,14 +225,15 @@ class MotorLossDetector:
         """Adds a block, ``BLOCK_SECONDS`` of flight, and tests whether the motors' balance changed lately.
 
         The balance is the torque about each axis that the motors' commands make, relative to their mean. First it is
-        tested whether a loss that was detected before lasts. Then the test is run with windows of several lengths, each
-        one assumption on how many blocks ago a change began. A window is used only if enough flight precedes it to
-        compare with. There is no test while too many blocks are missing, since the variances would be wrong.
+        tested whether a loss that was detected before persists. Then the test for a change is run with windows of
+        several lengths, each an assumption on how many blocks ago the change began. A window is used only if enough
+        flight precedes it as a reference. There is no test while too many blocks are missing, since the variances would
+        be wrong.
 
         Args:
             block: Mean commands of the block.
         """
-        # The mean command stands for the thrust. Motors that stand still, or whose commands are NaN, have no balance.
+        # The mean command is the measure of thrust. It is 0 or NaN for motors that stand still or have no command.
         thrust = block.commands.mean()
         are_running = thrust > 0
         if not are_running:
@@ -245,8 +245,8 @@ class MotorLossDetector:
         if self._blocks.has_gaps:
             return
         self._confirm_or_withdraw_loss()
-        # After a motor's change, the noise before it is the prior, with more degrees of freedom than at the beginning.
-        # So the noise is known already, and a shorter reference is enough.
+        # After the change of a motor, the noise before it is the prior, with more degrees of freedom than the initial
+        # one. So the noise is known, and a shorter reference is enough.
         has_changed_before = self._freedom > PRIOR_FREEDOM
         reference_seconds = NEXT_REFERENCE_SECONDS if has_changed_before else REFERENCE_SECONDS
         reference_blocks = reference_seconds / BLOCK_SECONDS
@@ -258,10 +258,10 @@ class MotorLossDetector:
             self._test_for_change(np.array(windows, dtype=int))
 
     def _confirm_or_withdraw_loss(self) -> None:
-        """Withdraws the loss that was detected last if the balance is again as before it, however noisy it is.
+        """Withdraws the loss that was detected last if the balance has returned to its value before.
 
-        The motor counts as recovered then, since when the change was over. A loss that is not withdrawn in time is
-        confirmed.
+        Then a recovery of the motor is recorded, from the time at which the change was over. A loss that is not
+        withdrawn within its time for confirmation is confirmed.
         """
         loss = self._unconfirmed_loss
         time = self._blocks.times[-1]
@@ -275,7 +275,7 @@ class MotorLossDetector:
             self.weak_motors.pop(loss.motor)
             block_count = loss.blocks_since_return(balances)
             self._add_alarm(loss.motor, block_count, log_odds, 0.0)
-            # From now on, flight is compared with that since the balance returned.
+            # The reference of later flight begins where the balance returned.
             self._blocks.keep_last(block_count)
         elif loss.is_over(time):
             self._unconfirmed_loss = None
@@ -283,9 +283,9 @@ class MotorLossDetector:
     def _test_for_change(self, windows: Windows) -> None:
         """Tests whether the motors' balance changed within the last blocks, and records a change of a motor.
 
-        Every cause has a Bayes factor: how much better it explains the change than "nothing changed" does. Here they
-        are logarithms, so that products are sums. The causes are the loss or recovery of each motor, a load (a change
-        in roll and pitch alone), and other changes, as in yaw alone. The steps are:
+        Every cause has a Bayes factor: how much better it explains the change than "nothing changed" does. Factors are
+        kept as logarithms. The causes are the loss or recovery of each motor, a load (a change in roll and pitch
+        alone), and other changes (in yaw alone, or in all axes). The steps are:
 
         1. Stop if the change is too small for any cause.
         2. Take the motor's cause with the largest Bayes factor. It must reach the threshold, which keeps false alarms
@@ -307,16 +307,16 @@ class MotorLossDetector:
             changes, no_change, self._model.signatures, self._model.tilt_axes, weak_motor_sizes
         )
         # The odds of the best cause are its Bayes factor over the sum of those of all the others.
-        best_cause = int(np.argmax(evidence.motors))
-        other_motors = np.delete(evidence.motors, best_cause)
-        rivals = [*other_motors, log_sum(evidence.load)]
+        best_cause = int(np.argmax(evidence.motor_log_factors))
+        other_motors = np.delete(evidence.motor_log_factors, best_cause)
+        rivals = [*other_motors, log_sum(evidence.load_log_factors)]
         # The last rival is that nothing changed, with a Bayes factor of 1.
-        rivals += [evidence.others + log(OTHERS_PER_MOTOR), 0.0]
-        log_odds = evidence.motors[best_cause] - log_sum(rivals)
-        reaches_threshold = evidence.motors[best_cause] >= self._threshold
+        rivals += [evidence.other_log_factor + log(OTHERS_PER_MOTOR), 0.0]
+        log_odds = evidence.motor_log_factors[best_cause] - log_sum(rivals)
+        reaches_threshold = evidence.motor_log_factors[best_cause] >= self._threshold
         if reaches_threshold and log_odds >= STRONG_EVIDENCE_NATS:
-            # The window in which the cause explains the change best tells when the change began.
-            window = int(np.argmax(evidence.motor_windows[best_cause]))
+            # The window in which the cause explains the change best is the estimate of when the change began.
+            window = int(np.argmax(evidence.motor_log_factors_by_window[best_cause]))
             change = _DatedChange(changes, window, int(windows[window]))
             if self._is_independent_of_heading(change):
                 # The last size is the largest. Only the ratios between the motors matter.
@@ -328,9 +328,9 @@ class MotorLossDetector:
     def _test_for_torque_change(
         self, windows: Windows, changes: WindowChanges, evidence: CauseEvidence
     ) -> None:
-        """Tests whether something other than a motor, as a shifted load, changed the steady torque.
+        """Tests whether something other than a motor, such as a shifted load, changed the steady torque.
 
-        The reference is the flight before a change, which later flight is compared with. Two cases end it:
+        The reference is the flight before a change, with which later flight is compared. Two cases end it:
 
         1. A change in roll and pitch alone, called load, that has lasted ``REFERENCE_SECONDS``, longer than a gust. Its
            Bayes factor must reach the threshold, and its odds against all other causes must be strong evidence. It is
@@ -346,15 +346,24 @@ class MotorLossDetector:
             evidence: Logarithms of the Bayes factors of all causes, some of them by window.
         """
         seconds = windows * BLOCK_SECONDS
-        # Windows that are too short get a Bayes factor of 0, whose logarithm is -inf, and so count for nothing.
-        lasting_load = evidence.load + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
+        # Windows that are too short get a Bayes factor of 0, whose logarithm is −∞.
+        lasting_load = evidence.load_log_factors + np.where(seconds >= REFERENCE_SECONDS, 0.0, -inf)
         load = log_sum(lasting_load)
         # The last rival is that nothing changed, with a Bayes factor of 1.
-        rivals = [*evidence.motors, evidence.others + log(OTHERS_PER_LOAD), 0.0]
+        rivals = [
+            *evidence.motor_log_factors,
+            evidence.other_log_factor + log(OTHERS_PER_LOAD),
+            0.0,
+        ]
         log_odds = load - log_sum(rivals)
         # (w,) the sum of the Bayes factors of all causes, by window.
         any_cause = log_sum(
-            [evidence.yaw, evidence.all_axes, evidence.load, *evidence.motor_windows]
+            [
+                evidence.yaw_log_factors,
+                evidence.all_axes_log_factors,
+                evidence.load_log_factors,
+                *evidence.motor_log_factors_by_window,
+            ]
         )
         stale_change = np.where(seconds >= STALE_SECONDS, 0.0, -inf) + any_cause
         if load >= self._threshold and log_odds >= STRONG_EVIDENCE_NATS:
@@ -368,13 +377,13 @@ class MotorLossDetector:
             block_count = int(windows[np.argmax(stale_change)])
         else:
             return
-        # From now on, flight is compared with that since the change.
+        # The reference of later flight begins with the change.
         self._blocks.keep_last(block_count)
 
     def _is_independent_of_heading(self, change: _DatedChange) -> bool:
-        """Returns whether a change holds at each heading, so that no turn of the vehicle in wind explains it.
+        """Returns whether a change shows at each heading, so that no turn of the vehicle in wind explains it.
 
-        It is not known, and so denied, before ``MIN_STEADY_SECONDS`` of flight at steady headings.
+        It is False before ``MIN_STEADY_SECONDS`` of flight at steady headings, when it cannot be decided.
 
         Args:
             change: Change of the balance, with the time of its beginning.

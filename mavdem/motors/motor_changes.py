@@ -93,7 +93,7 @@ class MotorAlarm(NamedTuple):
 
 
 def event_or_alarm(fact: Fact, time: float) -> Fact:
-    """Returns a fact as an event in flight: an alarm if its level is bad.
+    """Converts a fact to an event in flight: an alarm if its level is bad.
 
     Args:
         fact: The fact on a motor.
@@ -111,7 +111,7 @@ def event_or_alarm(fact: Fact, time: float) -> Fact:
 def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     """Returns the losses of thrust in a flight, the worst first.
 
-    Of several losses of a motor before it recovers, the largest counts. There are three cases:
+    Of several losses of a motor before it recovers, only the largest is returned. There are three cases:
 
     - A loss without a recovery is bad.
     - A loss that ended has the level "watch", and its end time. It is bad too if it was larger than a loss that lasts,
@@ -124,7 +124,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     Returns:
         The facts. Each has the names of all motors whose losses are bad.
     """
-    # The keys are boot and name of the motor, the values its largest loss since it last gave its full thrust.
+    # By boot and name of the motor: its largest loss since it last gave its full thrust.
     lasting_losses: dict[tuple[int, str], MotorAlarm] = {}
     ended_losses: list[tuple[MotorAlarm, float]] = []
     for change in changes:
@@ -153,8 +153,8 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
     """Removes losses of thrust that were too brief to be real, and the recoveries that ended them.
 
     A motor that seems weak for less than ``MIN_LOSS_SECONDS`` was disturbed by a gust or a correction of the attitude.
-    A recovery of a motor that had no loss before is removed as well. Changes of the steady torque, which are of no
-    motor, all remain.
+    A recovery without a loss before it is removed as well. All changes of the steady torque, which concern no single
+    motor, remain.
 
     Args:
         changes: All changes of the flight, in the order of time.
@@ -162,7 +162,7 @@ def lasting_changes(changes: Sequence[MotorAlarm]) -> list[MotorAlarm]:
     Returns:
         The remaining changes, in the same order.
     """
-    # The keys are boot and name of the motor, the values its losses since it last gave its full thrust.
+    # By boot and name of the motor: its losses since it last gave its full thrust.
     losses_of_motor: dict[tuple[int, str], list[MotorAlarm]] = {}
     removed_alarms: list[MotorAlarm] = []
     for change in changes:

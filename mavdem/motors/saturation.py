@@ -16,14 +16,14 @@ little thrust of all, or gains that are too high, explain both, and neither moto
 
 
 def most_limited_motors(names: Names, times_at_limit: Sequence[float] | Array) -> Names:
-    """Returns the motor that was at its limit the most, or all those that were there alike.
+    """Returns the motor that was at its limit for the longest time, or several if their times are similar.
 
     Args:
         names: Names of the k motors.
         times_at_limit: (k,) time of each at its upper limit, in any unit.
 
     Returns:
-        One name where that motor stands out; several, in the order of ``names``, where motors are alike; none if no
+        Names, in the order of ``names``, of all motors with at least ``ALIKE_RATIO`` of the longest time; none if no
         motor was at its limit.
     """
     times = np.asarray(times_at_limit, dtype=np.float64)

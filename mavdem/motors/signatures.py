@@ -41,23 +41,23 @@ class MotorSignatures:
 
     @cached_property
     def weak_motor_commands(self) -> Array:
-        """(k, k) change of the commands of all motors where the motor of the row must work harder by 1.
+        """(k, k) change of the commands of all motors if the motor of the row must work harder by 1.
 
-        The diagonal is the rise of the weak motor's own command. The change is the projection on what the mixer can
-        command, pinv(M) M, of the mixer M. With four motors that is all commands, so only the motor's own changes.
+        With the mixer M the change is the projection pinv(M) M of the rise on the commands that the mixer can make. On
+        the diagonal is the rise of the weak motor's command. With four motors the projection is the identity: only the
+        command of the weak motor changes.
         """
         allocation = np.linalg.pinv(self.mixer_rows)
         return (allocation @ self.mixer_rows).T
 
     @cached_property
     def is_motor_identifiable(self) -> bool:
-        """Whether a weak motor can be told from a shifted load and from any other weak motor.
+        """Whether a weak motor can be distinguished from a shifted load and from any other weak motor.
 
-        Motors differ by the directions of their signatures in roll, pitch and yaw, since the size of a loss is not
-        known. Two directions are too much alike from a cosine of ``MAX_SIGNATURE_COSINE`` on.
-
-        If the spins of the motors are not known, it cannot: each signature is then that of a load that shifted towards
-        the motor. Neither can it where two motors are above each other and turn the same way.
+        Since the size of a loss is not known, motors differ only in the directions of their signatures in roll, pitch
+        and yaw. Two directions are too similar if their cosine is ``MAX_SIGNATURE_COSINE`` or more, as for two motors
+        above each other that turn the same way. Without the spins of the motors, each signature equals that of a load
+        that shifted towards the motor.
         """
         # The first column is thrust, the last one yaw.
         signatures = self.weak_motor_balance[:, 1:]

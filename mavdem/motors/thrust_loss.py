@@ -10,12 +10,12 @@ Rise = TypeVar("Rise", float, Array)
 def lost_thrust(rise: Rise, exponent: float = 2.0) -> Rise:
     """Computes the fraction of its thrust that a motor lost whose command rose.
 
-    The vehicle makes up for the loss, so that the thrust stays the same: with the command higher by ``rise``, thrust
-    per command is lower by (1 + rise)^−exponent.
+    The controller compensates the loss, so that the thrust stays the same: if the command is 1 + ``rise`` times as
+    high, the motor makes (1 + rise)^−exponent of the thrust that a sound one would make by this command.
 
     Args:
         rise: Rise of the command as a fraction of the command before, a number or an array.
-        exponent: Power of the command that the thrust goes with: 2 for the square.
+        exponent: Thrust is proportional to the command to the power of this exponent.
 
     Returns:
         The lost fraction, of the type and shape of ``rise``.

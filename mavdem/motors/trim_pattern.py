@@ -116,8 +116,8 @@ def _leading_motor(deviations: Array, half_widths: Array) -> int | None:
     """Returns the motor of a quadrotor that works harder than the mean while every other works less.
 
     A weak motor or propeller causes this, but also a load on the side of the motor; a twisted arm makes two motors work
-    harder. So the pattern is reported only if a fault is more probable than not, with the estimate beyond
-    ``FAULT_RISE``, and if the lower end of its interval is beyond half of that.
+    harder. So the pattern is reported only if the estimate exceeds ``FAULT_RISE``, which makes a fault more probable
+    than not, and if the lower end of its interval exceeds half of that.
 
     Args:
         deviations: (k,) deviation of each motor's command from the mean, as a fraction of it.
@@ -142,36 +142,37 @@ def _uneven_trim(
 ) -> Fact:
     """Returns the fact on the most probable pattern of an uneven trim.
 
-    A single motor must have a probability of ``MIN_NAMED_PROBABILITY``, yaw or the centre of gravity one of
-    ``MIN_REPORTED_PROBABILITY``. Else the pattern is of several causes.
+    A single motor must have a probability of at least ``MIN_NAMED_PROBABILITY``; yaw, or the centre of gravity, one of
+    at least ``MIN_REPORTED_PROBABILITY``. Otherwise the trim is said to have several causes.
 
     Args:
         hypotheses: The patterns and their prior weights.
         deviation: The level balance, as a deviation from an even trim.
         geometry: Positions and names of the motors.
-        figures: Figures that every pattern has.
+        figures: Values that the fact has for every pattern.
     """
     change = hypotheses.explain(deviation)
-    motor = change.motors.argmax()
-    if change.motors[motor] >= MIN_NAMED_PROBABILITY:
+    motor = change.motor_probabilities.argmax()
+    if change.motor_probabilities[motor] >= MIN_NAMED_PROBABILITY:
         rise = change.rises[:, motor]
         return Fact(
             TrimFact.TRIM_OF_ONE_MOTOR,
             subject=geometry.names[motor],
-            probability=change.motors[motor],
+            probability=change.motor_probabilities[motor],
             rise=rise,
             loss=lost_thrust(rise),
             **figures,
         )
     roll, pitch, yaw = deviation.change.tolist()
-    yaw_probability = change.groups["yaw"]
-    load_probability = change.groups["load"]
+    yaw_probability = change.group_probabilities["yaw"]
+    load_probability = change.group_probabilities["load"]
     if yaw_probability >= MIN_REPORTED_PROBABILITY:
         return Fact(TrimFact.TRIM_OF_YAW, share=yaw, probability=yaw_probability, **figures)
     if load_probability >= MIN_REPORTED_PROBABILITY:
         return Fact(
             TrimFact.TRIM_OF_CENTRE,
-            # A centre of gravity in front needs a torque that lifts the nose, one on the right a roll to the left.
+            # A centre of gravity in front requires a torque that raises the nose (positive pitch); one on the right
+            # requires a torque that rolls to the left (negative roll).
             place=position_name((pitch, -roll)),
             share=np.hypot(roll, pitch),
             probability=load_probability,

@@ -94,7 +94,7 @@ def notch_advice(
 def _phase_cost(
     controller: Controller, with_notch: Controller, crossover: float | None
 ) -> float | None:
-    """Returns the phase lag that a notch adds at the crossover of the rate loop, which it takes from the phase margin.
+    """Returns the phase lag that a notch adds at the crossover of the rate loop: so much phase margin is lost.
 
     Args:
         controller: controller with the present filters of the gyro.
@@ -128,9 +128,9 @@ def _narrowest_notch(
     """Finds the narrowest notch that removes ``MIN_REMOVED_SHARE`` of a line's power.
 
     A narrow notch costs less phase margin, but the frequency of a line varies in flight. So ``RELATIVE_BANDWIDTHS`` are
-    tried from narrow to wide, each with the power that it would have removed over all W windows of the flight. A notch
-    that follows the motors has another centre in each window. Instead of moving the notch, the frequencies of the
-    window are divided by the relative centre.
+    tried from narrow to wide, and for each the power that it would have removed over all W windows of the flight is
+    computed. A notch that follows the motors has another centre in each window. Instead of moving the notch, the
+    frequencies of the window are divided by its relative centre.
 
     Args:
         controller: controller with the present filters.
@@ -146,7 +146,7 @@ def _narrowest_notch(
     # Frequencies of the line in each window, relative to a notch that stays: W windows in rows.
     frequency = spectrum.frequency[is_line] / relative_center[:, None]
     for relative_bandwidth in RELATIVE_BANDWIDTHS:
-        # Rounded to two digits, as somebody would type it.
+        # Rounded to two significant digits, as a user would enter it.
         bandwidth = float(f"{relative_bandwidth * line.frequency:.2g}")
         settings = _notch_parameters(controller, line, bandwidth)
         static_settings = settings
@@ -167,40 +167,40 @@ def _narrowest_notch(
 def _relative_notch_frequency(
     controller: Controller, line: SpectralLine, spectrum: Spectrum
 ) -> Array:
-    """Returns the course of a notch's centre in flight, relative to its centre at the median drive.
+    """Returns the centre frequency of a notch in each window of the flight, relative to its median.
 
-    A notch on a line of motors follows the motors' speed where ESCs report it, so that the line has an ``order``. Else,
-    ArduPilot's notch follows the root of the throttle. All other notches stay.
+    A notch on a line of motors follows the motors' speed if ESCs report it, so that the line has an ``order``.
+    Otherwise ArduPilot's notch follows the square root of the throttle, to which the speed is nearly proportional. All
+    other notches have a fixed centre.
 
     Args:
-        controller: controller, which tells the autopilot.
+        controller: controller, with the kind of autopilot.
         line: line that the notch is to remove.
         spectrum: spectrum with motor speed and throttle of each of W windows.
 
     Returns:
-        Centre over the centre at the median of speed or throttle (W,); 1 for a notch that stays.
+        Relative centre frequency (W,); 1 for a fixed notch.
     """
     if line.kind is LineKind.MOTOR and line.order is not None:
         return spectrum.motor_speed / np.median(spectrum.motor_speed)
     if line.kind is LineKind.MOTOR and controller.is_ardupilot:
-        # ArduPilot's notch follows the root of the throttle.
         return np.sqrt(spectrum.throttle / np.median(spectrum.throttle))
     return np.ones(len(spectrum.time))
 
 
 def _notch_parameters(controller: Controller, line: SpectralLine, bandwidth: float) -> Parameters:
-    """Returns the parameters that set a notch on a line, in the kind of filter that the autopilot has for it.
+    """Returns the parameters that set a notch on a line, for the kind of filter that the autopilot has for it.
 
     ArduPilot has one harmonic notch for all cases. PX4's dynamic notch (``IMU_GYRO_DNF_*``) follows the speed that ESCs
     report; ``HMC`` is its number of harmonics. Without that speed, PX4 has static notches only.
 
     Args:
-        controller: controller, which tells the autopilot.
+        controller: controller, with the kind of autopilot.
         line: line to remove.
         bandwidth: bandwidth of the notch, Hz.
 
     Returns:
-        Values by the autopilot's name.
+        Values by the name of the parameter.
     """
     if controller.is_ardupilot:
         return _ardupilot_harmonic_notch(controller, line, bandwidth)
@@ -219,8 +219,9 @@ def _ardupilot_harmonic_notch(
     """Returns the parameters that set ArduPilot's harmonic notch on a line.
 
     A line of the frame gets a fixed notch. A line of motors gets a notch that follows their speed if ESCs report it, so
-    that the line has an ``order``, and else the throttle. ``INS_HNTCH_REF`` is the throttle at which the notch is at
-    ``FREQ``, or a factor on the motors' speed. Bit k − 1 of the mask ``HMNCS`` stands for k times the frequency.
+    that the line has an ``order``, and otherwise the throttle. ``INS_HNTCH_REF`` is the throttle at which the notch is
+    at ``INS_HNTCH_FREQ``, or a factor on the motors' speed. Bit k − 1 of the mask ``INS_HNTCH_HMNCS`` enables the notch
+    at k times the frequency.
 
     Args:
         controller: controller with the logged hover throttle.

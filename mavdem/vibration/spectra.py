@@ -126,14 +126,14 @@ class Spectrum(ImmutableResult):
 
     @cached_property
     def density_by_throttle(self) -> ArrayPair:
-        """The spectrum by throttle, which shows whether a line moves with the motors.
+        """The spectrum as a function of throttle, which shows whether the frequency of a line depends on the motors.
 
         Windows are sorted by throttle and divided into L levels, at most ``THROTTLE_LEVELS``, of nearly the same number
         of windows.
 
         Returns:
-            Mean throttle of each level (L,), 0 to 1, and its mean density of all axes (L, F), unit²/Hz. Both are empty
-            where the throttle is not known.
+            Mean throttle of each level (L,), 0 to 1, and its mean density, summed over the axes (L, F), unit²/Hz. Both
+            are empty if the throttle is not known.
         """
         known_windows = int(np.count_nonzero(np.isfinite(self.throttle)))
         # NaN is sorted to the end.
@@ -147,7 +147,7 @@ class Spectrum(ImmutableResult):
 
     @property
     def coarse(self) -> CoarseSpectrum:
-        """The spectrum with few frequencies and times, as documents hold it.
+        """The spectrum with fewer frequencies and times, for documents and plots.
 
         Of neighbouring frequencies only the largest density is kept, since a mean would hide narrow lines, such as
         those of the motors. Of the times every k-th is kept.
@@ -158,12 +158,12 @@ class Spectrum(ImmutableResult):
         spectrogram_frequency, density_by_time = max_decimated(
             self.frequency, self.total_density, MAX_SPECTROGRAM_FREQUENCIES
         )
-        # The frequencies are the same as over time.
+        # The frequencies are those of the spectrogram.
         throttle_levels, fine_density_by_throttle = self.density_by_throttle
         _, density_by_throttle = max_decimated(
             self.frequency, fine_density_by_throttle, MAX_SPECTROGRAM_FREQUENCIES
         )
-        # Every time_step-th time is kept.
+        # Every ``time_step``-th time is kept.
         time_step = ceil(len(self.time) / MAX_SPECTROGRAM_TIMES)
         return CoarseSpectrum(
             frequency,
@@ -188,13 +188,13 @@ class Spectrum(ImmutableResult):
         """
         is_between = (self.frequency >= low) & (self.frequency <= high)
         density_sum = self.total_density[:, is_between].mean(axis=0).sum()
-        # Frequencies are even and begin at 0.
+        # Frequencies are uniform and begin at 0, so that the second one is the step.
         frequency_step = self.frequency[1]
         return density_sum * frequency_step
 
 
 def max_decimated(frequency: Array, density: Array, max_points: int) -> ArrayPair:
-    """Thins a spectrum for plotting without losing a narrow line: of neighbouring densities the largest is kept.
+    """Reduces the points of a spectrum for plotting; of neighbouring densities the largest is kept, to keep lines.
 
     Args:
         frequency: frequencies (F,), Hz.
@@ -247,9 +247,9 @@ class _Samples(NamedTuple):
 def _recorded_samples(signals: Signals) -> Iterator[_Samples]:
     """Yields all recorded samples of sensors, body rates and demand; there may be several of one name.
 
-    The same quantity may come in several messages at different rates, of which the fastest is chosen later. Body rates
-    are those behind the gyro's filters. They come with their setpoints, in messages of the rate controllers, or with
-    the attitude; they are used where all three axes have the same number of samples.
+    The same quantity may be in several messages at different rates, of which the caller chooses the fastest. Body rates
+    are measured after the gyro's filters. They are in the messages of the rate controllers, with their setpoints, or in
+    those of the attitude, and are used if all three axes have the same number of samples.
 
     Args:
         signals: signals of the vehicle.
@@ -343,11 +343,11 @@ def _unit(name: str) -> str:
 
 
 def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -> Iterator[Indices]:
-    """Yields the rows of a series, divided into runs without gaps, since a spectrum needs even samples.
+    """Yields the rows of each run of samples without gaps, since a spectrum needs uniform samples.
 
     Args:
         series: samples with their times.
-        segments: segments of the flight, none of which a run reaches beyond.
+        segments: segments of the flight; each run lies within one of them.
         max_gap: longest time between two samples of a run, s.
     """
     for segment in segments:
@@ -359,7 +359,7 @@ def _rows_without_gaps(series: TimeSeries, segments: Segments, max_gap: float) -
 def _window_means(series: TimeSeries | None, middles: Array, segments: Segments) -> Array:
     """Returns the mean of a series over each window of ``WINDOW_SECONDS``.
 
-    A mean is the difference of two cumulative sums over the number of values between, which is fast for many windows.
+    A mean is the difference of two cumulative sums, divided by the number of samples, which is fast for many windows.
 
     Args:
         series: samples of a positive quantity; None if the log has none.
@@ -367,8 +367,8 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
         segments: segments of the flight that the windows lie in.
 
     Returns:
-        (W,) means; NaN in windows without a sample. All are NaN without a series, or if the segments are of several
-        boots, in which the same time may occur twice.
+        (W,) means; NaN in windows without a sample. All are NaN without a series, or if the segments are from several
+        boots, since the same time may occur in each of them.
     """
     boots = {segment.boot for segment in segments}
     if series is None or len(boots) > 1:
@@ -379,16 +379,16 @@ def _window_means(series: TimeSeries | None, middles: Array, segments: Segments)
     half_window = np.array([[-WINDOW_SECONDS / 2], [WINDOW_SECONDS / 2]])
     bounds = np.searchsorted(series.time[is_of_boot], middles + half_window)
     counts = np.ptp(bounds, axis=0)
-    # Values are positive, so cumulative sums rise, and the range of the two is their difference.
+    # Values are positive, so that the cumulative sums rise and ``ptp`` (maximum − minimum) is their difference.
     sums = np.ptp(cumulative[bounds], axis=0)
     return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)
 
 
 def _motor_speed(signals: Signals) -> TimeSeries | None:
-    """Returns the motor speeds that electronic speed controllers (ESCs) report, those of all motors in one series.
+    """Returns the motor speeds that electronic speed controllers (ESCs) report, for all motors in one series.
 
-    Each sample is of one motor, so a mean over a window is also one over the motors. Motors that stand still are left
-    out.
+    Each sample is the speed of one motor, so that the mean over a window is also a mean over the motors. Samples of
+    motors that stand still are left out.
 
     Args:
         signals: signals of the vehicle.

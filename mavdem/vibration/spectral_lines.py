@@ -97,10 +97,10 @@ class SpectralLine(NamedTuple):
 def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
     """Finds the lines of a spectrum, and what causes them.
 
-    The frequency of a line may move with the throttle, so a mean over windows would smear it. So the spectra of all
-    windows are aligned by each of ``SEARCH_EXPONENTS`` before their mean is taken: a line stands out where the exponent
-    is near its own. Each peak is then tracked by its own exponent. A weak line without a name, beside a much stronger
-    one, is only that line, smeared by a wrong exponent, and is left out.
+    The frequency of a line may depend on the throttle, so that a mean over windows would smear it. Therefore the
+    spectra of all windows are aligned by each of ``SEARCH_EXPONENTS`` before they are averaged; a line stands out if
+    the exponent is near that of the line. Each peak is then tracked with a more exact exponent. A line of unknown cause
+    that is much weaker than a named line is that line, smeared by a wrong exponent, and is left out.
 
     Args:
         spectrum: spectrum of one sensor, in W windows.
@@ -131,8 +131,8 @@ def find_spectral_lines(spectrum: Spectrum) -> tuple[SpectralLine, ...]:
 def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
     """Finds the peaks of a curve that stand out from it.
 
-    The prominence of a peak is how far one must at least descend from it to reach a higher point of the curve, or the
-    curve's end on the side where that is less. ``scipy.signal.find_peaks`` does the same, and finds flat tops too, but
+    The prominence of a peak is its height above the higher of two minima: those of the curve on either side, up to the
+    next higher point or the end of the curve. ``scipy.signal.find_peaks`` does the same, and finds flat tops too, but
     takes half a second to import.
 
     Args:
@@ -140,12 +140,12 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
         min_prominence: least prominence, in the unit of the curve.
 
     Returns:
-        Places of the peaks, ascending.
+        Indices of the peaks, ascending.
     """
     is_peak = (values[1:-1] > values[:-2]) & (values[1:-1] > values[2:])
     peaks = []
     for peak in (np.flatnonzero(is_peak) + 1).tolist():
-        # The part of the curve about the peak in which nothing is higher.
+        # The range around the peak in which nothing is higher: between the nearest higher points on either side.
         higher = np.flatnonzero(values > values[peak])
         first_higher_after = np.searchsorted(higher, peak)
         lower_part_start = 0
@@ -164,8 +164,8 @@ def prominent_peaks(values: Array, min_prominence: float) -> list[int]:
 def _distinct(candidates: Sequence[SpectralLine]) -> list[SpectralLine]:
     """Selects the distinct lines among candidates.
 
-    A candidate is left out if its ratio does not exceed ``MIN_LINE_RATIO``, or if it is within ``MIN_SEPARATION`` of a
-    stronger line, since it is then that line once more.
+    A candidate is left out if its ratio does not exceed ``MIN_LINE_RATIO``, or if its relative distance from a stronger
+    line is at most ``MIN_SEPARATION``, since it is then the same line.
 
     Args:
         candidates: lines in any order, of which several may be the same.
@@ -200,7 +200,7 @@ class _LogSpectra:
         return self.frequency[1]
 
     def density_along(self, frequencies: Array) -> Array:
-        """Returns the logarithmic density of each window at a frequency of its own.
+        """Returns the logarithmic density of each window at another frequency.
 
         Args:
             frequencies: (…, W) a frequency, Hz, for each of W windows; the leading dimensions are free.
@@ -217,13 +217,13 @@ class _LogSpectra:
         return np.maximum(density_below, density_above)
 
     def aligned_mean(self, exponent: float) -> Array:
-        """Returns the mean of the logarithmic spectra, stretched so that lines of one exponent stay in place.
+        """Returns the mean of the logarithmic spectra over the windows, each stretched so that lines are aligned.
 
-        A line that is at f s_w^γ in window w, with the drive s_w, is at f in the stretched spectrum of every window. So
-        it adds up in the mean, while lines of other exponents are smeared.
+        A line at f s_w^γ in window w, with the drive s_w, is at f in the stretched spectrum of every window. So it adds
+        up in the mean, while lines of other exponents are smeared.
 
         Args:
-            exponent: exponent γ of the lines that stay in place.
+            exponent: exponent γ of the lines that are aligned.
 
         Returns:
             Mean logarithmic density at the frequencies of the spectra (F,).
@@ -238,9 +238,9 @@ class _LogSpectra:
 def _log_spectra(spectrum: Spectrum) -> _LogSpectra:
     """Returns the logarithmic spectra of all windows, with the drive of each.
 
-    The lines of motors move with the drive: the motors' speed divided by its median if it is known in all windows,
-    otherwise the throttle divided by its median. If neither is known, it is 1. With logarithms, windows of strong
-    vibration have no more weight than others.
+    The frequency of motor lines depends on the drive: the motors' speed relative to its median if it is known in all
+    windows, otherwise the throttle relative to its median. If neither is known, the drive is 1. Logarithms are used so
+    that windows of strong vibration have no more weight than others.
 
     Args:
         spectrum: spectrum of one sensor, in W windows.
@@ -273,7 +273,7 @@ class _Track(NamedTuple):
 
 
 def _track(windows: _LogSpectra, frequency: float) -> _Track:
-    """Determines how a line moves with the drive (motors' speed or throttle), and its exact frequency.
+    """Determines how the frequency of a line depends on the drive (motors' speed or throttle), and its exact value.
 
     A line of frequency f and exponent γ is at f · drive^γ in each window. Its exponent is the one of ``EXPONENTS`` for
     which the logarithmic density there is highest, averaged over windows. The spectra are aligned by it, and the
@@ -309,12 +309,12 @@ def _track(windows: _LogSpectra, frequency: float) -> _Track:
 def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> SpectralLine:
     """Describes the line at a peak of a mean spectrum: its kind, frequency, height and width.
 
-    The peak is followed through the windows as the drive (motors' speed or throttle) changes, which gives its exact
+    The peak is tracked through the windows as the drive (motors' speed or throttle) changes, which gives its exact
     frequency and its kind. The ratio of a line is its height over the median density around it.
 
-    The mean may have a peak where lines of single windows cross, or because of one strong window. A true line rises
-    above its surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of any other peak is set to 0, so that
-    the caller leaves it out.
+    The mean may also have a peak where lines of single windows cross, or because of one strong window. A true line
+    exceeds its surroundings in at least ``MIN_PRESENCE`` of the windows. The ratio of any other peak is set to 0, so
+    that the caller leaves it out.
 
     Args:
         spectrum: spectrum of one sensor, which gives the highest frequency and the motors' speed.
@@ -336,9 +336,10 @@ def _line_near(spectrum: Spectrum, windows: _LogSpectra, frequency: float) -> Sp
     first = max(track.top - surrounding_bins, 0)
     base = np.median(track.mean[first : track.top + surrounding_bins + 1])
     heights = windows.density_along(track.frequency * windows.drive**track.exponent)
-    # Single windows are noisy, so half of the usual ratio, in decibels, is enough for a line to be visible in one.
+    # Single windows are noisy, so that half of the required ratio, in decibels, is enough there.
     presence = np.mean(heights > base + np.log(MIN_LINE_RATIO) / 2)
-    # The order of a line is its frequency in turns of the motors: 1 for unbalance, 2 for a propeller of two blades.
+    # The order of a line is its frequency over that of the motors' revolutions: 1 for unbalance, 2 for the blades of a
+    # propeller with two.
     order = None
     if np.isfinite(spectrum.motor_speed).all() and kind is LineKind.MOTOR:
         order = track.frequency / np.median(spectrum.motor_speed)
@@ -367,9 +368,9 @@ def _bins_above(track: _Track, level: float) -> int:
         Number of neighbouring frequency bins above the level.
     """
     is_below = track.mean[: track.top] <= level
-    # Bin 0 is the constant part of the signal, and is never part of a line.
+    # Without a bin below the level it is bin 0, the constant part of the signal, which is never part of a line.
     last_bin_below = np.flatnonzero(is_below).max(initial=0)
-    # A line may reach to the highest frequency. A bin of minus infinity, appended there, ends it.
+    # A line may extend to the highest frequency. A bin of −∞ is appended there, which ends it.
     spectrum_from_line_on = np.append(track.mean[last_bin_below + 1 :], -np.inf)
     return int(np.argmax(spectrum_from_line_on <= level))
 
@@ -410,15 +411,18 @@ def _kind(track: _Track) -> LineKind:
 def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
     """Returns the cause of a line whose frequency is proportional to the drive to the power of an exponent.
 
-    A line that stays is of the frame. One that rises like the speed of motors is of motors. One that falls, or rises
-    faster, can only be an alias. Exponents between these ranges have no name.
+    A constant frequency is a resonance of the frame. A frequency that rises like the speed of the motors is theirs. One
+    that falls, or rises faster, can only be an alias. Exponents between these ranges are ambiguous.
 
     Args:
         exponent: exponent γ of the line.
         frequency: frequency of the line, Hz.
+
+    Returns:
+        The cause; UNNAMED for an ambiguous exponent.
     """
     if FRAME_EXPONENTS[0] <= exponent <= FRAME_EXPONENTS[1]:
-        # At low frequencies, a line that stays may be the resonance of the rate loop.
+        # At low frequencies, a constant line may also be the resonance of the rate loop.
         return LineKind.FRAME if frequency > MAX_LOOP_FREQUENCY else LineKind.UNNAMED
     if MOTOR_EXPONENTS[0] <= exponent <= MOTOR_EXPONENTS[1]:
         return LineKind.MOTOR
@@ -430,14 +434,14 @@ def _kind_of_exponent(exponent: float, frequency: float) -> LineKind:
 def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     """Assigns the harmonics of motors to their fundamentals.
 
-    A line at a multiple of a motor line's frequency becomes part of that line's ``harmonics``, unless it is of the
-    frame. Lines are taken in ascending frequency, so that a fundamental comes before its harmonics.
+    A line at a multiple of a motor line's frequency is added to the ``harmonics`` of that line, unless it is of the
+    frame. Lines are processed by ascending frequency, so that a fundamental comes before its harmonics.
 
     Args:
         lines: distinct lines, in any order.
 
     Returns:
-        The other lines, the strongest first.
+        The lines that are no harmonics, the strongest first.
     """
     fundamentals = list[SpectralLine]()
     for line in sorted(lines, key=lambda line: line.frequency):

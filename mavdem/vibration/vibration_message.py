@@ -55,9 +55,9 @@ def reported_vibration(signals: Signals) -> ReportedVibration | None:
     # A firmware without the measurement may send zeros.
     if not levels.any():
         return None
-    # A single count that differs from both its neighbours was damaged on its way.
+    # A single count that differs from both its neighbours is damaged; a median of three removes it.
     undamaged_counts = scipy.ndimage.median_filter(counts, size=(3, 1), mode="mirror")
-    # The counts begin again at 0 with each boot.
+    # Counts begin at 0 in each boot; the negative difference there is clipped to 0.
     clips = np.clip(np.diff(undamaged_counts, axis=0, prepend=undamaged_counts[:1]), 0, None)
     axes = ("",) if is_px4 else tuple("xyz")
     return ReportedVibration(axes, replace(samples, values=levels), clips)

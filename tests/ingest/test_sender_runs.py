@@ -64,7 +64,7 @@ def test_runs_of_frames_give_what_single_frames_give(seed, kind):
         message_id = int(frames.message_id[row])
         bytes_of_frame = frame_content(data, frames, row)
         is_first.append(
-            links.take(bytes_of_frame, message_id, int(frames.sequence[row]), is_readable)
+            links.process_frame(bytes_of_frame, message_id, int(frames.sequence[row]), is_readable)
         )
     assert stream.is_first.tolist() == is_first
     assert stream.lost == max(links.missing, 0)

@@ -248,8 +248,8 @@ RATE_CONTROLLER_MESSAGES = ("PIDR", "PIDP", "PIDY")
 def derivative_terms(tables: Tables) -> Columns:
     """Makes D_TERM: the derivative terms of the rate controllers of roll, pitch and yaw, as x, y and z.
 
-    D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY together, so their
-    rows belong to each other; where the end of the log cut one of them off, the others are cut to its length.
+    D_TERM is no message of MAVLink, but a table of this package. ArduPilot logs PIDR, PIDP and PIDY in the same step of
+    its loop, so row i of each belongs to the same step. If the log ends within a step, the longer tables are cut.
 
     Args:
         tables: DataFlash's messages by name.
@@ -272,8 +272,8 @@ def derivative_terms(tables: Tables) -> Columns:
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
     """Makes ACTUATOR_CONTROL_TARGET: what the rate controllers demand of the mixer, and thrust.
 
-    ArduCopter before 3.4 logged demands as -4500 to 4500. They are recognised by their size: more than a quarter of the
-    demands other than 0 lie beyond 2. Then demands and thrust are divided by their old full values.
+    ArduCopter before 3.4 logged demands as -4500 to 4500. This scale is recognised by the magnitudes: more than a
+    quarter of the demands other than 0 exceed 2. Then demands and thrust are divided by their old full values.
 
     Args:
         tables: DataFlash's messages by name.
@@ -290,7 +290,7 @@ def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
     controls[:, axes] = float_table(logged_columns, DEMAND_FIELDS)
     controls[:, THRUST_CHANNEL] = logged_columns.get("AOut", np.nan)
     repairs: Facts = ()
-    # Zeros are of the time on the ground, and in either scale.
+    # Demands of 0, as on the ground, do not show the scale.
     magnitudes = abs(controls[:, axes])
     magnitudes = magnitudes[magnitudes > 0]
     if len(magnitudes) and np.percentile(magnitudes, DEMAND_PERCENTILE) > MAX_DEMAND:

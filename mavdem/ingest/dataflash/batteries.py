@@ -35,13 +35,15 @@ MAX_VOLTS = 200.0
 
 
 def sys_status(tables: Tables) -> NamedMessage:
-    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA; without a first one, of all messages.
+    """Makes SYS_STATUS of the first battery: voltage, mV, and current, cA.
+
+    If no message has the instance number 0, the messages of all batteries are used.
 
     Args:
         tables: DataFlash's messages by name.
 
     Returns:
-        The message, and the name of the logged one that it was made of; without columns where no voltage was logged.
+        The message, and the name of the logged one from which it was made; without columns if no voltage was logged.
     """
     for name in BATTERY_MESSAGES:
         logged_columns = messages_with_fields(tables, name, ("Volt",))
@@ -59,7 +61,7 @@ def sys_status(tables: Tables) -> NamedMessage:
 def battery_status(tables: Tables) -> NamedMessage:
     """Makes BATTERY_STATUS of all batteries, with the number of each, from 0, as ``id``.
 
-    It is made only if a log has several batteries, or another one than the first: otherwise it would repeat SYS_STATUS.
+    It is made only if a log has a battery besides the first: otherwise it would repeat SYS_STATUS.
 
     Args:
         tables: DataFlash's messages by name.
@@ -83,11 +85,11 @@ def battery_status(tables: Tables) -> NamedMessage:
                 id_column = np.full(len(voltage), battery_id, np.uint8)
                 fields |= {"id": id_column, "voltages": voltage[:, None]}
                 parts.append(with_stamps(rows, fields))
-        # The second name is that of older versions, which do not log the first.
+        # Old versions of ArduPilot log only the second name, new ones only the first.
         if parts:
             break
-    has_other_than_first = bool(ids - {0})
-    if not has_other_than_first:
+    has_further_battery = bool(ids - {0})
+    if not has_further_battery:
         return NamedMessage(BATTERY_MESSAGES[0], {})
     columns: Columns = concatenated_columns(parts)
     time_order = np.lexsort((columns["time"], columns["boot"]))
@@ -116,8 +118,8 @@ def _rows_by_battery(logged_columns: Columns, default_id: int) -> dict[int, Colu
 def _measurements(logged_columns: Columns) -> tuple[Array, Fields]:
     """Returns the voltage and the other measurements of messages of one battery, in MAVLink's units.
 
-    They stay floats, so that the decimals that MAVLink's integers cut off are kept. Old versions of ArduPilot logged
-    hundredths of a volt. These are recognised by a median voltage that no battery of a multirotor has.
+    They remain floats, to keep the decimals that MAVLink's integers would cut off. Old versions of ArduPilot logged
+    hundredths of a volt, which are recognised by a median value that would be too many volts for a multirotor.
 
     Args:
         logged_columns: Messages (N,) with ``Volt``.

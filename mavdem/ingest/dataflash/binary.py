@@ -211,12 +211,16 @@ CODE_FIELDS = ("Subsys", "ECode", "Id", "Mode", "ModeNum", "Rsn", "ArmState")
 
 
 def usable_fields(table: MessageTable) -> MessageTable:
-    """Returns a table with the fields that have one number per message, and with ``NON_NUMERIC_FIELDS``.
+    """Leaves out the fields of a table that no reader can use.
 
-    In a damaged definition any field may be a text or an array, and a code may be no integer.
+    A usable field has one number per message, or is one of ``NON_NUMERIC_FIELDS``, the texts and arrays that are read.
+    A damaged definition may turn any field into a text or an array, and an integer code into a float.
 
     Args:
         table: The decoded messages of one name.
+
+    Returns:
+        The table with its usable fields.
     """
     columns = {}
     for name, values in table.columns.items():
@@ -265,18 +269,18 @@ def read_binary(content: FileContent) -> DataflashRecording:
 
 
 def _marker_count(data: Bytes) -> int:
-    """Returns the number of times that the marker of a message occurs in a log (B,).
+    """Returns the number of times that the two bytes of a message's marker occur in a log.
 
     Args:
-        data: The log (B,).
+        data: The log (B,). It is searched in parts of ``MARKER_SEARCH_BYTES``, to bound the memory.
     """
     first_byte, second_byte = MARKER
     count = 0
     for begin in range(0, len(data), MARKER_SEARCH_BYTES):
-        # The second byte of a marker may be the first of the next stretch.
-        stretch = data[begin : begin + MARKER_SEARCH_BYTES + 1]
-        markers = (stretch[:-1] == first_byte) & (stretch[1:] == second_byte)
-        count += int(np.count_nonzero(markers))
+        # One byte more than the part, since a marker may begin at the part's last byte.
+        part = data[begin : begin + MARKER_SEARCH_BYTES + 1]
+        is_marker = (part[:-1] == first_byte) & (part[1:] == second_byte)
+        count += int(np.count_nonzero(is_marker))
     return count
 
 
@@ -338,9 +342,9 @@ class _MessageScan:
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
 
-        From message to message the length in the definition says where the next header must be. If none is, or its id
-        has no definition, the search goes on byte by byte. The offsets are appended to ``starts``, and the lengths are
-        added to ``message_bytes``.
+        The length in a message's definition says where the next header must be. If none is there, or its id has no
+        definition, the search continues byte by byte. The offsets of the messages are appended to ``starts``, and their
+        lengths are added to ``message_bytes``.
         """
         size = len(self.content)
         offset = 0
@@ -348,6 +352,7 @@ class _MessageScan:
             if not self._has_marker(offset):
                 offset = self._offset_after_damage(offset)
                 continue
+            # Whole runs of messages that follow each other are found at once, by their headers alone.
             run = self._runs.run_at(offset, size)
             if run is not None:
                 self.starts.frombytes(run.starts.tobytes())
@@ -368,7 +373,7 @@ class _MessageScan:
                 offset = self._next_header(offset + 1)
 
     def _possible_messages(self, first: int, stop: int) -> PossibleRecords:
-        """Finds the places that look like whole messages: the marker, then an id whose messages have one length.
+        """Finds offsets that look like whole messages: the marker, then an id whose messages all have one length.
 
         Args:
             first: Offset of the first byte at which a message may begin.
@@ -407,10 +412,10 @@ class _MessageScan:
             yield definition, starts[rows]
 
     def _definition_of_message(self, offset: int) -> FormatDefinition:
-        """Returns the definition of the message at an offset; ids may have several, of different lengths.
+        """Returns the definition of the message at an offset, by its id.
 
-        A length fits if the next header, or the end of the log, follows the message. If none fits, the first definition
-        is returned.
+        If several definitions share the id, it is the first one by whose length the message ends at another header or
+        at the end of the log. If none does, the id's first definition is returned.
 
         Args:
             offset: Offset of the message's header.
@@ -439,13 +444,15 @@ class _MessageScan:
         return len(self.content) - self.message_bytes - fill_length
 
     def _learn_definitions(self) -> None:
-        """Finds the first definition of each id anywhere in the log: messages may come before their FMT.
+        """Finds the first definition of each id anywhere in the log, since messages may come before their FMT.
 
         A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
         the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated
-        length differs is used if there is no other with the same id; then the length of the fields is used, and the
-        repair is reported. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is not
-        known then, and the stated one is used.
+        length differs is used only if there is no other with the same id; then the length of the fields is used, and
+        the repair is reported. A field of a type newer than ``FIELD_TYPES`` is no damage: the length of the fields is
+        unknown then (``wire_length`` 0), and the stated one is used.
+
+        The results are stored in ``definitions``, ``sharing_definitions`` and ``repairs``.
         """
         # Definitions whose length and fields disagree, by message id: the second choice.
         contradictory: dict[int, FormatDefinition] = {}
@@ -481,7 +488,7 @@ class _MessageScan:
             )
 
     def _definition_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
-        """Returns id and definition in the FMT at an offset; None if it is cut off or damaged."""
+        """Returns the message id and the definition in the FMT at an offset; None if it is cut off or damaged."""
         if offset + FORMAT.length > len(self.content):
             return None
         if offset not in self._parsed_definitions:
@@ -490,9 +497,10 @@ class _MessageScan:
         return self._parsed_definitions[offset]
 
     def _is_of_another_log(self, offset: int) -> bool:
-        """Returns whether the FMT at an offset is sound and differs from the first one of the same id.
+        """Returns whether the FMT at an offset belongs to another log, which was appended to this one.
 
-        A definition that shares its id with another message of this log is none of another log.
+        It does if it is consistent and differs from the first definition of the same id, unless the two are messages of
+        this log that share the id.
 
         Args:
             offset: Offset of the FMT.
@@ -518,10 +526,10 @@ class _MessageScan:
     def _offset_after_damage(self, offset: int) -> int:
         """Returns the offset at which the search continues if no header is at ``offset``.
 
-        A message that ends at ``offset`` should have been followed by a header. Since it is not, some of its own bytes
-        are missing, or its header was a chance pattern. The message is removed, and the search continues inside it,
-        where the true next header may be. If no header follows at all, the log may just have been cut off after a sound
-        message, which is kept.
+        A message that ends at ``offset`` should have been followed by a header. Since it is not, some of its bytes are
+        missing, or its header was a chance pattern. The message is removed from ``starts``, and the search continues
+        inside it, where the true next header may be. If no header follows at all, the log may have been cut off after a
+        sound message, which is kept.
 
         Args:
             offset: Offset at which a header was expected.

@@ -77,9 +77,10 @@ class FlownEstimates(NamedTuple):
 
 
 def flown_estimates(tables: Tables, parameters: Parameters) -> FlownEstimates:
-    """Selects the messages of the estimator core that flew at each time.
+    """Selects, at each time, the messages of the estimator core whose estimates the autopilot used.
 
-    If the log has no row of that core, the core with most rows replaces it.
+    ArduPilot runs several instances (cores) of its Kalman filter, one per IMU, and uses those of the primary core. If
+    the log has no row of the primary core, the core with most rows replaces it.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -132,7 +133,7 @@ def _with_cores(tables: Tables, name: str) -> Columns:
     logged_columns = tables.get(name, {})
     if "C" in logged_columns:
         return logged_columns
-    # Old versions have a message of its own for each core, with a higher number.
+    # In old versions each core has a separate message, whose name ends with a higher number: EKF1, EKF6 and so on.
     prefix, number = name[:-1], int(name[-1])
     parts = []
     for core in range(MAX_OLD_CORES):
@@ -163,6 +164,7 @@ def _primary_cores(logged_columns: Columns, status: Columns) -> Integers:
         return np.zeros(count, np.int64)
     time = continuous_time(status)[is_named]
     order = np.argsort(time, kind="stable")
-    # Before the first status the core is the one that it names.
-    row = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
-    return named[is_named][order][np.maximum(row, 0)].astype(np.int64)
+    status_rows = np.searchsorted(time[order], continuous_time(logged_columns), side="right") - 1
+    # Before the first status, the core is taken from that status.
+    status_rows = np.maximum(status_rows, 0)
+    return named[is_named][order][status_rows].astype(np.int64)

@@ -301,9 +301,10 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
 
 
 def _error_without_flight(recording: DataflashRecording, source: str) -> Unreadable:
-    """Explains why a log has no message of a flight.
+    """Returns the error that explains why a log has no message of a flight.
 
-    It is of a PX4 before ULog, or most of its messages have no definition, or it has other messages or none.
+    Either it is a log of PX4 from before ULog, which has the same format; or most of its messages have no definition;
+    or it has other messages, or none at all.
 
     Args:
         recording: The log, which has none of ``FLIGHT_MESSAGES``.
@@ -316,7 +317,7 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
         return Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
     undefined_messages = recording.undefined_messages
-    # Two bytes of random data are a header now and then, but not in every few hundred bytes.
+    # In random data the two marker bytes occur once in 65536 bytes, not once in every few hundred.
     if (
         undefined_messages * MAX_MESSAGE_BYTES > recording.bytes_skipped
         and undefined_messages > len(names)
@@ -383,13 +384,16 @@ class _KeptMessages(NamedTuple):
 
 
 def _log_clock(logged_tables: Mapping[str, MessageTable]) -> _LogClock:
-    """Merges the stamps of all messages whose stamps are used as a clock.
+    """Merges the stamps of all messages into one clock, in the order of the log.
+
+    ``MESSAGES_WITH_OLD_STAMPS`` are left out: their stamps may be older than the messages before them.
 
     Args:
         logged_tables: Decoded messages by name.
 
     Returns:
-        Names of these messages, and positions in the file and times, s, of N stamps, in the order of the log.
+        Names of the messages with stamps, positions in the file and times, s, of all N stamps in the order of the log,
+        and for each name the rows of its messages among these.
     """
     stamps = _stamps_of_messages(logged_tables)
     names = tuple(name for name in stamps if name not in MESSAGES_WITH_OLD_STAMPS)
@@ -398,6 +402,7 @@ def _log_clock(logged_tables: Mapping[str, MessageTable]) -> _LogClock:
     positions = np.concatenate([logged_tables[name].position for name in names])
     order = np.argsort(positions, kind="stable")
     seconds = np.concatenate([stamps[name] for name in names])
+    # The inverse permutation: the row in the order of the log of each stamp in the order of the names.
     row_of_message = np.empty(len(order), dtype=np.int64)
     row_of_message[order] = np.arange(len(order))
     message_counts = [len(logged_tables[name].position) for name in names]
@@ -579,11 +584,10 @@ def _placed_by_neighbours(
 ) -> Columns:
     """Gives times to messages that have no stamps, or old ones, by the stamped messages before and after them.
 
-    A message was logged between its stamped neighbours in the file. A stamp of its own is clipped to this interval; a
-    text (MSG) before all stamped messages keeps an earlier stamp. Without a stamp it gets one end of the interval. The
-    choice matters if the interval is long: by default nothing is logged while the vehicle is disarmed. The event of
-    arming ends such a gap and gets the time of the message after it. All other messages get the time of the message
-    before them.
+    A message was logged between its stamped neighbours in the file. If it has a stamp, this is clipped to the interval
+    between them; but a text (MSG) before all stamped messages keeps its earlier stamp. Without a stamp, a message gets
+    the time of the neighbour before it. Only the event of arming gets that of the neighbour after it: by default
+    nothing is logged while the vehicle is disarmed, and arming ends this gap.
 
     Args:
         name: Name of the messages.
@@ -605,7 +609,7 @@ def _placed_by_neighbours(
         stamps = np.where(ends_gap, np.inf, -np.inf)
     earliest = time[row_before]
     if name == "MSG":
-        # A text that is older than the log, such as that of arming, says when it was sent.
+        # A text from before the beginning of the log, such as that of arming, keeps the time at which it was sent.
         earliest = np.where((next_rows == 0) & (stamps > 0), 0.0, earliest)
     latest = np.maximum(time[row_after], earliest)
     return {

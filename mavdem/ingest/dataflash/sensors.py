@@ -117,6 +117,7 @@ def further_sensors(
             try:
                 fields = fields_by_rule(logged_columns, rule)
             except KeyError:
+                # A required field was not logged.
                 continue
             name = _name_in_log(logged_columns, sensor.name, sensor.old_names, number)
             messages[message] = NamedMessage(name, with_stamps(logged_columns, fields))
@@ -165,7 +166,7 @@ STATUS_3D_FIX = 3
 
 
 def _name_in_log(logged_columns: Columns, name: str, old_names: Sequence[str], number: int) -> str:
-    """Returns what a log calls the messages of one of several sensors.
+    """Returns the name under which a log has the messages of one of several sensors.
 
     Args:
         logged_columns: The messages of this sensor.

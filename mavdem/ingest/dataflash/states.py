@@ -111,7 +111,7 @@ def states_of(tables: Tables, vehicle_type: int) -> StateMessages:
     Returns:
         Columns of HEARTBEAT and of EXTENDED_SYS_STATE; without rows where there are no events.
     """
-    # The stamps of a boot are needed for each state; collecting them takes a pass over all messages.
+    # Cached, since all states need the stamps of each boot, and collecting them takes a pass over all messages.
     boot_stamps = cache(partial(_boot_stamps, tables))
     changes_by_events = _changes(tables, "EV", "Id", ARMED_EVENTS, boot_stamps)
     changes_by_arm_messages = _changes(tables, "ARM", "ArmState", ARM_STATES, boot_stamps)
@@ -190,15 +190,15 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
     Returns:
         Columns (5 K,) of HEARTBEAT.
     """
-    # Rows are in the order of boots, so that the number of the boot rises where a boot begins. The state that the
-    # previous change led to is the row before; a boot's first change has none, and its own state before is taken.
+    # The number of the boot rises at the first change of each boot. The state after the previous change is in the row
+    # before; for the first change of a boot there is none, and the state before that change is used.
     is_first_of_boot = np.diff(changes.boot, prepend=-1) > 0
     previous_state = np.where(is_first_of_boot, changes.before, np.roll(changes.after, 1))
     time_before = changes.time.copy()
-    change_missing = previous_state != changes.before
-    for boot in np.unique(changes.boot[change_missing]):
+    misses_change = previous_state != changes.before
+    for boot in np.unique(changes.boot[misses_change]):
         stamps = boot_stamps(boot)
-        is_selected = change_missing & (changes.boot == boot)
+        is_selected = misses_change & (changes.boot == boot)
         # The last message before each of these changes; the first of the boot where there is none before.
         last_stamp_rows = np.maximum(np.searchsorted(stamps, changes.time[is_selected]) - 1, 0)
         time_before[is_selected] = stamps[last_stamp_rows]
@@ -213,9 +213,10 @@ def _heartbeats(changes: _StateChanges, vehicle_type: int, boot_stamps: BootStam
 
 
 def _boot_stamps(tables: Tables, boot: float) -> Array:
-    """Returns the stamps of everything that was logged in a boot but texts, ascending, each once.
+    """Returns the stamps of all messages of a boot except texts, ascending, without duplicates.
 
-    A text (MSG) is no witness that the log ran at its stamp: ArduPilot stamps it when it is said, and may log it later.
+    A text (MSG) does not prove that logging was active at its stamp: ArduPilot stamps it when it is sent, and may log
+    it later.
 
     Args:
         tables: DataFlash's messages by name, with ``time`` and ``boot``.
@@ -229,7 +230,7 @@ def _boot_stamps(tables: Tables, boot: float) -> Array:
         for name, columns in tables.items()
         if name != "MSG"
     ]
-    # Those of each message are in order mostly, and such parts are sorted fastest by a stable sort.
+    # NumPy's stable sort is the fastest for an array of parts that are mostly in order.
     sorted_stamps = np.sort(np.concatenate(stamps), kind="stable")
     return sorted_stamps[begins_value(sorted_stamps)]
 

@@ -50,7 +50,7 @@ class _Line(NamedTuple):
 def read_text(content: bytes) -> DataflashRecording:
     """Finds the messages of a text log, and decodes those of a name when a caller asks for them.
 
-    A line is a message where its name has a definition above it in the file, and it has enough values for that.
+    A line is a message if a line above it defines its name, and it has at least as many values as the definition.
 
     Args:
         content: The bytes of the file.
@@ -139,7 +139,7 @@ def _message_table(definition: FormatDefinition, lines: list[_Line]) -> MessageT
     is_valid = np.ones(len(rows), dtype=np.bool_)
     columns: dict[str, NDArray[Any]] = {}
     for i, name in enumerate(definition.fields):
-        # Texts are objects: an array of bytes would give each of them the room of the longest.
+        # Texts are kept as objects: an array of bytes would take the memory of the longest text for each.
         column_type = np.float64 if is_numeric[i] else np.object_
         column = np.array([row[i] for row in rows], dtype=column_type)
         if definition.characters[i] in INTEGER_CHARACTERS:
@@ -156,12 +156,12 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
     """Parses the values of one line.
 
     Args:
-        texts: The values as they are written.
-        is_numeric: Flag for each field, whether it is a number.
+        texts: The values as they are written in the file, one per field.
+        is_numeric: For each field, whether its values are numbers.
 
     Returns:
-        Numbers, and texts without the spaces around them; None if there are fewer or more values than fields, or a
-        number is none.
+        Numbers, and texts without the spaces around them; None if the number of values is not that of the fields, or a
+        numeric field does not contain a number.
     """
     if len(texts) != len(is_numeric):
         return None
@@ -185,7 +185,7 @@ def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> l
         definition: Definition of the message.
 
     Returns:
-        The values, with decimal points; none if they cannot be told apart.
+        The values, with decimal points; an empty list if decimal commas cannot be distinguished from separators.
     """
     field_count = len(definition.fields)
     texts = values.strip().split(b", ", field_count - 1)

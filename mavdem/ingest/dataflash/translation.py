@@ -271,7 +271,7 @@ def mavlink_messages(
 
 
 def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
-    """Translates a message whose names and units change only, by its rule in ``translation.toml``.
+    """Translates a message of which only names and units change, by its rule in ``translation.toml``.
 
     A rule lists the DataFlash messages that different versions of ArduPilot write. The first that was logged with all
     required fields is used; messages of the filter that flies come before those of other filters.
@@ -287,7 +287,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     names = estimates.preferred_names(rule["messages"])
     for name in names:
         logged_columns = estimates.tables.get(name, {})
-        # Each of several sensors writes a message of its own; the first of them is read.
+        # Several sensors write the same message, with the number of the sensor in a field; the first sensor is read.
         instances = logged_columns.get(rule.get("instance_field", ""), np.zeros(0))
         if len(instances):
             logged_columns = rows_of_instance(
@@ -298,6 +298,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
         try:
             fields = fields_by_rule(logged_columns, rule)
         except KeyError:
+            # A required field was not logged; another version's message may have it.
             continue
         return NamedMessage(estimates.names.get(name, name), with_stamps(logged_columns, fields))
     return NamedMessage(names[0], {})
@@ -413,9 +414,9 @@ OUTPUT_NAMES = ("C{}", "Ch{}", "Chan{}")
 def _servo_outputs(tables: Tables) -> NamedMessage:
     """Makes SERVO_OUTPUT_RAW: the pulse widths of outputs 1 to 32, µs, 16 on each port.
 
-    ArduPilot logs them in up to three messages, one after the other in one step of its loop. Each port is made at the
-    stamps of its most frequent message; the outputs of another are those that it had last. Outputs that were not logged
-    are 0, which means no pulses.
+    ArduPilot logs them in up to three messages, one after the other in one step of its loop. A port has the stamps of
+    the most frequent of its messages, with the latest values of the others. Outputs that were not logged are 0, which
+    means no pulses.
 
     Args:
         tables: DataFlash's messages by name.
@@ -516,8 +517,8 @@ MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"]
 def _vibration(tables: Tables) -> Columns:
     """Makes VIBRATION of VIBE, which comes as one message per IMU, or of the first IMU alone in older versions.
 
-    The messages of all IMUs are put side by side, row by row. If the end of the log cut off the last message of some
-    IMU, the others are cut to its length.
+    Row i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU, the
+    others are cut to its length.
 
     Args:
         tables: DataFlash's messages by name.
@@ -543,7 +544,7 @@ def _vibration(tables: Tables) -> Columns:
 
 
 def _vibration_by_imu(vibe: Columns) -> list[Columns]:
-    """Returns the rows of VIBE of each IMU that has some, equally many of each.
+    """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
 
     Args:
         vibe: all rows of VIBE; where older versions have no field ``IMU``, all are those of the first IMU.

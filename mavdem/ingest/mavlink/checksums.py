@@ -70,10 +70,9 @@ class _Tables(NamedTuple):
 
 @cache
 def _tables() -> _Tables:
-    """Computes the tables of this module when a block is read for the first time.
+    """Computes the lookup tables of this module when a block is read for the first time.
 
-    Each table follows from the one before: the registers after a number of bytes are those after one byte less, updated
-    by one byte.
+    Registers after n + 1 zero bytes are computed from those after n, by one more step of the CRC.
 
     Returns:
         The tables, which are cached.
@@ -84,6 +83,7 @@ def _tables() -> _Tables:
     low_bytes = np.arange(BYTE_VALUES, dtype=np.uint16)
     registers = np.concatenate([low_bytes, low_bytes << 8])
     shifts = []
+    # Row n has the registers after n zero bytes: of all values of the low byte, then of all values of the high byte.
     for _ in range(ROW_BYTES + 1):
         shifts.append(registers)
         registers = registers_after(registers, zero)
@@ -94,7 +94,8 @@ def _tables() -> _Tables:
 def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
     """Returns the contents of the checksum's register after a number of zero bytes.
 
-    A register is the XOR of its low and its high byte, and its later contents are the XOR of theirs.
+    Since the CRC is linear, the contributions of the low and of the high byte of the register are looked up separately
+    and combined by XOR.
 
     Args:
         registers: Contents (N,) of the register, 16 bits.
@@ -104,7 +105,7 @@ def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
         Contents (N,) of the register.
     """
     tables = _tables()
-    # A flat index is faster than two.
+    # The tables are flat, with ``BYTE_VALUES`` entries for each number of zero bytes: one index is faster than two.
     first_of_row = zero_bytes * BYTE_VALUES
     low_bytes = tables.low_byte_shifts.take(first_of_row + (registers & 0xFF))
     return low_bytes ^ tables.high_byte_shifts.take(first_of_row + (registers >> 8))
@@ -137,7 +138,7 @@ class BlockChecksums:
             step_registers[:] = registers
 
     def checksums(self, first: Offsets, end: Offsets) -> Registers:
-        """Returns the checksums of pieces of the block.
+        """Returns the checksums (N,) of pieces of the block.
 
         ``tests/ingest/test_checksums.py`` compares them with pymavlink's.
 
@@ -145,10 +146,13 @@ class BlockChecksums:
             first: Offset of the first byte of each piece (N,).
             end: Offset behind its last byte (N,), at most ``ROW_BYTES`` later.
         """
-        # The difference of the piece's register at its beginning from that of the row grows into one at its end.
+        # The kept registers were computed from the beginning of the row, not of the piece. The CRC is linear: if two
+        # registers differ, they differ after the same bytes by this difference, shifted by as many zero bytes. So the
+        # difference at the beginning of the piece is shifted to its end and removed there.
         difference = self._registers_at(first) ^ np.uint16(START_OF_REGISTER)
         checksums = self._registers_at(end) ^ shifted(difference, end - first)
-        # The next row started with 0 instead of the last register of the row before.
+        # A piece may end in the next row, which started with 0 instead of the last register of the row before. Removed
+        # in the same way.
         first_rows = first // ROW_BYTES
         in_two_rows = np.flatnonzero(end // ROW_BYTES > first_rows)
         last_registers = self._registers[-1, first_rows[in_two_rows]]
@@ -157,15 +161,20 @@ class BlockChecksums:
         return checksums
 
     def _registers_at(self, offsets: Offsets) -> Registers:
-        """Returns the registers before offsets (N,) of the block, as each row has them.
+        """Looks up the registers before the bytes at some offsets, computed from the beginning of their rows.
+
+        Registers are kept after each word of two bytes; at an odd offset one more byte is taken in.
 
         Args:
             offsets: Offsets (N,) of bytes in the block.
+
+        Returns:
+            Registers (N,).
         """
         rows = offsets // ROW_BYTES
         row_offsets = offsets - rows * ROW_BYTES
         words = row_offsets // WORD_BYTES
-        # A flat index is faster than two.
+        # The element [words, rows], by a flat index: ``take`` is faster than indexing by two arrays.
         registers = self._registers.take(words * self._registers.shape[1] + rows)
         is_odd = np.flatnonzero(row_offsets % WORD_BYTES)
         last_bytes = self._bytes[offsets[is_odd] - 1]

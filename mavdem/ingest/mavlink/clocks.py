@@ -143,11 +143,11 @@ def outlier_stamps(stamps: Times) -> Flags:
     if len(stamps) < MIN_REFERENCE_STAMPS:
         return np.zeros(len(stamps), dtype=np.bool_)
     steps = np.diff(stamps)
-    # The running median of ascending stamps is the stamp itself, but for those at the ends, which deviate from it by
-    # less than the half window at an end takes.
+    # A shortcut for stamps that only rise: the running median of ascending values is the value itself, except within
+    # half a window of either end. There it deviates by at most the duration of that half window.
     half = OUTLIER_WINDOW // 2
-    end_spans = max(stamps[half] - stamps[0], stamps[-1] - stamps[-1 - half])
-    if steps.min() >= 0 and end_spans <= MAX_STAMP_DEVIATION:
+    longest_half_window = max(stamps[half] - stamps[0], stamps[-1] - stamps[-1 - half])
+    if steps.min() >= 0 and longest_half_window <= MAX_STAMP_DEVIATION:
         return np.zeros(len(stamps), dtype=np.bool_)
     median_step = np.median(abs(steps))
     return deviates_from_median(
@@ -321,9 +321,9 @@ READINGS_AT_ONCE = 1 << 20
 
 
 def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator[_ClockReadings]:
-    """Yields the readings of all message types in the order of the stream, part by part, without empty parts.
+    """Yields the readings of all message types in the order of the stream, in parts, to bound the memory.
 
-    Of readings at one position that of the later type in the sequence comes last.
+    Of readings at one position, that of the later type in ``timed_types`` comes last. Empty parts are left out.
 
     Args:
         timed_types: The readings of each type, at least one reading of each.
@@ -336,7 +336,7 @@ def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator
         part_end = first + (end - first) * (part_number + 1) // part_count
         parts = []
         for readings in timed_types:
-            # Bounds of the type of the positions: otherwise these would be converted, and take much memory.
+            # With bounds of another data type, ``searchsorted`` would convert a copy of all positions.
             bounds = np.array([part_start, part_end], dtype=readings.positions.dtype)
             first_row, end_row = np.searchsorted(readings.positions, bounds).tolist()
             rows = slice(first_row, end_row)
@@ -352,18 +352,19 @@ def _readings_in_stream_order(timed_types: Sequence[_ClockReadings]) -> Iterator
 
 
 def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, Facts]:
-    """Puts the reference type on the boot clock, time since boot and number of the boot, by its own stamps alone.
+    """Computes the time since boot and the number of the boot for each message of the reference type, by its stamps.
 
-    Stamps rise, and fall for one of three reasons. A damaged stamp far from the others is an outlier; these are removed
-    first. The counter wrapped, that is began again at 0 after its period: then the stamp plus one period follows the
-    stamp before it shortly. Else the autopilot restarted, which begins another boot. The steps are in this order:
-    outliers, wraps, restarts; then wraps are counted again within each boot.
+    Stamps normally rise. They fall for one of three reasons, which are handled in this order. A damaged stamp far from
+    the others is an outlier, and is removed. Where the counter wrapped to 0 after its period, the stamp plus one period
+    is shortly after the stamp before it. Every other fall is a restart of the autopilot, which begins another boot.
+    Finally the wraps are counted again within each boot.
 
     Args:
         reference_type: The messages of the reference type and their stamps.
 
     Returns:
-        Its messages on the boot clock, and the repairs: stamps ignored, wraps undone, reboots found.
+        Stream position, time, s, and boot of its messages without outliers; and the repairs: the number of outliers,
+        whether wraps were undone, and the number of reboots.
     """
     name = reference_type.message
     period = reference_type.period
@@ -380,7 +381,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
     reboot_rows = _reboot_rows(time)
     boot = np.cumsum(np.bincount(reboot_rows, minlength=len(positions)))
     if len(wrap_rows):
-        # Wraps count again with each boot.
+        # A counter starts again at each boot, so only the wraps since the boot's first message are added.
         boot_start_rows = np.concatenate([[0], reboot_rows])
         wraps_before_boot = wraps[boot_start_rows][boot]
         time = stamps + period * (wraps - wraps_before_boot)
@@ -446,11 +447,11 @@ def _reboot_rows(time: Times) -> Rows:
 
 
 def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> bool:
-    """Returns whether a clock that fell counts up again message by message, as that of an autopilot that restarted.
+    """Returns whether a clock that fell rises again message by message, as after a restart of the autopilot.
 
     A restarted clock rises without gaps to its former value, with about as many messages on the way as their rate
-    implies. Late messages of a second link do not: they are fewer, since copies of messages were dropped, or messages
-    of the first link come in between, so that the clock jumps.
+    implies. With late messages of a second link it does not: there are fewer of them, since copies were dropped, or
+    messages of the first link come in between, so that the clock jumps.
 
     Args:
         stamps: Stamps (n,) from the fall on, s, in stream order.
@@ -465,7 +466,7 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
 
 
 def _highest_ahead(values: Times, count: int) -> Times:
-    """Returns at each row the highest of the next ``count`` values; at the end, of fewer.
+    """Returns the running maximum of each value and the ``count`` − 1 values after it; of fewer at the end.
 
     Args:
         values: Values (n,).
@@ -474,7 +475,7 @@ def _highest_ahead(values: Times, count: int) -> Times:
     Returns:
         Highest values (n,).
     """
-    # SciPy's window lies around each row. A negative origin moves it towards later rows, so that it begins there.
+    # SciPy's window is centred on each row. The negative origin moves it so that it begins at the row.
     return scipy.ndimage.maximum_filter1d(values, count, origin=-(count // 2), mode="nearest")
 
 
@@ -547,11 +548,11 @@ class _Comparison(NamedTuple):
 def _compared_with_reference(
     reference: _ClockReadings, positions: StreamPositions, stamps: Times, period: float
 ) -> _Comparison:
-    """Compares each stamp with the stamps of the reference type before and after it in the stream.
+    """Compares each stamp with the stamps of the reference messages before and after it in the stream.
 
-    A message that was sent between two messages of the reference type should have a stamp between theirs. Around a
-    reboot these two are of different boots; the message belongs to the one whose stamp is nearer. The counter of the
-    stamps may have wrapped since the reference's stamp: whole periods are added so that the stamp is nearest to it.
+    A message between two reference messages should have a stamp between theirs. Around a reboot these two are of
+    different boots, and the message belongs to the one whose stamp is nearer. The counter of the stamps may have
+    wrapped relative to the reference; whole periods are added that bring the stamp nearest to the reference stamp.
 
     Args:
         reference: Stamps of the reference type on the boot clock.

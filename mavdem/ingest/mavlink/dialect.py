@@ -79,7 +79,14 @@ class _Dialect(NamedTuple):
 
 @cache
 def _dialect() -> _Dialect:
-    """Reads ``dialect.json``."""
+    """Reads ``dialect.json``, the messages and enumerations of pymavlink's ``all`` dialect.
+
+    In the file a message has its ``id``, ``crc_extra``, ``fields`` ("uint8_t type, float[4] q", in the order on the
+    wire) and ``order``, the names of the fields in the order of the definition.
+
+    Returns:
+        Message definitions by name, and the names of the entries of each enumeration; cached.
+    """
     text = (files("mavdem.ingest.mavlink") / "dialect.json").read_text("utf-8")
     document = json.loads(text)
     messages = {}

@@ -64,12 +64,12 @@ class FrameReader:
         """Returns the frames that the next bytes of the stream complete, in their order.
 
         A frame begins with a marker byte, but the same byte may occur inside a payload. So the search tries each offset
-        in turn: if the frame that its header announces has a matching checksum, it is taken, and the search goes on
-        after it. Then the bytes between it and the good frame before it are decided: if a chain of frames, damaged or
-        of another dialect, fills them exactly, these are returned too; otherwise they are no frames.
+        in turn: if the frame that the header there announces has a matching checksum, it is accepted, and the search
+        continues after it. Then the bytes between it and the accepted frame before it are classified: if a chain of
+        frames, damaged or of another dialect, fills them exactly, these are returned too; otherwise they are skipped.
 
-        If the announced frame has not come completely, the search stops, and the bytes from the last good frame on wait
-        for the next call. Frames with matching checksums do not depend on how the stream is cut into pieces.
+        If the announced frame has not arrived completely, the search stops, and the bytes after the last accepted frame
+        are kept for the next call. So the accepted frames do not depend on how the stream is cut into pieces.
 
         Args:
             piece: the next bytes of the stream, of any number.
@@ -78,13 +78,13 @@ class FrameReader:
             The frames. Those without a matching checksum are counted in ``undecoded_frames``, too.
         """
         data = self._pending + piece
-        # All bytes before this offset belong to frames that were returned, or to none.
+        # All bytes before this offset are classified: they belong to frames that were returned, or to none.
         decided_end = 0
         offset = self._searched
         frames: list[Frame] = []
         while True:
             length = _announced_length(data, offset)
-            # The frame that may begin here has not come completely.
+            # The frame that may begin here has not arrived completely.
             if length > len(data) - offset:
                 break
             frame = parse_frame(data[offset : offset + length]) if length else None
@@ -97,7 +97,7 @@ class FrameReader:
             frames.append(frame)
             offset += length
             decided_end = offset
-        # In a stream without any good frame nothing is ever decided: to bound the memory, only its last bytes are kept.
+        # In a stream without any good frame no byte is ever classified: to bound the memory, only the last are kept.
         decided_end = max(decided_end, offset - MAX_UNDECIDED_BYTES)
         self._pending = data[decided_end:]
         self._searched = offset - decided_end

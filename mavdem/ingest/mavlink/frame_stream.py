@@ -73,9 +73,9 @@ class FrameStream:
 def receive_interval(stream: FrameStream) -> Interval:
     """Returns the first and the last receive stamp of a recording.
 
-    Stamps far from those around them are left out: they are damaged, or from a computer clock that was not yet set. A
-    long recording is read in parts; the stamps at a part's end wait for the next part, since they are compared with the
-    ones behind them too.
+    Stamps far from the running median are left out: they are damaged, or from a computer clock that was not yet set.
+    A long recording is read in parts, to bound the memory. The last stamps of a part are judged with the next part,
+    since the window of the median reaches to later stamps too.
 
     Args:
         stream: The recording.
@@ -86,7 +86,7 @@ def receive_interval(stream: FrameStream) -> Interval:
     first_stamps, last_stamps = [], []
     margin = STAMP_WINDOW // 2
     seconds = np.empty(0)
-    # Number of the first values of ``seconds`` that were compared already.
+    # How many of the first values of ``seconds`` were judged in the part before, and are kept only for the median.
     compared_frames = 0
     for first_row in range(0, len(stream.frames), STAMPS_AT_ONCE):
         end_row = first_row + STAMPS_AT_ONCE
@@ -95,8 +95,8 @@ def receive_interval(stream: FrameStream) -> Interval:
         end = len(seconds)
         if end_row < len(stream.frames):
             end = max(end - margin, compared_frames)
-        is_wrong = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
-        trusted_seconds = seconds[compared_frames:end][~is_wrong[compared_frames:end]]
+        is_outlier = deviates_from_median(seconds, STAMP_WINDOW, MAX_STAMP_JUMP)
+        trusted_seconds = seconds[compared_frames:end][~is_outlier[compared_frames:end]]
         if len(trusted_seconds):
             first_stamps.append(float(trusted_seconds.min()))
             last_stamps.append(float(trusted_seconds.max()))

@@ -408,18 +408,17 @@ def _without_overlaps(frames: Frames, free_start: int) -> Frames:
 def _filling_frames(
     data: Bytes, linked: Frames, decided_end: int, new_end: int, gap: int, crc_extras: CrcExtras
 ) -> Frames:
-    """Finds the frames that fill the space before and between linked frames exactly, and that after them at the end.
+    """Finds the frames that exactly fill a space before or between linked frames, or after them at the stream's end.
 
-    By their headers they are frames, but their checksum does not match: they are of unknown messages, or damaged. A
-    single marker would prove nothing. A chain of headers whose lengths lead exactly to the next linked frame is hardly
-    ever chance.
+    Their checksums do not match: they are of unknown messages, or damaged. A single marker byte would prove nothing,
+    but a chain of headers whose lengths lead exactly to the next linked frame is hardly ever chance.
 
     Args:
         data: Bytes (B,) of the stream.
         linked: Linked frames, in stream order.
-        decided_end: Offset before which all bytes are decided.
-        new_end: Offset up to which bytes are decided now: the end of the last linked frame, or that of the stream.
-        gap: Number of bytes between one frame and the next.
+        decided_end: Offset before which all bytes are assigned to a frame or skipped.
+        new_end: Offset up to which bytes are assigned now: the end of the last linked frame, or that of the stream.
+        gap: Number of bytes between one frame and the next: those of a time stamp in a telemetry log, otherwise 0.
         crc_extras: CRC_EXTRA by message id, -1 for none.
 
     Returns:

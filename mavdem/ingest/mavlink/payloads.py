@@ -136,18 +136,19 @@ def _bytes_of_payloads(
     header_bytes, sent_bytes = payloads
     part_start = start.astype(np.int64) + header_bytes
     part_start += part.start
-    # The part is cut out at full width, whatever was sent of it. In the last frames of the stream this would reach
-    # beyond its end, so their bytes are taken one by one, with the last byte repeated.
+    # The part is cut out at full width, however much of it was sent. In the last frames of the stream this would reach
+    # beyond the end of the stream, so their bytes are gathered by offsets that are clipped to the last byte.
     exceeds_stream = np.flatnonzero(part_start + width > len(data))
     offsets = part_start[exceeds_stream, None] + np.arange(width)
     part_start[exceeds_stream] = 0
-    # A stream that is shorter than the part has no piece of its width at all.
+    # ``rows_of`` needs a stream that is at least as long as the part.
     if len(exceeds_stream) < len(start):
         values = rows_of(data, part_start, width)
     else:
         values = np.zeros((len(start), width), dtype=np.uint8)
     values[exceeds_stream] = data.take(offsets, mode="clip")
-    # Bytes after the sent ones belong to the checksum or to the next frame.
+    # Bytes after the sent ones belong to the checksum or to the next frame, and are set to 0, for one payload length
+    # at a time.
     for sent_count in np.flatnonzero(np.bincount(sent_bytes)[: part.stop]).tolist():
         rows = np.flatnonzero(sent_bytes == sent_count)
         values[rows, max(sent_count - part.start, 0) :] = 0

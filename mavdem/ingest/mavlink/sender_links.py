@@ -144,14 +144,18 @@ class SenderLinks:
         """Whether a second link is known: a copy with a reading came within the latest 256 frames."""
         return self._frame_count - self._count_at_latest_copy < SEQUENCE_NUMBERS
 
-    def take(self, content: bytes, message_id: int, sequence: int, is_readable: bool) -> bool:
+    def process_frame(
+        self, content: bytes, message_id: int, sequence: int, is_readable: bool
+    ) -> bool:
         """Processes the next frame of the sender: recognises copies, counts missing frames, finds a second vehicle.
+
+        It updates ``copies``, ``missing``, ``longest_delay`` and ``vehicles``.
 
         Args:
             content: all bytes of the frame.
             message_id: number of its message.
             sequence: its sequence number, 0 to 255.
-            is_readable: whether its checksum matches. Others only show that their number is not missing.
+            is_readable: whether its checksum matches. Of a frame whose checksum fails only the sequence number counts.
 
         Returns:
             Whether the frame is new; False for a copy of an earlier frame, which the caller ignores.
@@ -161,7 +165,7 @@ class SenderLinks:
             self._count_missing(sequence, None)
             return True
         reading = clock_reading(content, message_id) if message_id in READING_LAYOUTS else None
-        if self._came_before(content, message_id, sequence, reading):
+        if self._is_copy(content, message_id, sequence, reading):
             self.copies += 1
             self._late_sequence = sequence
             return False
@@ -170,69 +174,71 @@ class SenderLinks:
         if reading is not None:
             self.vehicles.add(reading)
         if self._has_two_counters:
-            self.take_attitude(content, message_id)
+            self.compare_attitude(content, message_id)
         return True
 
     # What follows takes runs of frames among which there is no copy, and without a late link. It leaves the same as
     # ``take`` of each of them.
 
-    def take_numbers_in_order(self, count: int, last_sequence: int) -> None:
-        """Takes frames whose sequence numbers rise by one from frame to frame, so that none is missing between them.
+    def count_frames_in_order(self, count: int, last_sequence: int) -> None:
+        """Counts frames whose sequence numbers rise by one from frame to frame, so that none is missing between them.
 
-        The first of them follows the frame before, too. The result is that of ``take`` of each frame.
+        The number of the first one also follows that of the frame before. The result is that of ``count_frame`` for
+        each of them.
 
         Args:
             count: Number of frames.
             last_sequence: Sequence number of the last one.
         """
         self._frame_count += count
-        self._counters.take_in_order(count, last_sequence)
+        self._counters.count_in_order(count, last_sequence)
         self._sequence = self._counted_sequence = last_sequence
         self._received = 0
 
-    def take_number(self, sequence: int) -> None:
-        """Takes the sequence number of a frame, whatever came before it."""
+    def count_frame(self, sequence: int) -> None:
+        """Counts a frame by its sequence number, and the frames that are missing before it."""
         self._frame_count += 1
         self._count_missing(sequence, None)
 
-    def take_attitude(self, content: bytes, message_id: int) -> None:
-        """Compares the attitude in a frame, where it has one, with those that the other counter numbers.
+    def compare_attitude(self, content: bytes, message_id: int) -> None:
+        """Compares the attitude in a frame, if its message has one, with those in the frames of the other counter.
 
         Args:
-            content: all bytes of the frame, which is readable and whose number was taken last.
+            content: all bytes of the frame, which is readable and was counted last.
             message_id: number of its message.
         """
         attitude = attitude_reading(_payload(content), message_id)
         if attitude is not None:
             self._attitudes.add(self._counters.latest, attitude)
 
-    def take_readings(self, readings: ReadingColumns) -> None:
-        """Takes the readings (n,) in frames whose numbers were taken."""
+    def add_readings(self, readings: ReadingColumns) -> None:
+        """Adds the readings (n,) of the boot clock in frames that were counted before."""
         if len(readings.clock):
             self.vehicles.add_all(readings)
             self._clock = float(readings.clock[-1])
 
     def remember(self, contents: Iterable[tuple[int, bytes]]) -> None:
-        """Remembers readable frames, by which later copies are recognised.
+        """Remembers readable frames, by which later copies are recognised, and forgets those of long ago.
 
         Args:
-            contents: number of frames up to each, and its bytes, in the order of the stream.
+            contents: for each frame in the order of the stream, the number of frames up to it, itself included, and
+                its bytes.
         """
         for frame_count, content in contents:
-            # The latest of equal frames takes the last place.
+            # Of equal frames only the latest is kept, at the end of the order.
             self._recent.pop(content, None)
             self._recent[content] = frame_count
         while len(self._recent) > RECENT_FRAMES:
             self._recent.popitem(last=False)
 
-    def _came_before(
+    def _is_copy(
         self, content: bytes, message_id: int, sequence: int, reading: Reading | None
     ) -> bool:
         """Returns whether a readable frame is a copy of a recent one, which a slower second link has brought.
 
-        A frame with a time since boot is a copy if a recent frame has its bytes, since no time since boot comes twice.
-        Such a copy shows that there is a second link, and how late that is: its delay is noted here, by which frames
-        without a time are judged later.
+        A frame with a time since boot is a copy if a recent frame has the same bytes, since a vehicle sends no time
+        since boot twice. Such a copy proves that there is a second link, and how late that is. Its delay is stored
+        here, since it decides about later frames without a time (``_is_copy_without_reading``).
 
         Args:
             content: all bytes of the frame.
@@ -247,7 +253,7 @@ class SenderLinks:
         if earlier_count is None:
             return False
         if reading is not None:
-            # The first link has come to ``self._clock``; the copy is of an earlier time.
+            # ``self._clock`` is the latest time that the first link brought; the copy is older by its delay.
             self._count_at_latest_copy = self._frame_count
             self.longest_delay = max(self.longest_delay, self._clock - reading.clock)
             return True
@@ -256,11 +262,11 @@ class SenderLinks:
     def _is_copy_without_reading(
         self, earlier_count: int, content: bytes, message_id: int, sequence: int
     ) -> bool:
-        """Returns whether a frame without a reading of the clock, with the bytes of an earlier one, is its copy.
+        """Returns whether a frame without a time since boot is a copy of an earlier one with the same bytes.
 
-        Messages such as HEARTBEAT repeat their content, and 256 frames later an equal one with the same sequence number
-        may be new. So it is a copy only where a second link is known, and one of these holds: it directly repeats the
-        earlier frame; it has a time stamp; or the second link numbered the frame before it.
+        Messages such as HEARTBEAT repeat their content, and 256 frames later, when the sequence number comes round, a
+        new one may have the same bytes. So the frame is a copy only if a second link is known and one of these holds:
+        it follows the earlier frame at once; it has a time stamp; or its number continues those of the second link.
 
         Args:
             earlier_count: number of frames up to the earlier frame.
@@ -283,28 +289,32 @@ class SenderLinks:
         return late_step < (sequence - self._sequence) % SEQUENCE_NUMBERS
 
     def _count_missing(self, sequence: int, reading: Reading | None) -> None:
-        """Counts the frames that are missing before a new one; one that comes late is missing no more.
+        """Updates ``missing`` by the sequence number of a new frame.
+
+        With one link, the gap to the number before counts as missing, and a frame that comes late is subtracted again.
+        With a second, later link the gaps are counted from one reading of the clock to the next. If two counters number
+        the frames, each number is compared with the one before on the same counter.
 
         Args:
-            sequence: its sequence number.
-            reading: the reading in it; None if it has none.
+            sequence: sequence number of the frame, 0 to 255.
+            reading: the time since boot in it; None if its message has none.
         """
         former_counter = self._counters.latest
-        # The number before it on the same counter; None if it begins a counter.
+        # The number before it on the same counter; None if this frame is the first of a counter.
         number_before = self._counters.take(sequence)
         if self._counters.latest != former_counter:
-            self._note_change_of_counter()
+            self._record_counter_switch()
         if self._frame_count == 1:
             # Nothing is missing before the first frame.
             self._sequence = sequence
         if self.has_late_link:
             self._count_over_late_link(sequence, reading)
             return
-        # Should a late link appear later, counting from reading to reading begins with this frame.
+        # If a second link appears later, counting from reading to reading begins with this frame.
         self._counted_sequence = sequence
         self._received = 0
-        is_numbered_apart = self._has_two_counters and self._counters.are_apart
-        if not is_numbered_apart:
+        counters_are_apart = self._has_two_counters and self._counters.are_apart
+        if not counters_are_apart:
             self.missing += missing_messages(self._sequence, sequence)
         elif number_before is not None:
             self.missing += missing_messages(number_before, sequence)
@@ -313,15 +323,15 @@ class SenderLinks:
             self._clock = reading.clock
 
     def _count_over_late_link(self, sequence: int, reading: Reading | None) -> None:
-        """Counts the frames that came over none of several links, from one reading to the next.
+        """Updates ``missing`` by a new frame while a second link is known, from one reading of the clock to the next.
 
-        Frames of a late link, and those that overtake each other, come in any order. But the boot clock shows which
-        readings are the latest. Between two of these as many frames were sent as the sequence number rose; those that
-        did not come in this time are missing, and those that come later are missing no more.
+        Frames of the second link, and those that overtake each other, come in any order. But the boot clock shows which
+        readings are the latest. Between two of these, as many frames were sent as the sequence number rose. Those that
+        were not received in this time are added to ``missing``; one that is received later is subtracted.
 
         Args:
-            sequence: the sequence number of a new frame.
-            reading: the reading in it; None if it has none.
+            sequence: sequence number of the new frame, 0 to 255.
+            reading: the time since boot in it; None if its message has none.
         """
         if reading is None:
             is_late = self._follows_late_link(sequence)
@@ -331,24 +341,24 @@ class SenderLinks:
             self.missing -= 1
             self._late_sequence = sequence
             return
-        # Frames since the reading whose number is ``_counted_sequence``, up to which all are counted.
+        # Number of frames received since the reading whose number is ``_counted_sequence``.
         self._received += 1
         self._sequence = sequence
         if reading is None:
             return
         sent_frames = (sequence - self._counted_sequence) % SEQUENCE_NUMBERS
-        # After a longer gap nobody knows how often the numbers went round.
+        # After a longer gap it is not known how often the numbers have wrapped at 256.
         if sent_frames <= MAX_MISSING_STEP:
             self.missing += sent_frames - self._received
         self._counted_sequence = sequence
         self._received = 0
         self._clock = reading.clock
 
-    def _note_change_of_counter(self) -> None:
-        """Finds out whether two counters number the frames, at a frame that the other counter has numbered.
+    def _record_counter_switch(self) -> None:
+        """Decides anew whether two counters number the frames; called where the numbering switches between counters.
 
-        What was counted as missing at the changes that led to this is taken back: the other counter has only other
-        numbers.
+        Until two counters are recognised, each switch between them looks like a loss of frames. At the recognition
+        ``missing`` is therefore set back to its value before the first of these switches.
         """
         self._missing_at_switches.append(self.missing)
         has_two_counters = self._counters.are_two

@@ -64,11 +64,11 @@ class SenderStream:
 
 
 def sender_stream_of(data: Bytes, all_frames: Frames, rows: Rows) -> SenderStream:
-    """Finds out over which links the frames of a sender came, which of them are copies, and how many are missing.
+    """Finds out which frames of a sender are copies from a second link, and how many frames are missing.
 
     Over one link the sequence numbers of a vehicle rise, by more than 1 where messages were lost. In most recordings
     they do, and then the numbers alone suffice. Several links, or two vehicles under the same ids, are suspected in two
-    cases: many numbers do not rise, or a frame with a boot clock comes twice. Only then is every frame compared with
+    cases: many numbers do not rise, or a frame with a boot clock occurs twice. Only then is every frame compared with
     those before it, which takes much longer.
 
     Args:
@@ -154,10 +154,8 @@ def _has_reading(message_ids: Offsets) -> Flags:
 def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) -> SenderStream:
     """Finds copies, missing frames and a second vehicle among the frames of a sender.
 
-    Around a copy, while a second link is known, each frame is compared with those before it. The frames between are
-    taken in runs.
-
-    ``tests/ingest/test_sender_runs.py`` checks that runs of frames give the same as frames one by one.
+    Around a copy, while a second link is known, each frame is compared with those before it, one by one. All other
+    frames are processed in runs, which is much faster and has the same result (``tests/ingest/test_sender_runs.py``).
 
     Args:
         data: Bytes (B,) of the stream.
@@ -169,18 +167,18 @@ def _sender_stream_of_links(data: Bytes, frames: Frames, possible_copies: Rows) 
         and whether two vehicles sent.
     """
     links = SenderLinks()
-    run_taker = _RunTaker(data, frames, links)
+    run_processor = _RunProcessor(data, frames, links)
     is_first = np.ones(len(frames), dtype=np.bool_)
     row = 0
     for copy_row in [*possible_copies.tolist(), len(frames)]:
         if row < copy_row:
-            run_taker.take(row, copy_row)
+            run_processor.process(row, copy_row)
             row = copy_row
         # The possible copy itself, and the frames after it while a second link is known.
         for frame in _single_frames(data, frames, row):
             if row > copy_row and not links.has_late_link:
                 break
-            is_first[row] = links.take(
+            is_first[row] = links.process_frame(
                 frame.content, frame.message_id, frame.sequence, frame.is_readable
             )
             row += 1
@@ -198,7 +196,7 @@ FRAMES_AT_ONCE = 256
 
 
 class _SingleFrame(NamedTuple):
-    """One frame, as ``SenderLinks.take`` takes it."""
+    """One frame, with the arguments of ``SenderLinks.process_frame``."""
 
     content: bytes
     """All its bytes."""
@@ -279,7 +277,7 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
     for first in range(0, len(rows), ROWS_AT_ONCE):
         frames = all_frames[rows[first : first + ROWS_AT_ONCE]]
         last_bytes = rows_of(data, frames.end - LAST_BYTES, LAST_BYTES).view("<u4")[:, 0]
-        # The product of 32 bits leaves its upper ones out.
+        # The product wraps at 32 bits.
         mixed_sequence = frames.sequence.astype(np.uint32) * MIXING_FACTOR
         keys[first : first + ROWS_AT_ONCE] = mixed_sequence ^ last_bytes
     return keys
@@ -305,7 +303,7 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
     contents = set[bytes]()
     for first in range(0, len(rows), ROWS_AT_ONCE):
         part_keys = keys[first : first + ROWS_AT_ONCE]
-        # The repeated keys are sorted.
+        # Binary search for each key among the repeated ones, which are sorted.
         key_rows = np.searchsorted(repeated_keys, part_keys)
         is_repeated = repeated_keys.take(key_rows, mode="clip") == part_keys
         for row in rows[first : first + ROWS_AT_ONCE][is_repeated].tolist():
@@ -322,7 +320,8 @@ def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.ui
 def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
     """Finds the frames that may be copies of one of the frames shortly before.
 
-    A frame is forgotten after ``RECENT_FRAMES`` other ones: a recording that is repeated later is no second link.
+    An equal frame more than ``RECENT_FRAMES`` frames earlier does not count: it is of a recording that is repeated in
+    the file, and shows no second link.
 
     Args:
         keys: Keys (n,) of the frames with a boot clock, in stream order.
@@ -335,7 +334,8 @@ def _possible_copies(keys: NDArray[np.uint32]) -> Rows:
     repeated_rows = order[1:][is_repeated]
     frames_since = np.full(len(keys), np.inf)
     frames_since[repeated_rows] = repeated_rows - order[:-1][is_repeated]
-    # If the latest frames repeat each other, fewer of them are different ones, and older ones are remembered too.
+    # ``SenderLinks`` remembers the latest ``RECENT_FRAMES`` different frames. Where some of the latest frames repeat
+    # each other, older ones are among these, so that any repeated key is a possible copy there.
     repeats_until = np.cumsum(frames_since < RECENT_FRAMES)
     repeats_before = np.zeros(len(keys), dtype=np.int64)
     repeats_before[RECENT_FRAMES:] = repeats_until[:-RECENT_FRAMES]
@@ -347,8 +347,8 @@ REMEMBERED_ROWS = 3 * RECENT_FRAMES
 """Number of a run's last frames that are remembered: among them ``RECENT_FRAMES`` are usually distinct."""
 
 
-class _RunTaker:
-    """Takes runs of a sender's frames among which there is no copy, without comparing their bytes."""
+class _RunProcessor:
+    """Processes runs of a sender's frames that contain no copies, without comparing their bytes."""
 
     def __init__(self, data: Bytes, frames: Frames, links: SenderLinks) -> None:
         """Decodes the readings of all frames.
@@ -366,22 +366,22 @@ class _RunTaker:
         has_attitude = np.isin(frames.message_id, list(ATTITUDE_LAYOUTS)) & self._is_readable
         self._attitude_rows = np.flatnonzero(has_attitude)
 
-    def take(self, first: int, end: int) -> None:
+    def process(self, first: int, end: int) -> None:
         """Passes a run of frames, none of which is a copy, to the sender's links.
 
-        The result is that of ``SenderLinks.take`` for each frame while no second link is known. Frames whose sequence
-        numbers rise by one are passed together; only the first of them may break the order.
+        The result is that of ``SenderLinks.process_frame`` for each frame while no second link is known. The run is cut
+        where a sequence number does not follow the one before; frames between two cuts are counted together.
 
         Args:
             first, end: Row of the first frame, and the row after the last one.
         """
-        # Signed numbers, so that their differences may be negative.
+        # Signed numbers, so that their differences may be negative; the bit mask takes them modulo 256.
         sequence = self._frames.sequence[first:end].astype(np.int16)
         steps = np.diff(sequence) & (SEQUENCE_NUMBERS - 1)
-        # The first frame's number may follow that of a copy, which does not count.
+        # Row of the first frame after each cut. The run's first frame is one: a copy may lie before it.
         breaks = np.concatenate([[0], np.flatnonzero(steps != 1) + 1])
         run_ends = np.append(breaks[1:], len(sequence))
-        # Number of attitudes before each run, and before its end.
+        # The frames with an attitude between two cuts are given by their range among all frames with an attitude.
         attitudes_before = np.searchsorted(self._attitude_rows, first + breaks)
         attitudes_at_end = np.searchsorted(self._attitude_rows, first + run_ends)
         for break_row, run_end, first_attitude, end_attitude in zip(
@@ -391,21 +391,21 @@ class _RunTaker:
             attitudes_at_end.tolist(),
             strict=True,
         ):
-            self._links.take_number(int(sequence[break_row]))
+            self._links.count_frame(int(sequence[break_row]))
             if run_end > break_row + 1:
                 count = run_end - break_row - 1
-                self._links.take_numbers_in_order(count, int(sequence[run_end - 1]))
+                self._links.count_frames_in_order(count, int(sequence[run_end - 1]))
             if self._links.has_two_counters:
-                self._take_attitudes(first_attitude, end_attitude)
+                self._compare_attitudes(first_attitude, end_attitude)
         first_reading, end_reading = np.searchsorted(self._reading_rows, [first, end]).tolist()
-        self._links.take_readings(self._readings.part(first_reading, end_reading))
+        self._links.add_readings(self._readings.part(first_reading, end_reading))
         if end < len(self._frames):
             self._links.remember(self._contents(first, end))
 
-    def _take_attitudes(self, first: int, end: int) -> None:
-        """Takes the attitudes from one number to before another, of those in all frames."""
+    def _compare_attitudes(self, first: int, end: int) -> None:
+        """Compares attitudes ``first`` to ``end`` − 1, counted among the attitudes of all frames, with the others."""
         for row in self._attitude_rows[first:end].tolist():
-            self._links.take_attitude(self._content(row), int(self._frames.message_id[row]))
+            self._links.compare_attitude(self._content(row), int(self._frames.message_id[row]))
 
     def _contents(self, first: int, end: int) -> Iterator[tuple[int, bytes]]:
         """Yields number and bytes of the readable frames that are to be remembered for comparison with later ones.

@@ -133,8 +133,8 @@ class SequenceCounters:
         distance = (first - second) % SEQUENCE_NUMBERS
         return MAX_COUNTER_STEP < distance < SEQUENCE_NUMBERS - MAX_COUNTER_STEP
 
-    def take_in_order(self, count: int, last_sequence: int) -> None:
-        """Takes frames that follow each other on the counter of the latest frame.
+    def count_in_order(self, count: int, last_sequence: int) -> None:
+        """Counts frames that follow each other on the counter of the latest frame.
 
         Args:
             count: Number of frames.
@@ -144,7 +144,10 @@ class SequenceCounters:
         self._numbers[self.latest] = last_sequence
 
     def take(self, sequence: int) -> int | None:
-        """Takes the next frame of the sender that is no copy.
+        """Assigns the next frame of the sender, which is no copy, to one of the two counters by its sequence number.
+
+        It belongs to the counter whose number it follows in the smaller step. If both steps are too large, the counter
+        that was not used last begins anew with it. ``latest`` becomes the counter of this frame.
 
         Args:
             sequence: its sequence number, 0 to 255.
@@ -157,14 +160,14 @@ class SequenceCounters:
         other = 1 - latest
         latest_number = self._numbers[latest]
         if latest_number is not None and (sequence - latest_number) % SEQUENCE_NUMBERS == 1:
-            # This is so for nearly all frames of a single counter.
+            # The usual case, decided first since it is fast.
             self._numbers[latest] = sequence
             return latest_number
         other_number = self._numbers[other]
         latest_step = _step(latest_number, sequence)
         other_step = _step(other_number, sequence)
         if min(latest_step, other_step) > MAX_COUNTER_STEP:
-            # The counter that is in use stays; the other one may be of a time before a restart.
+            # The counter in use is kept. The other one may date from before a restart, and is replaced.
             self._numbers[other] = sequence
             self.latest = other
             return None

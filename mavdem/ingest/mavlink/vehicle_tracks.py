@@ -114,46 +114,49 @@ class _VehicleTrack:
     latest: Reading
     """The latest of all."""
 
-    heading: Reading | None = None
+    latest_heading: Reading | None = None
     """The latest with a heading."""
 
-    position: Reading | None = None
+    latest_position: Reading | None = None
     """The latest with a position."""
 
     steps: int = 0
     """Number of readings whose clock was ahead of the one before."""
 
     @property
-    def goes_on(self) -> bool:
-        """Whether its clock goes on, as that of a vehicle: forged messages may repeat one time."""
+    def has_advancing_clock(self) -> bool:
+        """Whether the clock of its readings advances, as a vehicle's does; forged messages may repeat one time."""
         return self.steps >= MIN_CLOCK_STEPS
 
     def add(self, reading: Reading) -> None:
-        """Adds the next reading of the vehicle, and counts it if its clock goes on.
+        """Makes a reading the latest of this vehicle, and counts it as a step if its clock is ahead of the one before.
 
         Args:
-            reading: clock, and heading or position where they were sent; otherwise they are NaN.
+            reading: time since boot, s, and heading or position where they were sent; otherwise they are NaN.
         """
         if reading.clock > self.latest.clock:
             self.steps += 1
         self.latest = reading
         if not isnan(reading.heading):
-            self.heading = reading
+            self.latest_heading = reading
         if not isnan(reading.latitude):
-            self.position = reading
+            self.latest_position = reading
 
     def contradiction(self, reading: Reading) -> Contradiction | None:
-        """Returns the contradiction between a reading and this vehicle.
+        """Returns in which quantity a reading contradicts the latest readings of this vehicle.
+
+        Two readings contradict each other if no multirotor moves or turns from one to the other in the time between
+        them: the limit grows with the time by the largest speed and yaw rate.
 
         Args:
             reading: the next reading under the same ids.
 
         Returns:
-            The contradiction; None if the reading may be of this vehicle.
+            The first quantity that contradicts; None if the reading may be of this vehicle.
         """
         if abs(reading.clock - self.latest.clock) > MAX_LATE_SECONDS:
             return Contradiction.CLOCK
-        position = self.position
+        position = self.latest_position
         if position is not None and not isnan(reading.latitude):
             north = reading.latitude - position.latitude
             east = (reading.longitude - position.longitude) * cos(radians(reading.latitude))
@@ -161,11 +164,12 @@ class _VehicleTrack:
             seconds = abs(reading.clock - position.clock)
             if distance > MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds:
                 return Contradiction.POSITION
-        heading = self.heading
-        if heading is not None and not isnan(reading.heading):
-            turn = abs(reading.heading - heading.heading) % (2 * pi)
+        former = self.latest_heading
+        if former is not None and not isnan(reading.heading):
+            # The smaller of the two angles between the headings.
+            turn = abs(reading.heading - former.heading) % (2 * pi)
             turn = min(turn, 2 * pi - turn)
-            seconds = abs(reading.clock - heading.clock)
+            seconds = abs(reading.clock - former.clock)
             if turn > MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds:
                 return Contradiction.HEADING
         return None
@@ -184,8 +188,8 @@ class VehicleTracks:
         """Begins without a reading."""
         self.has_found_two = False
         # The latest readings with a heading and with a position, of whichever vehicle.
-        self._heading: Reading | None = None
-        self._position: Reading | None = None
+        self._latest_heading: Reading | None = None
+        self._latest_position: Reading | None = None
         # The track of the latest reading is the first.
         self._tracks: list[_VehicleTrack] = []
         # Each contradiction has the number of readings that could show it. Its switches are the numbers of those at
@@ -207,9 +211,10 @@ class VehicleTracks:
     def add(self, reading: Reading) -> None:
         """Adds the next reading to the track of the vehicle that it fits.
 
-        Tracks are tried from that of the latest reading on. If the reading contradicts that track but fits a former
-        one, the messages have switched back to the former vehicle, which is counted. If it fits none, a new track
-        begins. Tracks whose clock does not continue, as those of forged messages, do not count.
+        Tracks are kept in the order of their latest readings, the most recent first, and are tried in this order. If
+        the reading contradicts the first track but fits another, the messages have switched back to a former vehicle:
+        the switch is counted. If it fits none, a new track begins. Tracks whose clock does not advance, such as those
+        of forged messages, do not count.
 
         Args:
             reading: Boot clock, and heading or position, in a message.
@@ -217,19 +222,19 @@ class VehicleTracks:
         self._reading_counts[Contradiction.CLOCK] += 1
         if not isnan(reading.latitude):
             self._reading_counts[Contradiction.POSITION] += 1
-            self._position = reading
+            self._latest_position = reading
         if not isnan(reading.heading):
             self._reading_counts[Contradiction.HEADING] += 1
-            self._heading = reading
-        # The track of the latest reading is the first. A contradiction to it shows a switch.
+            self._latest_heading = reading
+        # The contradiction to the first track, which is that of the latest reading.
         contradiction = None
         for row, track in enumerate(self._tracks):
             track_contradiction = track.contradiction(reading)
             if track_contradiction is None:
                 track.add(reading)
                 if contradiction is not None:
-                    if track.goes_on and self._tracks[0].goes_on:
-                        self._note_switch(contradiction)
+                    if track.has_advancing_clock and self._tracks[0].has_advancing_clock:
+                        self._record_switch(contradiction)
                     self._tracks.insert(0, self._tracks.pop(row))
                 return
             if row == 0:
@@ -240,9 +245,10 @@ class VehicleTracks:
         del self._tracks[MAX_VEHICLES:]
 
     def add_all(self, readings: ReadingColumns) -> None:
-        """Adds many readings, as ``add`` does one by one, but at once where all are of the latest vehicle.
+        """Adds many readings, with the same result as ``add`` for each, but faster.
 
-        Only a reading that may contradict those before it is compared with every track.
+        Readings that agree with those before them extend the first track together. Only one that may contradict them,
+        or that follows while the latest heading or position is of another track, is compared with every track.
 
         Args:
             readings: The readings (n,).
@@ -252,7 +258,7 @@ class VehicleTracks:
         ).tolist()
         row = 0
         for suspected_row in suspected_rows:
-            while row < suspected_row and not self._has_latest_of_all():
+            while row < suspected_row and not self._has_latest_heading_and_position():
                 self.add(readings.reading(row))
                 row += 1
             if row < suspected_row:
@@ -261,10 +267,13 @@ class VehicleTracks:
                 self.add(readings.reading(suspected_row))
             row = suspected_row + 1
 
-    def _has_latest_of_all(self) -> bool:
+    def _has_latest_heading_and_position(self) -> bool:
         """Returns whether the latest heading and position are both of the vehicle of the latest reading."""
         track = self._tracks[0]
-        return track.heading is self._heading and track.position is self._position
+        return (
+            track.latest_heading is self._latest_heading
+            and track.latest_position is self._latest_position
+        )
 
     def _extend_track(self, readings: ReadingColumns) -> None:
         """Adds readings at once that are all of the vehicle of the latest reading.
@@ -279,15 +288,15 @@ class VehicleTracks:
         heading_rows = np.flatnonzero(~np.isnan(readings.heading))
         position_rows = np.flatnonzero(~np.isnan(readings.latitude))
         if len(heading_rows):
-            track.heading = self._heading = readings.reading(int(heading_rows[-1]))
+            track.latest_heading = self._latest_heading = readings.reading(int(heading_rows[-1]))
         if len(position_rows):
-            track.position = self._position = readings.reading(int(position_rows[-1]))
+            track.latest_position = self._latest_position = readings.reading(int(position_rows[-1]))
         self._reading_counts[Contradiction.CLOCK] += len(readings.clock)
         self._reading_counts[Contradiction.HEADING] += len(heading_rows)
         self._reading_counts[Contradiction.POSITION] += len(position_rows)
 
-    def _note_switch(self, contradiction: Contradiction) -> None:
-        """Notes that a former vehicle came back; enough of them in a short time show that there are two.
+    def _record_switch(self, contradiction: Contradiction) -> None:
+        """Counts a return to a former vehicle; enough returns within a number of readings show that there are two.
 
         Args:
             contradiction: kind of evidence that the reading is of another vehicle than the reading before.

@@ -64,8 +64,8 @@ def read_json_message(body: bytes, definition: MessageDefinition) -> JsonMessage
     except (TypeError, ValueError, ArithmeticError):
         return JsonMessage(None, sequence)
     if definition.name == "PARAM_VALUE" and np.isnan(message["param_value"][0]):
-        # PX4 sends an integer as the bits of a float, and those of a small negative integer are a NaN. JSON has one NaN
-        # only, so the value is lost. As a float the parameter stays NaN, and is not read as a wrong integer.
+        # PX4 sends an integer as the bits of a float; those of a small negative integer are a NaN. JSON has only one
+        # NaN, so that the value is lost. As a float the parameter remains NaN, and does not become a wrong integer.
         message["param_type"] = mavlink_constant("MAV_PARAM_TYPE_REAL32")
     return JsonMessage(message.tobytes(), sequence)
 
@@ -120,7 +120,7 @@ def _field_value(value: Any, wire_type: np.dtype[Any], unsent_value: Any) -> Any
     Args:
         value: The value in JSON.
         wire_type: Type of the field in the payload.
-        unsent_value: The field's value where it was not sent; of an array, that of each item.
+        unsent_value: Value of a field that is not in the JSON message: a number, or a list of numbers for an array.
 
     Returns:
         Bytes for a text, a number, or a list of numbers that is filled up to the length of the array.
@@ -195,7 +195,7 @@ def _value_of_text(text: str) -> float:
 
 
 def _text_bytes(value: Any) -> bytes:
-    """Returns a text's bytes.
+    """Converts a text field from JSON to bytes.
 
     Args:
         value: The text in JSON: a string, an array of its characters or of their codes, a byte each, or None.

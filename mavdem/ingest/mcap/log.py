@@ -119,8 +119,8 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
     Raises:
         Unreadable: There is no MAVLink.
     """
-    # This reads the recording, so its channels are known below. Bytes outside frames, in channels of frames, count as
-    # skipped.
+    # This reads the whole recording, so that its channels are known below. Bytes that belong to no frame, in channels
+    # that carry frames, count as skipped.
     parts = [_recording_part(pieces) for pieces in _pieces_by_channel(recording)]
     skipped_bytes = sum(len(part.data) - int(part.frames.size.sum()) for part in parts)
     frame_senders = _senders_in(parts)
@@ -150,11 +150,11 @@ def _stream(source: str, recording: McapRecording) -> FrameStream:
 def _pieces_by_channel(recording: McapRecording) -> list[list[_StreamPiece]]:
     """Returns the messages of each channel that carries MAVLink frames.
 
-    The first message of a channel shows whether it does. Each channel is a stream of its own: a frame may be split over
-    two messages of one channel, and other channels' messages may lie between them.
+    The first message of a channel shows whether it does. Each channel is a separate stream of bytes: a frame may be
+    split over two messages of one channel, with messages of other channels between them.
 
     Args:
-        recording: The recording, which is read by this.
+        recording: The recording; this call reads it, after which its channels are known.
 
     Returns:
         For each such channel its messages, with their position in the recording, in the order of the file.
@@ -325,7 +325,7 @@ def _json_part(content: bytes, topics: Mapping[int, JsonTopic]) -> _JsonMessages
 
 
 def _no_mavlink_fact(source: str, recording: McapRecording, candidates: int) -> Fact:
-    """Explains why no MAVLink was read from a recording, and what the recording seems to be instead.
+    """Returns the fact that explains why no MAVLink was read from a recording, and what the recording seems to be.
 
     The most specific reason comes first:
 

@@ -110,7 +110,8 @@ class McapRecording:
         located first and decoded afterwards, so that channels and schemas outside of chunks are known before any
         message is yielded, wherever in the file they are.
         """
-        # All chunks together may unpack to so many bytes, so that a small hostile file cannot fill the memory.
+        # The bytes to which all chunks together may unpack are bounded, so that a small hostile file cannot fill the
+        # memory.
         self._allowance = MIN_UNPACKED_LIMIT + MAX_COMPRESSION_RATIO * len(self.content)
         locations = list(self._record_locations())
         # The summary at the end repeats channels and schemas, which helps where the first record is damaged.
@@ -160,7 +161,7 @@ class McapRecording:
                 offset = record_end
             else:
                 next_record = _next_record(self.content, offset + 1)
-                # What follows the last record was cut off, not damaged.
+                # Bytes after the last record are a record that was cut off, not damage.
                 if next_record < file_end:
                     self.skipped += next_record - offset
                 offset = next_record
@@ -193,16 +194,16 @@ class McapRecording:
     def _records_in_chunk(self, location: RecordLocation) -> list[McapRecord]:
         """Returns the records of a chunk.
 
-        What a damaged chunk unpacks to before the damage is not used: no checksum shows that it is right.
-
-        Chunks are unpacked here with a bound on their size, and not by the library, which unpacks whatever comes. The
-        library then parses the unpacked records, and checks their checksum.
+        Of a damaged chunk nothing is used, since its checksum covers all of it. Chunks are unpacked here with a bound
+        on their size, which the library does not have; the library then parses the unpacked records, and checks their
+        checksum.
 
         Args:
             location: Location of the chunk in the file.
 
         Returns:
-            The records; empty if the chunk is damaged, whose size and duration are then counted.
+            The records; empty if the chunk is damaged, whose size and duration are then added to ``damaged``,
+            ``lost_bytes`` and ``lost_seconds``.
         """
         chunk = self._decoded(location)
         if isinstance(chunk, Chunk):
@@ -214,7 +215,7 @@ class McapRecording:
                 if len(records) == chunk.uncompressed_size:
                     return breakup_chunk(unpacked_chunk, validate_crc=True)
             seconds = (chunk.message_end_time - chunk.message_start_time) / NANOSECONDS
-            # The times in the head may be damaged too.
+            # The times in the chunk's head may be damaged too, and are used only if they are plausible.
             self.lost_seconds += seconds if 0.0 <= seconds <= MAX_CHUNK_SECONDS else 0.0
         self.damaged += 1
         self.lost_bytes += location.end - location.start

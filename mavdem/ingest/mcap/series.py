@@ -169,7 +169,7 @@ def _messages(series: Mapping[str, Series]) -> Messages:
     seconds = np.concatenate(times)
     heads = np.zeros(len(seconds), dtype=MESSAGE_HEAD)
     heads["opcode"] = Opcode.MESSAGE
-    # JSON is ASCII here, so that a text has as many bytes as characters.
+    # ``json`` writes ASCII only, so that a text has as many bytes as characters.
     head_bytes = MESSAGE_HEAD.itemsize - RECORD_HEAD.size
     heads["length"] = head_bytes + np.fromiter(map(len, bodies), dtype=np.int64, count=len(bodies))
     heads["channel"] = np.concatenate(channels)
@@ -217,7 +217,8 @@ def _chunks(
     """
     ends = np.cumsum(messages.record_sizes)
     first = 0
-    # The bytes of messages before the chunk. The definitions add to the size of the first chunk.
+    # Number of bytes of all messages before the chunk. It begins below 0 since the definitions, too, fill the first
+    # chunk.
     bytes_before = -len(definitions)
     while first < len(ends):
         last = int(np.searchsorted(ends, bytes_before + chunk_bytes, side="right")) + 1
@@ -302,7 +303,7 @@ def _summary(groups: Mapping[Opcode, Sequence[McapRecord]], offset: int) -> byte
         summary += group
     offsets_start = offset + len(summary)
     summary += summary_offsets
-    # The checksum covers the footer too, but for the checksum itself, which is its last four bytes.
+    # The checksum covers the summary and the footer without its last four bytes, the checksum itself.
     footer = _record_bytes(Footer(offset, offsets_start, 0))
     footer_without_checksum = footer[:-4]
     checksum = zlib.crc32(footer_without_checksum, zlib.crc32(summary))

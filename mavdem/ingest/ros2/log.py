@@ -67,8 +67,8 @@ def _decoded_messages(
     """Decodes the messages of some topics.
 
     Args:
-        recording: The recording, whose channels and schemas are known.
-        second_reading: The same recording, none of which was read yet.
+        recording: The recording after its messages were read, so that its channels and schemas are known.
+        second_reading: The same recording, to be read from the beginning.
         topics: The topics by the id of their channel.
 
     Returns:
@@ -214,7 +214,7 @@ def _telemetry(
     """
     px4_tables: dict[str, TopicColumns] = {}
     mavros_tables: dict[str, TopicColumns] = {}
-    # A topic may be logged on its way to the autopilot and from it. The latter takes the place of the former.
+    # A topic may be logged both on its way to the autopilot and from it. The latter is last here, and takes precedence.
     to_autopilot = [topic for topic in topics if topic.incoming]
     from_autopilot = [topic for topic in topics if not topic.incoming]
     for topic in to_autopilot + from_autopilot:
@@ -232,18 +232,18 @@ def _telemetry(
 def with_system_ids(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
     """Numbers vehicles from 1 where some have no system id, or several the same; repairs report it.
 
-    Vehicles of a log differ by their system ids, but a recording has them apart by their namespaces.
+    In a log, vehicles are distinguished by their system ids; in a ROS 2 recording, by their namespaces.
 
     Args:
         vehicles: Namespace and telemetry of each vehicle; ``system`` is 0 where it is not known.
 
     Yields:
-        Each vehicle, with a system id of its own.
+        Each vehicle, with a system id that no other has.
     """
     system_ids = {vehicle.system for _, vehicle in vehicles if vehicle.system}
-    has_own_ids = len(system_ids) == len(vehicles)
+    has_distinct_ids = len(system_ids) == len(vehicles)
     for number, (namespace, vehicle) in enumerate(vehicles, 1):
-        if has_own_ids:
+        if has_distinct_ids:
             yield vehicle
             continue
         repairs = vehicle.repairs
@@ -259,9 +259,9 @@ def _px4_telemetry(
 ) -> Telemetry | None:
     """Translates the topics that PX4 publishes to ROS 2 to MAVLink messages, by the translation for PX4's own logs.
 
-    That translation knows only one boot, as a log of PX4 has. A recording may have several, in each of which the clock
-    begins again. So the steps are: put all boots on one clock, ``BOOT_INTERVAL`` seconds apart; translate; and find
-    each row's boot again as its time divided by that interval.
+    That translation assumes a single boot, as in a log of PX4. A recording may have several, with a clock that starts
+    anew in each. So all boots are first put on one clock, ``BOOT_INTERVAL`` seconds apart. After the translation, time
+    and boot of each row are recovered as the remainder and the quotient of a division by that interval.
 
     Args:
         tables: PX4's topics by name.
@@ -411,7 +411,7 @@ def _time_origin(stamps: Integers) -> tuple[int, Facts]:
     """
     if not len(stamps):
         return 0, ()
-    # A stamp in the middle: the mean of two clocks' stamps, half of the messages each, would be near neither.
+    # One of the stamps, not ``np.median``: where half of them are UNIX time, it would be the mean of two unlike stamps.
     half = len(stamps) // 2
     middle_stamp = int(np.partition(stamps, half)[half])
     if middle_stamp < MIN_UNIX_STAMP:

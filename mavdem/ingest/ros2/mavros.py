@@ -81,8 +81,8 @@ def mavros_autopilot(mode_counts: Counter[str]) -> int:
 def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[str, NDArray[Any]]:
     """Translates the messages of a topic into those of MAVLink.
 
-    Fields that only change name and unit follow the table of the topic. Attitudes are turned into MAVLink's frames,
-    and arrays are put into the fields of the message.
+    Fields of which only name and unit change are translated by the table of the topic. Attitudes are converted to
+    MAVLink's frames, and elements of arrays are put into the fields of the message.
 
     Args:
         topic: Name of the topic, one of ``MAVROS_TOPICS``.
@@ -114,9 +114,9 @@ def mavros_message(topic: str, numbers: TopicNumbers, autopilot: int) -> dict[st
 def _mavlink_quaternion(numbers: TopicNumbers) -> Array:
     """Converts attitudes of ROS to those of MAVLink, from forward-right-down in the body to north-east-down.
 
-    MAVROS's attitude is q_ENU,FLU = q_n q_NED,FRD q_b, of two half turns: q_n = (i + j)/√2 swaps north and east and
-    turns down up, q_b = i turns right left and down up. Both are their own inverses but for the sign, which an
-    attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
+    MAVROS's attitude is q_ENU,FLU = q_n q_NED,FRD q_b with two rotations by 180°: q_n = (i + j)/√2 swaps north and east
+    and reverses down, q_b = i reverses right and down. Each is its own inverse except for the sign, and q and −q are
+    the same attitude. So q_NED,FRD = q_n q_ENU,FLU q_b, which is multiplied out here.
 
     Args:
         numbers: Columns (N,) with the field ``orientation``.

@@ -45,11 +45,11 @@ class TopicColumns(NamedTuple):
 
 
 def decoder(schema: Schema) -> Decoder | None:
-    """Returns the decoder of a type.
+    """Returns the decoder of a message type.
 
-    The recording has the definition of each type as a text, which the library compiles. It makes Python code of it and
-    runs it, so that a bad definition may do and raise anything. Definitions that are very long, or announce very long
-    arrays, are refused before.
+    The recording has the definition of each type as text, from which the library ``rosbags`` generates and runs Python
+    code. A bad definition may therefore raise anything. Definitions that are very long, or announce very long arrays,
+    are refused before.
 
     Args:
         schema: Name and definition of the type.
@@ -57,7 +57,7 @@ def decoder(schema: Schema) -> Decoder | None:
     Returns:
         The decoder; None if its definition is damaged, malicious, or in another language.
     """
-    # It belongs to an extra that need not be installed.
+    # Imported here, since the library belongs to an extra that need not be installed.
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.EMPTY)
@@ -81,8 +81,8 @@ def columns_of(
 ) -> TopicColumns | None:
     """Puts the fields of decoded messages into columns.
 
-    A field that is missing, or has another type than expected, is skipped. Whether the rest is still the topic that was
-    looked for is decided at the end by the fields that were available.
+    A field that is missing, or has another type than expected, is skipped. The fields that were available decide
+    whether the messages are of the expected type.
 
     Args:
         messages: Decoded messages by their number in the recording.
@@ -123,7 +123,7 @@ def _field_columns(messages: Iterable[Any], field: str) -> Fields:
     name, _, length_text = field.removesuffix("]").partition("[")
     values = list(map(attrgetter(name), messages))
     if not length_text:
-        # A field that should be a number, and is a text or an array, raises here.
+        # ``fromiter`` raises if the values are texts or arrays instead of numbers.
         return {name: np.fromiter(values, np.object_ if name in TEXT_FIELDS else np.float64)}
     length = int(length_text)
     table = np.zeros((len(values), length))

@@ -72,7 +72,7 @@ def flight_topics(recording: McapRecording) -> dict[int, RosTopic]:
 def _px4_topic(full_name: str) -> RosTopic | None:
     """Returns PX4's topic of this full name.
 
-    Setpoints to the autopilot are not read: a companion stamps what it sends by a clock of its own.
+    Setpoints to the autopilot are not read, since a companion computer stamps them by another clock.
 
     Args:
         full_name: Name with the namespace of the vehicle, such as "/drone1/fmu/out/vehicle_odometry".
