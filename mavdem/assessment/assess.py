@@ -12,7 +12,7 @@ import numpy as np
 from mavdem.assessment.autopilot_messages import in_time_order
 from mavdem.assessment.axis import LogAnalysis, Options, analyse
 from mavdem.assessment.axis.analysis import analyse_without_model
-from mavdem.assessment.axis.figures import ALL_AXES, AxisFigures
+from mavdem.assessment.axis.figures import ALL_AXES, AxisEstimates
 from mavdem.assessment.axis.loops import AxisResults, loops_of_axes, results_of_axis
 from mavdem.assessment.axis.options import ShowStep, show_nothing
 from mavdem.assessment.ending import ending_of, weighed_reports
@@ -164,13 +164,13 @@ def assess_signals(
             options,
             progress=progress,
             other_axis=analysis,
-            figures_of_other_axes=other_axes.figures,
+            estimates_of_other_axes=other_axes.estimates,
         )
         # Loops rest on the physical parameters, which are only kept if the model of roll could be learned.
         known_loops = other_axes.loops() if analysis.axes else {}
     with progress("Identifying the loops", measured=False):
         loops, autotune = loops_of_axes(
-            log, loop_signals, options.start, analysis.figures_by_axis, known_loops
+            log, loop_signals, options.start, analysis.estimates_by_axis, known_loops
         )
     evidence = replace(
         evidence,
@@ -187,7 +187,7 @@ def assess_signals(
 
 
 class _OtherAxes:
-    """Figures and loops of pitch and yaw that another process computes; empty if there is no such process."""
+    """Estimates and loops of pitch and yaw that another process computes; empty if there is no such process."""
 
     def __init__(self, wait_for_results: Callable[[], dict[str, AxisResults] | None]) -> None:
         """Does not wait yet; the first access to the results does.
@@ -197,9 +197,9 @@ class _OtherAxes:
         """
         self._results = cache(lambda: freeze(wait_for_results() or {}))
 
-    def figures(self) -> dict[str, AxisFigures]:
-        """Returns the figures by axis, once the process has computed them."""
-        return {axis: results.figures for axis, results in self._results().items()}
+    def estimates(self) -> dict[str, AxisEstimates]:
+        """Returns the estimates by axis, once the process has computed them."""
+        return {axis: results.estimates for axis, results in self._results().items()}
 
     def loops(self) -> dict[str, Loop | Fact]:
         """Returns the loops by axis, or the facts on why they are not known, once the process has computed them."""
@@ -210,24 +210,26 @@ class _OtherAxes:
 def _other_axes(
     log: Log, signals: Signals, axis: str, options: Options, analysis: LogAnalysis
 ) -> Iterator[_OtherAxes]:
-    """Computes figures and loops of pitch and yaw in a second process, where that takes long and there is a core.
+    """Estimates physical parameters and loops of pitch and yaw in a second process while the caller analyses roll.
+
+    The process is started only where it saves time: if all axes are analysed with models, and a second core is there.
 
     Args:
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
-        axis: which axes are analysed.
+        axis: name of the axis that is analysed, or ``ALL_AXES``.
         options: what is analysed.
         analysis: the analysis without a model, with the changes of the motors.
 
     Yields:
-        The results, for which one waits only when they are used.
+        The results, empty without a second process. The first access to them waits for the process.
     """
     if axis != ALL_AXES or not (options.with_model and analysis.learnability.learnable):
         yield _OtherAxes(lambda: None)
         return
 
     def results_by_axis() -> dict[str, AxisResults]:
-        """Returns figures and loops of pitch and yaw, in the second process."""
+        """Returns estimates and loops of pitch and yaw, in the second process."""
         return {
             name: results_of_axis(name, log, signals, analysis.alarms, options.start)
             for name in AXES[1:]
@@ -240,7 +242,7 @@ def _other_axes(
 def _evidence_without_loops(
     log: Log, signals: Signals, analysis: LogAnalysis, wind: WindEvidence
 ) -> Evidence:
-    """Collects the evidence of a log about a vehicle, except its control loops: events, the ending, and the wind.
+    """Collects what happened to a vehicle, and the measurements of its flights, except its control loops.
 
     Args:
         log: the log.
@@ -251,6 +253,7 @@ def _evidence_without_loops(
     Returns:
         The evidence, to which the loops are added later.
     """
+    # Each step needs the results of those before.
     # 1. Reports of the autopilot, and events in the motion. A reported crash counts only if sensors confirm it.
     reports = reported_events(signals)
     events = _events_without_motors(signals, reports)
@@ -288,17 +291,19 @@ def _events_without_motors(signals: Signals, reports: Facts) -> list[Fact]:
 
 @np.errstate(all="ignore")
 def loss_of_flight(signals: Signals) -> Fact | None:
-    """Returns how a flight was lost, without what failed first: that takes the whole assessment.
+    """Returns how a flight was lost, without the cause: only the whole assessment shows what failed first.
 
     Args:
         signals: signals of the vehicle.
 
     Returns:
-        The event that the assessment reports too; None if no flight was lost.
+        The event with which the assessment says that the flight was lost too, without its cause; None if no flight was
+        lost.
     """
     ending = ending_of(signals, _events_without_motors(signals, reported_events(signals)))
     if ending is None or ending.code is Ending.LOSS_REPORTED:
         return ending
+    # These figures name what failed first, which the changes of the motors may still correct.
     return ending.replace(subject="", cause=None, word=None)
 
 
@@ -350,13 +355,16 @@ def alarms_before_loss(alarms: Sequence[MotorAlarm], ending: Fact | None) -> lis
 
 
 def with_wind(assessment: Assessment, wind: WindEvidence) -> Assessment:
-    """Returns an assessment with another estimate of its wind, such as one by an earlier drag.
+    """Returns an assessment with another estimate of its wind, such as one with the drag of an earlier flight.
 
-    The light of the wind, the headline and the next step are judged anew; the other lights stay.
+    The light of the wind, the headline and the next step are judged anew; the other lights are kept.
 
     Args:
-        assessment: assessment of a vehicle.
-        wind: the estimate, beside that of the autopilot.
+        assessment: assessment of a vehicle, which must have been judged.
+        wind: the other estimate, and that of the autopilot.
+
+    Returns:
+        A copy of the assessment.
     """
     assert assessment.evidence is not None
     evidence = replace(assessment.evidence, wind=wind)

@@ -43,7 +43,7 @@ A choice, in the middle, since such an angle may be intended wholly or not at al
 
 
 class LargestError(NamedTuple):
-    """The largest error of roll and pitch in an interval, as witnesses state it: figures of their facts."""
+    """The largest error of roll and pitch in an interval; its fields are the figures of a fact that states it."""
 
     angle: float
     """The error, rad. Where the setpoint is not known, it is the whole lean, of which only half counts as error."""
@@ -66,7 +66,7 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
         interval: start and end, s since boot.
 
     Returns:
-        The error. Where the setpoint was not recorded it is the whole lean. None without a sample in the interval.
+        The error, rad; where the setpoint was not recorded, the whole lean. None without a sample in the interval.
     """
     rows = np.flatnonzero(in_intervals(error.time, [interval]))
     if not len(rows):
@@ -75,7 +75,7 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
     angle = float(error.magnitude[row])
     has_setpoint = bool(error.has_setpoint[row])
     if not has_setpoint:
-        # Without a setpoint the error is only a share of the lean (:func:`attitude_error`).
+        # Without a setpoint ``attitude_error`` counts only this share of the lean as error. Dividing restores the lean.
         angle /= WITHOUT_SETPOINT_SHARE
     return LargestError(angle, has_setpoint, float(error.time[row]))
 
@@ -98,10 +98,10 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     tracking = attitude_tracking(signals, boot)
     if tracking is None or len(tracking.time) < 2:
         return None
-    # Number of samples in the time that the vehicle has to follow a setpoint.
+    # Number of samples in the time within which the vehicle must follow a setpoint.
     window = max(1, round(MAX_SETPOINT_DELAY * rate_without_gaps(np.diff(tracking.time))))
-    # Lowest and highest setpoint over the samples up to each one. SciPy centres its windows; this shift lets them end
-    # with their sample.
+    # Lowest and highest setpoint in the window that ends with each sample. SciPy centres its windows, so that they are
+    # shifted by half of their length.
     shift = (window - 1) // 2
     is_unknown = np.isnan(tracking.setpoints)
     setpoints = np.where(is_unknown, 0.0, tracking.setpoints)
@@ -115,8 +115,8 @@ def attitude_error(signals: Signals, boot: int) -> AttitudeError | None:
     errors = np.where(is_unknown, error_without_setpoint, error_with_setpoint)
     roll_error, pitch_error = wrapped_angle(errors).T
     pitch = tilts[:, PITCH]
-    # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up, so that it leans the
-    # vehicle backward; roll leans it the less, the more it is pitched.
+    # The lean as a complex number: forward is real, right is imaginary. Positive pitch is nose up and leans the vehicle
+    # backward. The more the vehicle is pitched, the less does roll lean it sideways.
     lean = 1j * roll_error * np.cos(pitch) - pitch_error
     return AttitudeError(
         time=tracking.time,

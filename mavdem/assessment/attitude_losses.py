@@ -72,8 +72,8 @@ def attitude_losses(
         flight_interval: start and end of the flight, s since boot.
 
     Returns:
-        Events with the code ``ATTITUDE_CAUGHT`` for each loss that was recovered or harmless. The last one may have the
-        code ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
+        An event for each loss. Its code is ``ATTITUDE_CAUGHT`` if the loss was recovered or harmless; that of the last
+        one may be ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST`` instead.
     """
     events = []
     for start, end in _loss_intervals(sensors, error, flight_interval):
@@ -90,8 +90,8 @@ def _loss_intervals(
 ) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
-    It is lost while the error exceeds ``LOST_ANGLE``. A vehicle that falls and ends its flight on its side has lost its
-    attitude too, whatever the setpoint was.
+    It is lost while the error exceeds ``LOST_ANGLE``. It is also lost, whatever the setpoint was, if the vehicle sank
+    fast and was tilted by more than ``MAX_TILT`` until the flight ended.
 
     Args:
         sensors: sensors of the boot.
@@ -109,7 +109,8 @@ def _loss_intervals(
         sink_rate = sensors.sink_rate((start, start + RECOVERY_SECONDS)) or 0.0
         if end >= flight_end and sink_rate > FALL_SPEED:
             toppled_intervals.append((start, end))
-    # The setpoint is tolerated for ``MAX_SETPOINT_DELAY``, so that a loss shows up to that long after the landing.
+    # An error counts only ``MAX_SETPOINT_DELAY`` after the setpoint changed, so that a loss may show up to that much
+    # after the landing.
     latest_start = _landing_report(sensors, flight_end) + MAX_SETPOINT_DELAY
     return [
         (start, end)
@@ -128,7 +129,7 @@ def _landing_report(sensors: BootSensors, flight_end: float) -> float:
         flight_end: end of the flight by the last report in flight, s since boot.
 
     Returns:
-        The end of the flight itself where no report follows within ``MAX_LANDING_REPORT_SECONDS``.
+        The time of that report; the end of the flight itself if none follows within ``MAX_LANDING_REPORT_SECONDS``.
     """
     reports = series_of_boot(sensors.signals.landed_state, sensors.boot)
     if reports is None:
@@ -175,7 +176,7 @@ class _AttitudeLoss(NamedTuple):
         onset = self._onset()
         height = self.sensors.height_at(onset)
         # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that a knock may lie before the onset.
-        knock = self.sensors.knock((onset - MAX_SETPOINT_DELAY, self.start))
+        knock = self.sensors.knock_statement((onset - MAX_SETPOINT_DELAY, self.start))
         knock_time = None
         if knock is not None and knock.figures["side"] == Side.FOR:
             knock_time = knock.time
@@ -259,6 +260,9 @@ class _AttitudeLoss(NamedTuple):
             onset: time at which the attitude began to leave its setpoint, s since boot.
             height: height above the take-off at that time, m; None if it was not recorded.
             knock_time: time of a knock that the accelerometer measured, s since boot; None if there was none.
+
+        Returns:
+            ``TIPPED``, ``HIT`` or ``ATTITUDE_LOST``.
         """
         if not has_risen_by(self.sensors, self.flight_interval, onset):
             return MotionEvent.TIPPED
@@ -268,32 +272,31 @@ class _AttitudeLoss(NamedTuple):
         return MotionEvent.ATTITUDE_LOST
 
     def _is_harmless(self, onset: float) -> bool:
-        """Returns whether angle, speed of the fall, and duration all stay below those of a serious loss.
+        """Returns whether the loss was slight: its angle, its speed of fall and its duration all stay below a limit.
 
-        Serious are twice ``LOST_ANGLE`` (or ``FAR_ANGLE`` for an error that is only estimated by half of the lean,
-        since the setpoint is not known throughout), ``FALL_SPEED``, and ``RECOVERY_SECONDS``. Each figure is divided by
-        its limit, and the largest ratio decides. A loss that lasts until the record ends is serious.
+        The limits are ``FALL_SPEED``, ``RECOVERY_SECONDS`` and, for the angle, twice ``LOST_ANGLE``. If the setpoint is
+        not known throughout, the error is only half of the lean, a guess, and its limit is ``FAR_ANGLE`` instead. A
+        loss that lasts until the record ends is not harmless.
 
         Args:
-            onset: time when the attitude began to leave its setpoint, s.
+            onset: time when the attitude began to leave its setpoint, s since boot.
         """
         if self.end == inf:
             return False
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
-        # The sensor that shows the fastest descent counts: no loss is taken for harmless that may be a fall.
+        # The fastest descent of any sensor counts, so that no fall is taken for harmless.
         sink_rate = max([0.0, *sink_rates.values()])
         angle = self._largest_error().counted_angle
         serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
         duration = min(self.end, self.error.time[-1]) - self.start
-        severity = max(sink_rate / FALL_SPEED, angle / serious_angle, duration / RECOVERY_SECONDS)
-        return severity < 1
+        return sink_rate < FALL_SPEED and angle < serious_angle and duration < RECOVERY_SECONDS
 
     def _is_recovered(self) -> bool:
         """Returns whether the vehicle flew on for ``RECOVERY_SECONDS`` afterwards.
 
-        The record must go on for so long within the flight. The motors must have worked with more than
-        ``CARRYING_OUTPUT_RATIO`` of their median output of the flight. And the vehicle must be off the ground at the
-        end of that time, as far as its height is known.
+        Both flight and record must last that long. The mean output of the motors in this time must exceed
+        ``CARRYING_OUTPUT_RATIO`` times its median of the flight. And the vehicle must be off the ground at the end of
+        the time, if its height is known.
         """
         # Mean command of all motors; a vehicle that lies on the ground has it at idle.
         collective = series_of_boot(self.sensors.signals.collective, self.sensors.boot)
@@ -315,9 +318,9 @@ class _AttitudeLoss(NamedTuple):
     def _sink_rate(self, code: MotionEvent, onset: float) -> float | None:
         """Returns the largest speed downward at the loss that all height sensors confirm.
 
-        A vehicle that lost its attitude in the air falls after the onset, so its speed is searched from the onset on.
-        One that hit something was fast before. The onset may be detected up to ``MAX_SETPOINT_DELAY`` after the impact,
-        so the search then begins twice that long before the onset.
+        A vehicle that lost its attitude in the air falls after the onset, so that its speed is sought from the onset
+        on. One that hit something was fast before. As the onset may be up to ``MAX_SETPOINT_DELAY`` after the impact,
+        the search then begins twice as long before the onset.
 
         Args:
             code: kind of the loss.
@@ -336,7 +339,7 @@ class _AttitudeLoss(NamedTuple):
         """Returns the witnesses of the loss: statements of sensors that support or contradict it.
 
         Args:
-            onset: time when the attitude began to leave its setpoint, s.
+            onset: time when the attitude began to leave its setpoint, s since boot.
         """
         statements = [
             supporting_statement(
@@ -345,8 +348,8 @@ class _AttitudeLoss(NamedTuple):
         ]
         statements += self._rotation(onset)
         end = min(self.end, self.error.time[-1])
-        for statement in self.sensors.sinking((onset, end + RECOVERY_SECONDS)):
-            # A vehicle that tips over on the ground does not sink, so that this contradicts nothing.
+        for statement in self.sensors.sink_statements((onset, end + RECOVERY_SECONDS)):
+            # That it did not sink contradicts no loss: a vehicle that tips over on the ground does not sink either.
             if statement.code is WitnessFact.SANK:
                 statements.append(statement)
         rest = self.sensors.rest_after(onset, end + 2 * RECOVERY_SECONDS)
@@ -362,16 +365,16 @@ class _AttitudeLoss(NamedTuple):
         return tuple(statements)
 
     def _rotation(self, onset: float) -> Facts:
-        """Returns the statement of the gyro on whether the vehicle itself turned, and not only its setpoint.
+        """Returns the statement of the gyro on whether the vehicle itself rotated, and not only its setpoint.
 
-        The attitude must have changed by ``ONSET_ANGLE`` on one axis, and the integral of the body rates' size must
-        explain at least ``MIN_GYRO_SHARE`` of that change.
+        Roll or pitch must have changed by ``ONSET_ANGLE``, and the integral of the absolute body rate must be at least
+        ``MIN_GYRO_SHARE`` times that change.
 
         Args:
             onset: time when the attitude began to leave its setpoint, s since boot.
 
         Returns:
-            One statement for or against the loss; none if there are too few samples.
+            One statement for or against the loss; empty if there are too few samples.
         """
         end = min(self.end, self.start + RECOVERY_SECONDS, self.error.time[-1])
         # The larger one of roll and pitch, rad: change of the angle, and integral of the absolute body rate.
@@ -404,11 +407,11 @@ class _AttitudeLoss(NamedTuple):
 
 
 def knock_is_contact(sensors: BootSensors, time: float) -> bool:
-    """Returns whether a knock that the accelerometer felt can be a contact with the ground or an obstacle.
+    """Returns whether a knock that the accelerometer measured can be a contact with the ground or an obstacle.
 
-    A propeller that breaks, or a motor that tears loose, knocks too. So far above the ground a second witness is
-    needed: the vehicle must have lost its speed. Near the ground, or where the height is not known, every knock may be
-    one.
+    A propeller that breaks, or a motor that tears loose, knocks too. So at ``ALOFT_HEIGHT`` or higher the vehicle must
+    have lost its speed as well, if its velocity is known. Near the ground, or where the height is not known, every
+    knock may be a contact.
 
     Args:
         sensors: sensors of the boot.
@@ -423,7 +426,7 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
 def has_risen_by(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was more than ``MAX_GROUND_HEIGHT`` above its take-off before some time of a flight.
 
-    Without a height, a vehicle that has flown for ``RECOVERY_SECONDS`` has risen.
+    If no height was recorded, a vehicle that has flown for ``RECOVERY_SECONDS`` counts as risen.
 
     Args:
         sensors: sensors of the boot.

@@ -82,9 +82,9 @@ def _alternating_peaks(time: Array, angle: Array) -> list[list[int]]:
     for peak in _peaks_of_leans(time, angle):
         follows_run = False
         if runs:
-            former_peak = runs[-1][-1]
-            is_to_other_side = angle[peak] * angle[former_peak] < 0
-            follows_run = is_to_other_side and time[peak] - time[former_peak] <= MAX_SWING_SECONDS
+            last_peak = runs[-1][-1]
+            is_to_other_side = angle[peak] * angle[last_peak] < 0
+            follows_run = is_to_other_side and time[peak] - time[last_peak] <= MAX_SWING_SECONDS
         if follows_run:
             runs[-1].append(peak)
         else:

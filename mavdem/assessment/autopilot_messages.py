@@ -225,7 +225,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
 
 
 def _subject_of_text(groups: Mapping[str, str | None]) -> str:
-    """Returns what a text is about, such as "motor 2" or "watchdog", in lower case; empty if it does not say it.
+    """Returns what a text is about, such as "motor 2" or "watchdog", in lower case; empty if it does not say so.
 
     Args:
         groups: named groups of the pattern that fits the text (:attr:`TextPattern.expression`); None for a group that
@@ -276,7 +276,7 @@ def _problems_of_errors(telemetry: Telemetry) -> Iterator[Fact]:
 
 
 def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> float | None:
-    """Returns when an error was over, s on the boot clock; None if the log does not show it.
+    """Returns when an error was over, s since boot; None if the log does not show it.
 
     Args:
         error: the message that reported it.
@@ -296,8 +296,8 @@ def _end_of_error(error: _ErrorMessage, messages: Sequence[_ErrorMessage]) -> fl
 def _problems_of_events(telemetry: Telemetry) -> Iterator[Fact]:
     """Yields the problems that ArduPilot logs as EV messages.
 
-    An event is a number. Most report no problem, such as "armed", and are missing from the table of meanings, the table
-    ``events`` of ``message_patterns.toml``.
+    An EV message has the number of an event. The table ``events`` of ``message_patterns.toml`` has the meaning of those
+    that report a problem; all others, such as "armed", are skipped.
 
     Args:
         telemetry: messages of the vehicle.
@@ -395,8 +395,8 @@ def _merged_pair(first: Fact, repetition: Fact) -> Fact:
         repetition: a later fact of the same code, with ``basis``.
 
     Returns:
-        A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if one of
-        them has one, and a count that is one higher. Of all other figures the first fact's are kept.
+        A fact with the time of the first one, the later end, the worse level, the messages of both, a subject if either
+        has one, and a count that is one higher. All other figures are those of the first fact.
     """
     last_time = max(_last_time(first), _last_time(repetition))
     # A dictionary keeps each name once, in order.

@@ -36,15 +36,16 @@ MAX_DISTANCE = 20.0
 def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the barometer drifted in a flight.
 
-    The reading on the ground must have changed by more than noise and weather change it, the altitude by satellites
-    must not have changed with it, and landing and take-off must be one place.
+    Three conditions must hold: between take-off and landing the reading on the ground changed by more than noise and
+    weather explain, the altitude by satellites did not change with it, and both are the same place.
 
     Args:
         sensors: sensors of the boot.
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
-        At most one fact, with the change of the barometer as ``change``, m upwards, and its witnesses.
+        At most one fact, with the change of the barometer as ``change``, m upwards, and the statements of barometer and
+        receiver as its witnesses.
     """
     heights = ground_heights(sensors.signals, sensors.boot, flight_interval)
     if heights is None:
@@ -54,7 +55,8 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
     duration = min(flight_end, sensors.record_end) - flight_start
     limit = max(MIN_DRIFT + WEATHER_RATE * duration, NOISE_RATIO * heights.barometer_scatter)
     is_large = abs(change) >= limit
-    # An altitude by satellites that changed the other way has itself wandered, and speaks against no barometer.
+    # The size of the change by satellites decides, not its sign: one that is large the other way shows that the
+    # altitude by satellites drifted itself, and proves no drift of the barometer.
     satellite_share = abs(heights.satellite_change / change) if change else 0.0
     is_level_by_satellites = satellite_share <= MAX_SATELLITE_SHARE
     is_one_place = heights.distance <= MAX_DISTANCE

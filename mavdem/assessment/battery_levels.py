@@ -48,8 +48,9 @@ OLD_CELL_COUNT_PARAMETER = "BAT_N_CELLS"
 def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
     """Returns the voltages, V, below which a battery is to be watched (low) or bad (critical).
 
-    Each is the higher of two: the level at which the autopilot acts by its parameters, and that of the cells. So a
-    level that was set too low, or not at all, does not hide an empty battery.
+    Each is the higher one of two voltages: that at which the autopilot acts, by its parameters, and the number of cells
+    times the voltage of a low or critical cell (``CELL_VOLTAGE_LIMITS``). So a parameter that was set too low, or not
+    at all, does not hide an empty battery.
 
     Args:
         parameters: parameters of the autopilot.
@@ -73,9 +74,9 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
 def cell_count(parameters: Parameters, battery: Battery) -> int | None:
     """Returns the number of cells that a battery has in series.
 
-    A parameter of PX4 or the messages have the number. Otherwise each of the usual ``CELL_COUNTS`` is tried: the
-    voltage of the full battery over the count must be one with which a cell begins a flight. Only if exactly one count
-    fits, it is known.
+    The number is that of a PX4 parameter or of the battery's messages. If neither has it, each of the usual
+    ``CELL_COUNTS`` is tried: the voltage of the full battery divided by the count must be a possible voltage of a full
+    cell (``FULL_CELL_VOLTAGES``). The number is known if exactly one count fits.
 
     Args:
         parameters: parameters of the autopilot.

@@ -183,8 +183,8 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
     """Returns the uncertainty of each motor's share of the work: half widths of 90 % intervals.
 
     With the output u_i of motor i, and the mean m of the outputs of all motors at the same time, the share is the ratio
-    of means E[u_i]/E[m]; 1 for a motor that does as much as the others. To first order, the error of this ratio is the
-    mean of (u_i − m E[u_i]/E[m])/E[m], whose interval follows from its samples.
+    of means E[u_i]/E[m]; it is 1 for a motor that does as much as the others. To first order (delta method) the error
+    of this ratio is the mean of (u_i − m E[u_i]/E[m])/E[m], whose interval follows from its samples.
 
     Args:
         motors: outputs of k motors.
@@ -197,7 +197,7 @@ def _share_intervals(motors: MotorOutputs, settled: Segments) -> tuple[float | N
     means_of_motors = shares.mean(axis=1, keepdims=True)
     mean_output = means_of_motors.mean()
     half_widths = []
-    # Motor by motor, since of hours of flight each array takes as much memory as the file.
+    # The motors are processed one by one to save memory: in hours of flight, one such array is as large as the log.
     for share, ratio in zip(shares.T, shares.mean(axis=0) / mean_output, strict=True):
         errors = (share[:, None] - means_of_motors * ratio) / mean_output
         half_widths += mean_interval(errors, total_duration(settled)).tolist()
@@ -297,7 +297,7 @@ def _figures_of_batteries(signals: Signals, segments: Segments) -> tuple[Battery
 
     Args:
         signals: signals of the vehicle.
-        segments: the time that counts; batteries that were not recorded in it are left out.
+        segments: parts of the flight to evaluate.
 
     Returns:
         Figures of each battery that was recorded in the segments.
@@ -317,7 +317,7 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
 
     Args:
         battery: the battery.
-        segments: the time that counts; the first and the last may be in different boots.
+        segments: parts of the flight to evaluate; the first and the last may be in different boots.
 
     Returns:
         Voltages in V and currents in A, the latter None if no current was measured; None if the voltage was not
@@ -335,7 +335,8 @@ def _battery_figures(battery: Battery, segments: Segments) -> BatteryFigures | N
     current_mean, current_max = None, None
     if battery.current is not None:
         amperes = battery.current.values[in_segments(battery.current, *segments, slack=0)]
-        # A negative current stands for none. A sensor that is missing or not calibrated reads 0 at times.
+        # A negative current means "not measured". A current of 0 in flight is that of a sensor that is missing or not
+        # calibrated.
         if len(amperes) and amperes.min() > 0:
             current_mean, current_max = amperes.mean(), amperes.max()
     return BatteryFigures(

@@ -49,9 +49,9 @@ class ContactSearch:
     def contact_time(self, start: float, end: float) -> float | None:
         """Returns the time at which the vehicle touched the ground.
 
-        The best sensor decides. That is the largest knock of the accelerometer, if it exceeds the vibration in flight;
-        then the loss of attitude, if that was near the ground; and, if no accelerometer is fast enough to show knocks,
-        the moment at which the estimated speed downward was lost.
+        The first of these that the sensors show is the contact: the largest knock of the accelerometer, if it exceeds
+        the vibration in flight; the loss of attitude, if that was near the ground; and, only if no accelerometer is
+        fast enough to show knocks, the moment at which the estimated speed downward was suddenly lost.
 
         Args:
             start: beginning of the search, s since boot.
@@ -66,7 +66,7 @@ class ContactSearch:
             if knock is not None and self._exceeds_vibration(knock, start):
                 return knock.time
             if accelerometer.shows_knocks:
-                # A contact without a knock is only that of a vehicle that topples.
+                # A vehicle can touch the ground without a knock only if it topples.
                 return self.time_of_low_loss()
         low_loss = self.time_of_low_loss()
         if low_loss is not None:
@@ -82,7 +82,7 @@ class ContactSearch:
             latest: time of the largest knock, s since boot; returned if no earlier one is measured.
 
         Returns:
-            The time, s.
+            The time, s since boot.
         """
         accelerometer = self.sensors.accelerometer
         if accelerometer is None or start >= latest:
@@ -122,7 +122,7 @@ class ContactSearch:
             interval: start and end of the time to examine, s.
 
         Returns:
-            The time, s; None if it was not, or no vertical speed was recorded.
+            The time, s since boot; None if it was not, or no vertical speed was recorded.
         """
         climb_rate = series_of_boot(self.sensors.signals.climb_rate, self.sensors.boot)
         if climb_rate is None:
@@ -134,7 +134,8 @@ class ContactSearch:
         candidates = time[in_intervals(time, [interval]) & is_braked & is_sinking]
         if not len(candidates):
             return None
-        # The motors may have slowed the fall before the ground stopped it. The ground takes the most speed in one step.
+        # The motors may have slowed the fall before the ground stopped it. The step with the largest loss of speed is
+        # that at the ground.
         stop_start = candidates[0]
         is_stop = in_intervals(time, [(stop_start, stop_start + IMPACT_SECONDS)])
         speed_steps: Array = np.diff(climb_rate.values, append=climb_rate.values[-1])
@@ -143,19 +144,19 @@ class ContactSearch:
         return float(time[impact_row]) if is_fast else None
 
     def _largest_contact_knock(self, start: float, end: float) -> Fact | None:
-        """Returns the largest knock of an interval that can be a contact.
+        """Returns the largest knock of an interval that can be a contact with the ground.
 
-        A knock high in the air, such as that of a propeller that breaks, is none, and the search goes on after it.
+        A knock high in the air, such as that of a propeller that breaks, is none: then the search continues after it.
 
         Args:
             start: beginning of the interval, s since boot.
             end: its end, s since boot.
 
         Returns:
-            The largest knock; None if none was felt.
+            The statement of the accelerometer on the knock; None if it measured none.
         """
         while start < end:
-            knock = self.sensors.knock((start, end))
+            knock = self.sensors.knock_statement((start, end))
             if knock is None or knock.figures["side"] != Side.FOR or knock.time is None:
                 return None
             if knock_is_contact(self.sensors, knock.time):
@@ -164,7 +165,7 @@ class ContactSearch:
         return None
 
     def _exceeds_vibration(self, knock: Fact, start: float) -> bool:
-        """Returns whether a knock is larger than what the accelerometer felt in the flight before, from vibration.
+        """Returns whether a knock is larger than the largest specific force in the flight before, by vibration.
 
         Args:
             knock: statement of the accelerometer.

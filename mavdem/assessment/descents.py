@@ -36,9 +36,9 @@ recorded."""
 def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     """Yields an event if the vehicle fell faster than ``FALL_SPEED`` and all height sensors confirm that.
 
-    An estimate of the vertical speed that diverges looks like a fall. So the height, where it was recorded, must
-    decrease by at least the share ``SINK_AGREEMENT`` of the mean speed times the duration of the fall. A barometer that
-    contradicts the estimate must sink as fast too.
+    A diverging estimate of the vertical speed looks like a fall. So the height, if it was recorded, must decrease by at
+    least ``SINK_AGREEMENT`` times the product of mean speed and duration of the fall. If the barometer contradicts the
+    estimate, it too must sink faster than ``FALL_SPEED``.
 
     Args:
         sensors: sensors of the boot.
@@ -58,7 +58,8 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     start, end = float(fall_times[0]), float(fall_times[-1])
     window = (start - BAROMETER_LAG, end + BAROMETER_LAG)
     speed = sensors.sink_rate(window)
-    # After an impact the estimate may be wrong, but until then it may be right.
+    # The estimate may be right until the impact at the end of the fall, and wrong in the lag after it: the larger speed
+    # that the sensors confirm counts.
     window_until_end = (start - BAROMETER_LAG, end)
     speed_until_end = sensors.sink_rate(window_until_end)
     if speed is not None and speed_until_end is not None and speed_until_end > speed:
@@ -68,7 +69,7 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
     mean_climb_rate = float(climb_rate.values[is_falling].mean())
     if _height_contradicts_fall(sensors, (start, end), mean_climb_rate):
         return
-    witnesses = supporting_statements(sensors.sinking(window))
+    witnesses = supporting_statements(sensors.sink_statements(window))
     yield Fact(
         MotionEvent.FELL, time=start, until=end, speed=speed, boot=sensors.boot, witnesses=witnesses
     )
@@ -77,7 +78,7 @@ def falls(sensors: BootSensors, interval: TimeInterval) -> Iterator[Fact]:
 def _height_contradicts_fall(
     sensors: BootSensors, fall: TimeInterval, mean_climb_rate: float
 ) -> bool:
-    """Returns whether the vehicle lost less height than a fall takes; false if no height was recorded.
+    """Returns whether the vehicle lost less height than in a real fall; false if no height was recorded.
 
     Args:
         sensors: sensors of the boot.
@@ -108,7 +109,7 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
     is_throttle_closed = _throttle_closed(sensors, flight_interval)
     if is_throttle_closed is None:
         return
-    # What shows the closed throttle: the stick, or else the motors.
+    # The closed throttle is shown by the stick or, if that was not recorded, by the motors.
     witness = WitnessFact.MOTORS_THROTTLED if sensors.stick is None else WitnessFact.THROTTLE_CLOSED
     flight_start, flight_end = flight_interval
     record_start, record_end = is_throttle_closed.time[0], is_throttle_closed.time[-1]
@@ -124,7 +125,7 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
             continue
         witnesses: Facts = (
             supporting_statement(witness, time=start),
-            *supporting_statements(sensors.sinking(window)),
+            *supporting_statements(sensors.sink_statements(window)),
         )
         yield Fact(
             MotionEvent.DIVED,
@@ -138,11 +139,11 @@ def dives(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]
 
 
 def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> TimeSeries | None:
-    """Returns whether the throttle was closed, at the samples of the motors' mean output.
+    """Returns at which samples of the motors' mean output the throttle was closed.
 
-    The mean output must be below ``DIVE_COLLECTIVE_RATIO`` of its median in the flight. If the pilot's stick was
-    recorded it must be near its lower end too, at up to twice ``CLOSED_STICK``: a pilot who dives need not close it
-    fully.
+    The mean output must be below ``DIVE_COLLECTIVE_RATIO`` times its median in the flight. If the pilot's stick was
+    recorded it must be near its lower end too, at up to twice ``CLOSED_STICK``, since a dive does not need a fully
+    closed stick.
 
     Args:
         sensors: sensors of the boot.
@@ -161,7 +162,7 @@ def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> Tim
     is_low: Flags = collective.values < DIVE_COLLECTIVE_RATIO * usual_output
     stick = sensors.stick
     if stick is not None:
-        # Automatic modes leave the motors on whatever the stick does, so that both must be low.
+        # In automatic modes the motors do not follow the stick, so that both must be low.
         is_low &= np.interp(collective.time, stick.time, stick.values) <= 2 * CLOSED_STICK
     return TimeSeries(collective.time, collective.boot, is_low.astype(float))
 
@@ -169,7 +170,8 @@ def _throttle_closed(sensors: BootSensors, flight_interval: TimeInterval) -> Tim
 def _flies_on(sensors: BootSensors, flight_interval: TimeInterval, time: float) -> bool:
     """Returns whether the vehicle was still in the air ``RECOVERY_SECONDS`` after a time.
 
-    Flight and record must last so long, and the vehicle be above ``MAX_GROUND_HEIGHT``, if its height is known.
+    Flight and record must last that long, and the vehicle must be above ``MAX_GROUND_HEIGHT`` then, if its height is
+    known.
 
     Args:
         sensors: sensors of the boot.

@@ -117,10 +117,10 @@ def _throttle_closed(loss: Fact) -> Fact | None:
 def weighed_reports(signals: Signals, events: Sequence[Fact]) -> list[Fact]:
     """Lowers the level of each report of a crash to "watch" unless sensors confirm it.
 
-    ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and the
-    usual rule decides (:func:`mavdem.witnesses.statements.weighed_event`): another one is needed. That is a loss by the
-    motion near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it show. If no sensor
-    was recorded that could show any of these, the report keeps its level.
+    ArduPilot's crash check also reports vehicles that never moved. So the report is one witness of a crash, and by the
+    usual rule (:func:`mavdem.witnesses.statements.weighed_event`) a second one is needed. That is a loss which the
+    motion shows near the report, or a knock, a tumble, a fast descent or a lean that the sensors around it measured. If
+    no sensor was recorded that could show any of these, the report keeps its level.
 
     Args:
         signals: signals of the vehicle.
@@ -191,17 +191,19 @@ def _signs_of_crash(signals: Signals, report: Fact, losses: Sequence[Fact]) -> F
     earliest, latest = interval
     for loss in losses:
         if loss.figures["boot"] == boot and earliest <= loss.start_time <= latest:
-            # The report itself may be among them, and is counted already.
+            # The report itself may be among them, which the caller has counted already.
             witnesses = loss.figures.get("witnesses", ())
             return tuple(
                 fact for fact in witnesses if fact.code is not WitnessFact.AUTOPILOT_REPORTED
             )
     sensors = BootSensors(signals, boot)
     statements = []
-    for statement in (sensors.knock(interval), sensors.fast_rotation(interval)):
+    for statement in (sensors.knock_statement(interval), sensors.rotation_statement(interval)):
         if statement is not None:
             statements.append(statement)
-    statements += [fact for fact in sensors.sinking(interval) if fact.code is WitnessFact.SANK]
+    statements += [
+        fact for fact in sensors.sink_statements(interval) if fact.code is WitnessFact.SANK
+    ]
     rest = sensors.rest_after(earliest, latest)
     if rest is not None and rest.is_on_side:
         statements += rest.statements

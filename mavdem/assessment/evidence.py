@@ -134,9 +134,9 @@ class Evidence:
     def reasons_not_to_fly(self) -> Facts:
         """Why the vehicle must not fly again as it is: it was lost, it oscillates, or a motor is at its limit.
 
-        A motor at its limit is judged by its share of the hover or, where none was measured, by any moment at the
-        limit. It is empty if nothing speaks against flying, or the vehicle never flew. Facts about a vehicle that must
-        not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
+        A motor counts as at its limit by its share of the time in the hover or, if no hover was measured, by any moment
+        at the limit. The reasons are empty if there are none, or the vehicle never flew. Facts about a vehicle that
+        must not fly are shown without advice to fly (:attr:`mavdem.facts.Fact.grounded`).
         """
         if self.not_flown is not None:
             return ()
@@ -175,6 +175,7 @@ class Evidence:
         facts = [event for event in self.events if event.code is MotionEvent.NOT_FLOWN]
         if not facts:
             return None
+        # Each fact is of one boot only: the vehicle may have flown in another one.
         for boot in np.unique(self.signals.tilts[0].boot).tolist():
             if self.flights(boot):
                 return None
@@ -189,7 +190,7 @@ class Evidence:
             boot: number of the boot.
 
         Returns:
-            The intervals, s.
+            The intervals, s since boot; none if the vehicle did not fly in this boot.
         """
         for event in self.events:
             if event.code is MotionEvent.NOT_FLOWN and event.figures["boot"] == boot:
@@ -211,7 +212,8 @@ class Evidence:
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
         """Yields the part of a series in each flight, for flights with at least one sample.
 
-        A flight here ends when the vehicle was lost: sensors that hit the ground say nothing about the vehicle.
+        A flight here ends when the vehicle was lost: what sensors measure after an impact says nothing about the
+        vehicle.
 
         Args:
             series: (N,) or (N, k) samples of one or several boots; None, for a message that was not recorded, yields
@@ -246,8 +248,8 @@ class Evidence:
     def settled_segments(self, excluded_modes: frozenset[str]) -> Segments:
         """Returns the segments of settled flight until the vehicle was lost, without some flight modes.
 
-        Some modes excite the vehicle by themselves, or have no setpoint of the angle: what they do would be mistaken
-        for how well the vehicle flies.
+        In some modes the autopilot excites the vehicle itself, or has no setpoint of the angle. There the motion does
+        not show how well the vehicle follows its setpoints.
 
         Args:
             excluded_modes: names of ArduPilot's flight modes.

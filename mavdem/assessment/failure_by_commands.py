@@ -145,15 +145,16 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
 
 
 def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _LossCommands | None:
-    """Selects the commands of the motors in the time of trouble, just before it, and in usual flight.
+    """Selects the commands of the motors in the time of trouble, just before it, and in the flight before that.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        interval: start and end of the time of trouble, s since boot.
+        interval: start and end of the time of trouble, s since boot: in it something went wrong, so that the vehicle
+            was lost.
 
     Returns:
-        The commands; None if none were recorded in one of the three times.
+        The commands; None if any of the three intervals has none.
     """
     motors = signals.motors
     if motors is None:
@@ -183,7 +184,7 @@ def _all_off(commands: _LossCommands) -> Fact | None:
     Args:
         commands: commands around the loss.
     """
-    # On average over the time of trouble each motor must have been off.
+    # Each motor must have been off on average over the time of trouble.
     if not (commands.now.mean(axis=0) < OFF_RATIO * commands.usual).all():
         return None
     off_times = commands.time[(commands.now < OFF_RATIO * commands.usual).all(axis=1)]
@@ -192,13 +193,18 @@ def _all_off(commands: _LossCommands) -> Fact | None:
 
 
 def _thrust_spent(commands: _LossCommands, trouble: Trouble) -> Fact | None:
-    """Returns the fact that all thrust was in use, since when, and the mean command; None if some was left.
+    """Returns the fact that all thrust was in use, so that none was left to keep the height.
 
-    While the attitude is lost the controller drives motors to their limits, so that the thrust before that counts.
+    Once the attitude is lost, the controller drives motors to their limits anyway. Then the commands before that are
+    judged.
 
     Args:
         commands: commands around the loss.
         trouble: time and kind of the trouble.
+
+    Returns:
+        The fact, with the time since when all thrust was in use, and the mean command since then as ``share`` of the
+        highest one; None if some thrust was left.
     """
     start, end = trouble.interval
     stop = commands.motors.scale.stop
@@ -223,8 +229,8 @@ def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor
         weak: the motor and its opposite one.
 
     Returns:
-        The fact; None if neither motor was there, or the vehicle was commanded the other way shortly before, as one
-        that swings is.
+        The fact, with the time when the motor reached its limit or the opposite one its idle. None if neither did, or
+        if the two motors were commanded the other way shortly before, as those of a vehicle that swings are.
     """
     scale = commands.motors.scale
     idle = min_running_command(commands.motors)
@@ -249,16 +255,17 @@ def _failure_of_motor(commands: _LossCommands, trouble: Trouble, weak: WeakMotor
 
 
 def _spent_since(commands: TimeSeries, time: float, stop: float) -> float:
-    """Returns since when, s, all motors together used up their thrust without a break until a given time.
+    """Returns since when, s since boot, the motors have together used up their thrust, up to a given time.
 
     Args:
         commands: (N, k) of k motors, as shares of their range.
         time: time of one of the samples, s, which is returned if the thrust was not used up at that sample.
         stop: the highest command.
     """
-    is_left = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * stop
-    rows_with_rest = np.flatnonzero(is_left & (commands.time <= time))
-    first_row = rows_with_rest[-1] + 1 if len(rows_with_rest) else 0
+    has_reserve = commands.values.mean(axis=1) <= SPENT_THRUST_SHARE * stop
+    rows_with_reserve = np.flatnonzero(has_reserve & (commands.time <= time))
+    # The sample after the last one with a reserve, which may be after the given time or after the record.
+    first_row = rows_with_reserve[-1] + 1 if len(rows_with_reserve) else 0
     return float(min(commands.time[min(first_row, len(commands.time) - 1)], time))
 
 
@@ -284,10 +291,11 @@ def _sinking_at_full_throttle(
         signals: signals of the vehicle.
         boot: number of the boot.
         motors: its motors.
-        time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it count.
+        time: time of the impact, s since boot; the ``SINKING_SECONDS`` before it are examined.
 
     Returns:
-        The fact; None if it did not.
+        The fact, with the names of the motors at their limit and the mean command as ``share``; None if the vehicle did
+        not sink so, or stick or climb rate were not recorded.
     """
     start = time - SINKING_SECONDS
     interval = (start, time)
@@ -326,14 +334,15 @@ def _commands_between(commands: TimeSeries, start: float, end: float) -> Array:
 
 
 def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
-    """Returns the fact that one motor's output froze while the others worked to save the vehicle.
+    """Returns the fact that one motor's output was constant while the controller moved the others.
 
     Args:
         signals: signals of the vehicle.
-        commands: commands around the loss; at least ``MIN_FROZEN_SAMPLES`` must show it.
+        commands: commands around the loss, of which there must be at least ``MIN_FROZEN_SAMPLES``.
 
     Returns:
-        The fact; None if no output froze.
+        The fact, with the name of the motor and, as ``settings``, parameters that were changed so that its output no
+        longer drives it; None if no output froze.
     """
     motors = commands.motors
     if len(commands.now) < MIN_FROZEN_SAMPLES:
@@ -350,7 +359,7 @@ def _frozen_output(signals: Signals, commands: _LossCommands) -> Fact | None:
 
 
 def changed_functions(signals: Signals, names: Sequence[str]) -> list[str]:
-    """Finds the outputs of motors whose assignment was changed during the log.
+    """Returns the parameters that assign outputs to given motors and were changed during the log.
 
     The parameter SERVOn_FUNCTION assigns output n to a motor. If it is changed in flight, the output no longer drives
     its motor, so that the change itself may be the failure.
@@ -380,7 +389,7 @@ def weak_motor(
     """Finds the one motor to whose side the vehicle fell and which the commands try to lift.
 
     The sum of the motors' positions, weighted with the changes of their commands, points to the side that the commands
-    lift. That direction and the one of the fall must both be aligned with one motor, and with no other.
+    lift. There must be exactly one motor with which both this direction and that of the fall are aligned.
 
     Args:
         motors: k motors.

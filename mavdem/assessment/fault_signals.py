@@ -106,8 +106,8 @@ def fault_signals(signals: Signals) -> Iterator[FaultSignal]:
         signals: signals of the vehicle, with the messages of all boots.
 
     Yields:
-        The message, flags (N,) of its N samples that report the fault, the code of the event, and perhaps its subject.
-        The flags are empty for a message that the log does not have.
+        A signal for each message and fault, also for faults that never occur. Its flags are empty if the log does not
+        have the message.
     """
     telemetry = signals.telemetry
     is_critical = _column(telemetry, "HEARTBEAT", "system_status") >= CRITICAL
@@ -152,7 +152,9 @@ def _lost_fix(signals: Signals) -> Iterator[FaultSignal]:
 
 
 def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
-    """Returns the signal of a supply voltage of the board below its limit; 0 V are no measurement.
+    """Returns the signal that the supply voltage of the board is below its limit.
+
+    Voltages that are too low to be possible, such as 0 V, mean that it was not measured, and are no fault.
 
     Args:
         telemetry: messages of the vehicle.
@@ -164,7 +166,7 @@ def _low_board_voltage(telemetry: Telemetry) -> FaultSignal:
 
 
 def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
-    """Yields the signal of each of PX4's ``FAILURE_DETECTORS``, and of each motor that they found.
+    """Yields the signal of each of PX4's ``FAILURE_DETECTORS``, and one of each motor that they report as failed.
 
     Args:
         telemetry: messages of the vehicle.
@@ -182,10 +184,10 @@ def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
 
 
 def _battery_faults(signals: Signals) -> Iterator[FaultSignal]:
-    """Yields a signal for each battery and level, true while the autopilot reports it low, critical or spent.
+    """Yields three signals for each battery: whether the autopilot reports it low, critical or spent.
 
-    The battery is the subject where there are several. Where BATTERY_STATUS has the charge states of several batteries,
-    that of SYS_STATUS, which is one of them, would repeat it.
+    The battery is the subject if the vehicle has several. If BATTERY_STATUS has charge states, other messages are not
+    used, since they repeat the state of one of these batteries.
 
     Args:
         signals: signals of the vehicle.
@@ -219,9 +221,9 @@ def _sensor_faults(
 ) -> Iterator[FaultSignal]:
     """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
 
-    A sensor is at fault where it is present and enabled, and not healthy any more. One that was never healthy in a log
-    did not fail in it: autopilots clear the bit as well before calibration, or where they do not use the sensor.
-    Signals of sound sensors are yielded too: they are never faulty.
+    A sensor is faulty where it is present and enabled, and not healthy any more. One that was never healthy before in
+    the log did not fail: autopilots also clear the bit before calibration, or if they do not use the sensor. The
+    signals of sensors without a fault are yielded too, with all flags false.
 
     Args:
         health, present, enabled: (N,) bit masks of the N messages, with a bit for each sensor (MAV_SYS_STATUS_SENSOR).

@@ -123,8 +123,8 @@ def first_failure(
 def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> Trouble:
     """Finds the time before an impact in which something went wrong, and the motors that were at their limit.
 
-    It begins with the first sign of trouble, a motor at its limit or a fall, but ``MAX_SETPOINT_DELAY`` before the
-    impact at the latest.
+    It begins with the first sign of trouble, which is a motor at its limit or a fall, but not later than
+    ``MAX_SETPOINT_DELAY`` before the impact.
 
     Args:
         events: events of the flight.
@@ -135,12 +135,12 @@ def _trouble_before_impact(events: Sequence[Fact], boot: int, impact: float) -> 
         The interval from the first sign of trouble to the impact, s since boot, and the names of those motors.
     """
     latest_start = impact - MAX_SETPOINT_DELAY
-    # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
+    # In the impact itself the controller drives motors to their limits, so that only earlier limits are signs.
     motors_at_limit: list[Fact] = []
     for event in _events_at(events, MotionEvent.MOTOR_AT_ITS_STOP, boot, impact):
         if event.start_time < latest_start:
             motors_at_limit.append(event)
-    # The averages that show a fall end it up to a second before the impact, and begin it as late.
+    # Falls are found in averages, so that they begin up to a second late, and may end up to a second before the impact.
     falls = _events_at(events, MotionEvent.FELL, boot, latest_start, 2 * MAX_SETPOINT_DELAY)
     start = latest_start
     for event in [*motors_at_limit, *falls]:
@@ -173,7 +173,7 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
         onset: time when the loss began, s since boot. Telemetry of controllers may be ``MAX_SETPOINT_DELAY`` later.
 
     Returns:
-        The motor, as a fact; None if none did, or no second witness confirms it.
+        The event of the motor; None if none stood still, or no second witness confirms it.
     """
     for event in _events_at(events, MotionEvent.MOTOR_STOOD_STILL, boot, onset, MAX_SETPOINT_DELAY):
         if event.is_bad:
@@ -184,19 +184,20 @@ def _standing_motor(events: Sequence[Fact], boot: int, onset: float) -> Fact | N
 def _closed_throttle(signals: Signals, boot: int, diverged: Fact, onset: float) -> Fact | None:
     """Returns the fact that the pilot closed the throttle between a diverged height and the loss.
 
-    Only in a mode in which the stick is the thrust does the vehicle fall from that.
+    The flight mode must be one in which the stick sets the thrust: only then does a closed throttle let the vehicle
+    fall.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        diverged: the height estimate that diverged before.
+        diverged: event that the height estimate diverged before.
         onset: time when the loss began, s since boot.
 
     Returns:
         The fact; None if the log does not show it.
     """
     start = max(diverged.end_time, onset - STOP_REASON_SECONDS)
-    closed = BootSensors(signals, boot).throttle_closed((start, onset))
+    closed = BootSensors(signals, boot).throttle_closed_statement((start, onset))
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
     if closed is None or not in_intervals(closed.start_time, manual):
         return None
@@ -234,8 +235,8 @@ def _events_at(
         code: code of the events to return.
         boot: number of the boot.
         time: time on the boot clock, s.
-        delay: an event counts too that begins up to so many seconds later. ``LASTING_SECONDS`` is how long most events
-            must last to be one.
+        delay: events that begin up to this much later, s, are selected too. The default is the time for which most
+            states must last to be an event.
 
     Returns:
         These events, in the order of ``events``.
@@ -262,15 +263,15 @@ def _assumed_landing(signals: Signals, boot: int, onset: float) -> bool:
 def _landing_assumed(signals: Signals, cause: Fact, collective: float | None) -> Fact:
     """Returns the fact that the autopilot switched all motors off in the air because it took the vehicle for landed.
 
-    The autopilot decides that by comparing the thrust with some parameters, whose values are in the fact, so that they
-    can be compared with the thrust in the hover and mended: the fact has the ``least_collective`` that suits it.
+    The autopilot compares the thrust with some parameters to detect a landing. The fact has their values and the thrust
+    in the hover as figures, and as ``least_collective`` a lowest thrust that would suit the vehicle.
 
     Args:
         signals: signals of the vehicle.
         cause: the fact that all motors were off, with its time.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known. It
-            equals the thrust of the parameters only if PX4's THR_MDL_FAC is 0, since that bends the relation between
-            the two. Otherwise the fact does not state it.
+            equals the thrust that the parameters mean only if PX4's THR_MDL_FAC is 0, since that makes the relation
+            between the two nonlinear. Otherwise the fact states neither of the two thrusts.
     """
     parameters = signals.telemetry.parameters
     settings = [(name, parameters[name]) for name in LANDING_PARAMETERS if name in parameters]

@@ -112,9 +112,9 @@ def _receiver_positions(telemetry: Telemetry, message: str) -> TimeSeries | None
 def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     """Returns the jumps of one receiver's position in one boot.
 
-    The velocity of a step is compared with the median of its neighbours', so that a vehicle that speeds up or turns
-    does not jump. A jump must exceed ``MIN_JUMP`` plus the distance that the vehicle usually flies in a step, since
-    links repeat fixes, and delay them.
+    The velocity of a step is compared with the median velocity of the steps around it, so that a vehicle that speeds up
+    or turns does not seem to jump. A jump must exceed ``MIN_JUMP`` plus the distance that the vehicle usually flies in
+    a step, since links repeat and delay fixes.
 
     Args:
         positions: (N, 2) north and east, m.
@@ -133,7 +133,8 @@ def _jumps_in_boot(positions: TimeSeries, boot: int) -> Array:
     )
     unusual_speeds = np.linalg.norm(velocities - usual_velocities, axis=1)
     distances = unusual_speeds * intervals
-    # The interval before a delayed fix may be shorter than the flight to it: that of a usual interval is allowed.
+    # After a delayed fix the next one comes early, with the motion of a usual interval in a shorter one. So at least
+    # that of a usual interval is allowed.
     allowed_intervals = np.maximum(intervals, np.median(intervals))
     usual_distances = np.linalg.norm(usual_velocities, axis=1) * allowed_intervals
     is_jump = (distances > MIN_JUMP + usual_distances) & (intervals <= MAX_FIX_STEP)

@@ -180,14 +180,17 @@ class _Contact:
         return None
 
     def _aftermath(self, time: float, rest: Rest | None, record_end: float) -> Facts:
-        """Returns the aftermath of a contact, as a witness: that the vehicle rested, or else that the log ended soon.
+        """Returns the statement on what followed a contact: that the vehicle rested, or else that the log ended soon.
 
-        The end of the log counts only after a loss of attitude.
+        The end of the log is stated only after a loss of attitude.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
             rest: rest of the vehicle afterwards; None if it did not come to rest.
             record_end: time of the last attitude of the boot, s since boot.
+
+        Returns:
+            At most one statement.
         """
         if rest is not None:
             rested = rest.statements[0]
@@ -203,8 +206,8 @@ class _Contact:
     def _estimate_shows_impact(self, time: float) -> bool:
         """Returns whether the estimated speed downward was lost at a contact that no accelerometer could show.
 
-        Such a contact needs no second witness: an accelerometer that is missing, or too slow to record a knock, cannot
-        be one.
+        Such a contact needs no second witness, since the usual one, an accelerometer that measures the knock, is
+        missing or too slow.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
@@ -248,7 +251,10 @@ class _Contact:
         """
         time_around = (time - MAX_SETPOINT_DELAY, time + 2 * MAX_SETPOINT_DELAY)
         statements: list[Fact] = []
-        for statement in (self.sensors.knock(time_around), self.sensors.fast_rotation(time_around)):
+        for statement in (
+            self.sensors.knock_statement(time_around),
+            self.sensors.rotation_statement(time_around),
+        ):
             if statement is not None:
                 statements.append(statement)
         statements += self._descent_statements(time)
@@ -279,20 +285,20 @@ class _Contact:
     def _descent_statements(self, time: float) -> Facts:
         """Collects the height sensors that show a fast descent before the contact.
 
-        The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that an estimate
-        that runs away is no witness.
+        The speed that all height sensors confirm must exceed ``MIN_SINK_RATE`` in the last seconds, so that a diverging
+        estimate is no witness.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
 
         Returns:
-            One statement for each of them.
+            One statement for each of them; empty if the vehicle did not sink so fast.
         """
         interval = (time - DESCENT_SECONDS, time)
         speed = self.sensors.sink_rate(interval)
         if speed is None or speed <= MIN_SINK_RATE:
             return ()
-        return supporting_statements(self.sensors.sinking(interval))
+        return supporting_statements(self.sensors.sink_statements(interval))
 
     def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
         """Returns the event of a contact, of the kind that height, speed, pose and stick show.
@@ -312,7 +318,7 @@ class _Contact:
         contact = self._search.first_knock(onset, time)
         fall_speed = self.sensors.sink_rate((contact - DESCENT_SECONDS, contact))
         contact_speed = self._contact_speed(contact, fall_speed)
-        throttle_closing = self.sensors.throttle_closed(
+        throttle_closing = self.sensors.throttle_closed_statement(
             (onset - DESCENT_SECONDS, onset + STICK_REACTION_SECONDS)
         )
         if self.loss is not None or (rest is not None and rest.is_on_side):
@@ -347,9 +353,9 @@ class _Contact:
     def _onset(self, time: float) -> float:
         """Determines when a contact began: with the loss of attitude, if that was part of it, otherwise at its time.
 
-        The largest knock of a tumble comes after its first contact, so that a loss near the ground counts for
-        ``TUMBLE_SECONDS``. Elsewhere a loss belongs to the contact if it came less than ``MIN_FALL_SECONDS`` before: a
-        vehicle that is lost high in the air takes longer to fall.
+        A vehicle that tumbles over the ground loses its attitude at the first contact, and its largest knock comes up
+        to ``TUMBLE_SECONDS`` later. Elsewhere a loss is part of the contact if it came less than ``MIN_FALL_SECONDS``
+        before, since a vehicle that is lost high in the air takes longer to fall.
 
         Args:
             time: time when the vehicle touched the ground, s since boot.
@@ -393,8 +399,8 @@ class _Contact:
     def _contact_speed(self, contact: float, fall_speed: float | None) -> float | None:
         """Returns the speed downward with which the vehicle touched the ground.
 
-        A pilot or height controller often brakes a fall before its end. Only the estimate shows that: the slope of the
-        barometer is a mean over the fall.
+        A pilot or height controller often brakes a fall before its end. Only the autopilot's estimate shows that: the
+        barometer's climb rate, a slope over seconds, is a mean of the whole fall.
 
         Args:
             contact: time when the vehicle touched the ground, s since boot.
@@ -413,7 +419,8 @@ class _Contact:
     def _height_of_contact(self, time: float) -> float | None:
         """Returns the height above the take-off at a contact.
 
-        Recorded heights are averages, so that the lowest within ``MAX_SETPOINT_DELAY`` afterwards counts.
+        Recorded heights are averages and lag behind, so that the lowest one within ``MAX_SETPOINT_DELAY`` afterwards is
+        returned.
 
         Args:
             time: time of the contact, s since boot.
@@ -434,7 +441,7 @@ class _Contact:
     def _is_near_rest(self, height: float | None, rest: Rest | None) -> bool:
         """Returns whether a contact was with the ground: its height is that of the resting place and of the take-off.
 
-        Heights agree within ``LANDING_STEP``: the ground is not level, and heights drift in flight.
+        Heights may differ by ``LANDING_STEP``, since the ground is not level and heights drift in flight.
 
         Args:
             height: height of the contact above the take-off, m; None if it is not known.
@@ -454,8 +461,9 @@ class _Contact:
     ) -> bool:
         """Returns whether a vehicle that toppled was about to land: low, slow, level, and not asked to climb.
 
-        A pilot who closed the throttle before the contact let the vehicle drop, so that it may have been higher and
-        faster. One who closed it afterwards meant to land, but the limits stay.
+        If the pilot closed the throttle before the contact, the vehicle was dropped on purpose, and the limits of
+        height and speed are higher. If the pilot closed it afterwards, a landing was intended too, but those limits
+        stay.
 
         Args:
             time: time when it touched the ground, s since boot.
@@ -463,7 +471,7 @@ class _Contact:
             fall_speed: largest speed downward just before, m/s; None if it is not known.
             throttle_closing: statement that the pilot closed the throttle around the contact; None if nothing shows it.
         """
-        # A landing is slower and lower than this.
+        # Limits of speed downward, m/s, and height, m, of a landing.
         max_speed, max_height = HARD_IMPACT_SPEED, TOPPLE_HEIGHT
         if throttle_closing is not None and throttle_closing.start_time <= time + STICK_DELAY:
             max_speed, max_height = HARD_IMPACT_SPEED_CLOSED, TOPPLE_HEIGHT_CLOSED

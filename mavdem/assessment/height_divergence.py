@@ -21,7 +21,7 @@ from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import WitnessFact
 from mavdem.physical_constants import GRAVITY
 from mavdem.vibration.vibration_message import reported_vibration
-from mavdem.witnesses.accelerometer import AccelerometerWitness
+from mavdem.witnesses.accelerometer import AccelerometerRecord
 from mavdem.witnesses.boot_sensors import MAX_FALL_SPEED, BootSensors
 from mavdem.witnesses.height import MIN_CONTRADICTION_SECONDS
 from mavdem.witnesses.statements import supporting_statement, weighed_event
@@ -51,9 +51,10 @@ FULL_THROTTLE_COMMAND = 0.9
 
 
 def height_divergences(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
-    """Yields an event for each time in which the height estimate diverged in an automatic height mode of a flight.
+    """Yields an event for each interval of a flight in which the height estimate diverged in an automatic height mode.
 
-    If the pilot sets the throttle, the autopilot does not control the height, so an error does no harm.
+    In modes in which the pilot sets the throttle the autopilot does not control the height, so that a wrong estimate
+    does no harm.
 
     Args:
         sensors: sensors of the boot, with the intervals in which their heights contradict each other.
@@ -151,7 +152,8 @@ def _opposite_climb_rates(sensors: BootSensors, interval: TimeInterval) -> _Clim
         interval: start and end, s since boot.
 
     Returns:
-        Both rates, m/s upward; None if the two do not move apart, or one of them has no samples in the interval.
+        Both rates, m/s upward: the barometer's, taken as true, and the estimate's. None if they are not opposite, or
+        one has no samples in the interval.
     """
     barometer = sensors.height.barometer_climb
     estimate = sensors.height.estimated_climb
@@ -177,17 +179,17 @@ def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float 
 
 
 def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the fact that the accelerometer measures a wrong force, at rest or in flight.
+    """Returns the statement that the accelerometer measured a wrong specific force, at rest or in flight.
 
-    An error at rest is the cause if it explains at least ``MIN_REST_SHARE`` of the error in flight, or that is not
-    known. Otherwise vibration is, which the accelerometer feels in flight only.
+    An error at rest is stated if it explains at least ``MIN_REST_SHARE`` of the error in flight, or if the latter is
+    not known. Otherwise the error in flight is stated, which vibration may cause.
 
     Args:
         sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        The fact; None if it does not.
+        The statement; None if the accelerometer is right, or was not recorded.
     """
     accelerometer = sensors.accelerometer
     if accelerometer is None:
@@ -205,7 +207,8 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
             )
     if flight_error is None or not is_wrong_in_flight:
         return None
-    # What a sound accelerometer would have measured is taken away, so that the figure compares with gravity.
+    # The error is stated as a specific force that is to be compared with gravity, as at rest, without the acceleration
+    # of the vehicle.
     return supporting_statement(
         WitnessFact.GRAVITY_WRONG,
         part="in flight",
@@ -215,7 +218,7 @@ def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact |
 
 
 def _force_error(
-    sensors: BootSensors, accelerometer: AccelerometerWitness, interval: TimeInterval
+    sensors: BootSensors, accelerometer: AccelerometerRecord, interval: TimeInterval
 ) -> float | None:
     """Returns the error of the mean upward specific force that the accelerometer measured around a divergence.
 
@@ -252,9 +255,10 @@ def _force_error(
 
 
 def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns clipping, or vibration beyond the autopilot's limit, as a witness for the cause of a diverged height.
+    """Returns the statement of clipping, or of vibration above the limit, as the cause of a diverged height.
 
-    Clipping, which means samples out of the range of an accelerometer, goes first: it surely makes a wrong mean force.
+    Clipping, which means samples out of the range of an accelerometer, is preferred, since it surely makes the mean
+    force wrong.
 
     Args:
         sensors: sensors of the boot.
@@ -284,7 +288,7 @@ def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
 
 
 def _full_throttle(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns a witness if a motor worked near its upper limit in an interval; None otherwise.
+    """Returns the statement that a motor worked near its upper limit in an interval; None otherwise.
 
     Args:
         sensors: sensors of the boot.

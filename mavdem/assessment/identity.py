@@ -125,13 +125,13 @@ def identity_of(signals: Signals, receive_time: float = float("nan")) -> Identit
 
 
 def _name_of(telemetry: Telemetry) -> _NameWithBasis:
-    """Makes a name by which all logs of one vehicle are recognised as its own.
+    """Makes a name that is the same in all logs of one vehicle, so that they can be recognised.
 
     It is, in this order of preference:
 
     1. the serial number of the autopilot's board, which is unique;
-    2. a hash of the calibration of a sensor, since no two sensors have the same; default values do not count, nor those
-       of simulators;
+    2. a hash of the calibration of a sensor, since no two sensors have the same, unless its values are defaults or
+       those of a simulator;
     3. the name of the autopilot and the MAVLink system id, which many vehicles share.
 
     Args:
@@ -162,8 +162,8 @@ def _calibration(parameters: Parameters, group: str) -> list[float]:
 
     Args:
         parameters: parameters of the autopilot by name.
-        group: names of the parameters of an offset and of scale factors, with a place for the axis, separated by
-            blanks.
+        group: formats of the names of its parameters, separated by blanks: the offset first, then scale factors. Each
+            has a replacement field for the axis.
 
     Returns:
         The values; empty if one is missing, or the sensor was never calibrated, or is a simulator's.
@@ -181,7 +181,7 @@ def _calibration(parameters: Parameters, group: str) -> list[float]:
 def _board_number_in_messages(telemetry: Telemetry) -> str:
     """Returns the serial number of the autopilot's board from the MAVLink message AUTOPILOT_VERSION.
 
-    It is written as ArduPilot's texts write it, so that a vehicle has the same name in logs that have only these.
+    It has the format of ArduPilot's texts, so that a vehicle has the same name in logs that only have the texts.
 
     Args:
         telemetry: messages of the vehicle.
@@ -207,8 +207,8 @@ def _texts(telemetry: Telemetry) -> list[str]:
 def _firmware(telemetry: Telemetry) -> str:
     """Returns name and version of the firmware, such as "ArduCopter V4.3.0".
 
-    ArduCopter reports them in a text. Without it they are made of the version number in AUTOPILOT_VERSION, whose bytes
-    are the numbers of the version.
+    ArduCopter reports them in a text. If there is none, they are made from the number in AUTOPILOT_VERSION, whose bytes
+    are major, minor and patch version.
 
     Args:
         telemetry: messages of the vehicle.
@@ -263,14 +263,17 @@ class _DateWithBasis(NamedTuple):
 def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
     """Returns the date of a flight: when its settled part began or, if that is not known, when the log did.
 
-    Messages SYSTEM_TIME have UNIX time beside the time since boot, so the beginning of the flight, which is known since
-    boot, can be converted. Before the first GPS fix their UNIX time is not set; such messages are skipped. In logs of
-    the autopilot these messages are translated from those of the GPS receiver. Without them the receiving computer's
-    clock counts, then the name that PX4 gives its log, by a clock that it had from an earlier fix.
+    It comes from the first of these sources that has a plausible time:
+
+    1. Messages SYSTEM_TIME, which have UNIX time and time since boot, so that the beginning of the flight can be
+       converted. Before the first GPS fix their UNIX time is not set; such messages are skipped. For logs of the
+       autopilot these messages are made from those of the GPS receiver.
+    2. The clock of the computer that received the messages.
+    3. The name that PX4 gave its log, by a clock that was set by an earlier fix.
 
     Args:
         signals: signals of the vehicle.
-        receive_time: time when the first message was received, UNIX time in s.
+        receive_time: time when the first message was received, UNIX time in s; NaN if it is not known.
 
     Returns:
         Date and basis; None for both if the log shows no plausible time.
@@ -289,7 +292,7 @@ def _date(signals: Signals, receive_time: float) -> _DateWithBasis:
 
 
 def _time_by_autopilot(telemetry: Telemetry, flight: Segment | None) -> float | None:
-    """Returns when a flight began by the messages SYSTEM_TIME, or the first time that they have.
+    """Returns when a flight began, by the messages SYSTEM_TIME; the first time that they have if that is not known.
 
     Args:
         telemetry: messages of the vehicle.
@@ -346,7 +349,7 @@ def _dated(unix_time: float, basis: DateBasis) -> _DateWithBasis:
 def day_in_file_name(name: str) -> date | None:
     """Returns the day that the name of a log's file has, such as "2026-03-09 11-02-35.bin"; None without one.
 
-    Whoever names or copies a file may err, so that it is only shown, as what the name says.
+    People name and copy files, so that the day may be wrong: it is only shown, as that of the file's name.
 
     Args:
         name: name of the file.

@@ -42,7 +42,7 @@ from mavdem.immutable import ImmutableResult
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE
 from mavdem.vibration.vibration_message import reported_vibration
-from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerWitness
+from mavdem.witnesses.accelerometer import SELECTED_IMU, AccelerometerRecord
 from mavdem.witnesses.height import MAX_HEIGHT_DIFFERENCE
 from mavdem.witnesses.sensors import (
     BAROMETER_PARAMETER,
@@ -78,7 +78,7 @@ class Instance(ImmutableResult):
     state: Fact
     """What is known of it, with its level."""
     used_share: float | None = None
-    """Share of the samples in flight in which the autopilot used it, 0 to 1; None where the log does not say it."""
+    """Share of the samples in flight in which the autopilot used it, 0 to 1; None if the log does not show it."""
 
 
 def instances_of(evidence: Evidence) -> tuple[Instance, ...]:
@@ -122,14 +122,17 @@ def _values_in_flight(evidence: Evidence, series: TimeSeries) -> Array:
 
 
 def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
-    """Returns the intervals of a boot from when the motors could carry the vehicle in a flight until they no longer do.
+    """Returns the part of each flight of a boot in which the motors carried the vehicle.
 
-    Some autopilots report a vehicle off the ground while its motors still spin up, and on it after they have slowed.
-    Where no motors are known, or they never were above idle, the flights themselves are returned.
+    It lasts from the first to the last sample with a mean command above idle. Some autopilots report a vehicle as off
+    the ground while its motors still spin up, and as landed only after they have slowed.
 
     Args:
         evidence: what the log shows of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        Intervals, s since boot. They are the flights themselves if motors are not known, or were never above idle.
     """
     flights = evidence.flights(boot)
     motors = evidence.signals.motors
@@ -146,23 +149,23 @@ def _carried_intervals(evidence: Evidence, boot: int) -> Intervals:
 
 
 def _measured_state(values: Array) -> Fact:
-    """Judges whether an instance of a sensor measures: a value that never changes was not measured.
+    """Returns the fact on whether an instance of a sensor measured anything: then its value is not constant.
 
     Args:
         values: (N,) samples.
 
     Returns:
-        The fact CONSTANT or MEASURED.
+        A fact with the code CONSTANT or MEASURED.
     """
     is_constant = len(values) > 1 and np.ptp(values) == 0
     return Fact(InstanceState.CONSTANT if is_constant else InstanceState.MEASURED)
 
 
 def _batteries(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the batteries with their voltages, V, judged as in the light on power.
+    """Yields the batteries with their voltages, V, judged as by the light "power".
 
-    The state is the worse of the voltage in flight and the autopilot's warnings about this battery. Without either, it
-    only says whether the voltage was measured.
+    The state is the worst fact of the voltage in flight and the autopilot's warnings about this battery. If there are
+    none, it only states whether the voltage was measured.
 
     Args:
         evidence: signals of the vehicle and what was measured of them.
@@ -180,7 +183,10 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _estimators(evidence: Evidence) -> Iterator[Instance]:
-    """Yields the instances of the estimator with their largest innovation ratio over its limit, and which one flew.
+    """Yields the instances of the estimator with their innovation ratios and the share of the time that each was used.
+
+    At each sample the largest ratio of all innovations is taken, relative to the limit of the estimator's own test. An
+    innovation is a measurement minus its prediction.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -192,7 +198,7 @@ def _estimators(evidence: Evidence) -> Iterator[Instance]:
             continue
         values = _values_in_flight(evidence, samples)
         ratios = values[:, : len(INNOVATIONS)]
-        # The only estimator flew all the time.
+        # The only instance was used all the time.
         used_share = 1.0
         if has_instances:
             used_share = float(values[:, -1].mean())
@@ -216,8 +222,8 @@ def _estimator_samples(telemetry: Telemetry) -> dict[str, TimeSeries]:
         telemetry: telemetry of the vehicle.
 
     Returns:
-        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. If the log distinguishes
-        instances, the last column is 1 while the instance flew, and else 0.
+        Samples (N, k). The first columns are the ratios, in the order of ``INNOVATIONS``. If the log has several
+        instances, the last column is 1 while the autopilot used the instance, and 0 otherwise.
     """
     columns = telemetry.messages.get(INSTANCES_MESSAGE, {})
     if not columns:
@@ -241,7 +247,7 @@ def _estimator_state(evidence: Evidence, samples: TimeSeries, used_share: float)
         used_share: share of the time in which the autopilot used the instance.
 
     Returns:
-        The fact REJECTED or MEASURED. A rejection is bad only if the instance was used in flight.
+        A fact with the code REJECTED or MEASURED. A rejection is bad only if the instance was used in flight.
     """
     failsafe_limit = failsafe_limit_of(evidence.signals.telemetry)
     rejections = []
@@ -321,18 +327,18 @@ def _barometers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _largest_difference(evidence: Evidence, altitude: TimeSeries, reference: TimeSeries) -> float:
-    """Returns the largest difference between the changes of two altitudes in a flight.
+    """Returns the largest difference of two barometers in a flight, without their constant offset.
 
-    Barometers have constant offsets to each other, so that the median difference of each flight is taken off. The
-    ``LARGEST_QUANTILE`` stands for the largest.
+    The offset is the median difference in the flight. The quantile ``LARGEST_QUANTILE`` is used instead of the maximum,
+    which a single damaged sample would decide.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        altitude: (N,) m.
-        reference: (M,) m.
+        altitude: (N,) altitude of one barometer, m.
+        reference: (M,) altitude of the other one, m, with which it is compared.
 
     Returns:
-        The largest difference, m.
+        The largest difference of all flights, m; 0 without a flight in which both were recorded.
     """
     largest = 0.0
     for flight in evidence.in_flight(altitude):
@@ -374,8 +380,8 @@ def _compasses(evidence: Evidence) -> Iterator[Instance]:
 def _imus(evidence: Evidence) -> Iterator[Instance]:
     """Yields the IMUs with their vibration, m/s², as the autopilot reports it: the largest of its axes at each time.
 
-    An IMU whose vibration is not reported has the size of its specific force instead. Its state says whether its
-    accelerometer measured gravity at rest, if the log shows that.
+    For an IMU whose vibration is not reported, the values are the size of its specific force, m/s², instead. Its state
+    says whether its accelerometer measured gravity at rest, if the log shows that.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -391,9 +397,9 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
             quantity = "specific force"
             values = _values_in_flight(evidence, accelerometer.force_size)
         state = _measured_state(values)
-        if accelerometer is not None and accelerometer.witness.is_sound is False:
-            level = Level.UNKNOWN if accelerometer.witness.is_used is False else None
-            gravity = accelerometer.witness.gravity_at_rest
+        if accelerometer is not None and accelerometer.record.is_sound is False:
+            level = Level.UNKNOWN if accelerometer.record.is_used is False else None
+            gravity = accelerometer.record.gravity_at_rest
             state = Fact(InstanceState.GRAVITY_WRONG, level, acceleration=gravity)
         yield Instance(
             kind="IMU",
@@ -410,20 +416,20 @@ def _imus(evidence: Evidence) -> Iterator[Instance]:
 class _AccelerometerOfBoot(NamedTuple):
     """The accelerometer of an IMU in one boot."""
 
-    witness: AccelerometerWitness
+    record: AccelerometerRecord
     """What it measured."""
 
     boot: int
     """Number of the boot."""
 
     used_share: float | None
-    """1 if the autopilot used it, 0 if not; None if the log does not say it."""
+    """1 if the autopilot used it, 0 if not; None if the log does not show that."""
 
     @property
     def force_size(self) -> TimeSeries:
         """Size of the specific force (N,), m/s²."""
-        time = self.witness.time
-        return TimeSeries(time, np.full(len(time), self.boot), self.witness.magnitude)
+        time = self.record.time
+        return TimeSeries(time, np.full(len(time), self.boot), self.record.magnitude)
 
 
 def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot]:
@@ -434,14 +440,14 @@ def _accelerometers_by_imu(evidence: Evidence) -> dict[int, _AccelerometerOfBoot
     """
     accelerometers = dict[int, _AccelerometerOfBoot]()
     for trust in evidence.trust:
-        for witness in trust.accelerometers:
+        for record in trust.accelerometers:
             used_share = None
-            if witness is trust.accelerometer and len(trust.accelerometers) > 1:
+            if record is trust.accelerometer and len(trust.accelerometers) > 1:
                 used_share = 1.0
-            elif witness.is_used is False:
+            elif record.is_used is False:
                 used_share = 0.0
-            accelerometers[witness.number] = _AccelerometerOfBoot(witness, trust.boot, used_share)
-    # The accelerometer that PX4 selects at each time is one of the others.
+            accelerometers[record.number] = _AccelerometerOfBoot(record, trust.boot, used_share)
+    # The accelerometer that PX4 selects at each time is one of the numbered ones, which are listed.
     accelerometers.pop(SELECTED_IMU, None)
     return accelerometers
 
@@ -523,9 +529,9 @@ def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
 def _outputs(evidence: Evidence) -> Iterator[Instance]:
     """Yields the outputs of the autopilot that drive motors, each with its range of commands and its motor.
 
-    For a vehicle that is not a multirotor they are the outputs that move, such as those of control surfaces. The
-    commands are in the unit of the log, such as µs of a pulse; "1" stands for no unit. The autopilot uses all of these
-    outputs all the time, so their share of use is 1.
+    For a vehicle that is not a multirotor they are the outputs that change, such as those of control surfaces. The
+    commands are in the unit of the log, such as µs of a pulse; "1" means no unit. The autopilot uses all of these
+    outputs all the time, so that their share of use is 1.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -110,8 +110,8 @@ def autopilot_alarms(telemetry: Telemetry) -> list[JsonValues]:
 
     Returns:
         A dictionary for each warning, the most severe first, then by time: name of its ``severity``, ``text``, ``time``
-        in s since boot, number of the ``boot``, and ``count``, how often it was repeated. The severity of a warning
-        that has none is the least.
+        in s since boot, number of the ``boot``, and ``count``, how often it was sent. A warning without a severity gets
+        the least one.
     """
     alarms = []
     for fact in merge_repeats(reported_problems(telemetry)):
@@ -196,9 +196,9 @@ def _vehicle_values(vehicle: VehicleContents) -> JsonValues:
 def _message_rate(columns: Columns) -> float | None:
     """Returns the rate at which a message was recorded.
 
-    This is the rate between gaps, since an outage of the link does not change how often a message is sent. A message
-    that comes in bursts has a mean rate below ``MIN_MEAN_RATE_SHARE`` of that, and then the mean rate is returned. If
-    several instances send the message, each on its port or in its group, the one that sends most decides.
+    It is the rate between gaps, since an outage of the link does not change how often a message is sent. The mean rate
+    of a message that comes in bursts is less than ``MIN_MEAN_RATE_SHARE`` of that; then it is returned instead. If
+    several instances send the message, each on its port or in its group, the rate is that of the most frequent one.
 
     Args:
         columns: the message, with (N,) times in s, boots and other fields.
@@ -212,7 +212,7 @@ def _message_rate(columns: Columns) -> float | None:
             most_frequent = np.bincount(instance_of_row).argmax()
             columns = selected_rows(columns, instance_of_row == most_frequent)
     steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
-    # Several sensors of a kind are sent with one stamp.
+    # Messages of several sensors of a kind have the same stamp: such steps of 0 are left out.
     steps = steps[steps > 0]
     if not len(steps):
         return None
@@ -224,8 +224,9 @@ def _message_rate(columns: Columns) -> float | None:
 def _missing_share(telemetry: Telemetry) -> float | None:
     """Returns the share of messages missing from a stream, the median over the streams of a vehicle; None without one.
 
-    A step of n times the usual one lacks n − 1 messages. The usual step is the mean of the middle half of the steps: an
-    autopilot whose loop takes 4 ms sends a message of 100 Hz in steps of 8 and 12 ms.
+    In a step of n times the usual one, n − 1 messages are missing. The usual step is the mean of the middle half of the
+    steps, and not the median, since steps may alternate: an autopilot with a loop of 4 ms sends a message of 100 Hz in
+    steps of 8 and 12 ms.
 
     Args:
         telemetry: messages of the vehicle; those with fewer than ``MIN_MESSAGES_FOR_STEP`` are left out.
@@ -239,7 +240,7 @@ def _missing_share(telemetry: Telemetry) -> float | None:
         steps = np.diff(columns["time"])[np.diff(columns["boot"]) == 0]
         if message_count < MIN_MESSAGES_FOR_STEP or not len(steps):
             continue
-        # Without the lowest and the highest quarter.
+        # The mean without the lowest and the highest quarter of the steps (interquartile mean).
         quarter = len(steps) // 4
         usual_step = np.sort(steps)[quarter : len(steps) - quarter].mean()
         if usual_step > 0:

@@ -68,14 +68,15 @@ class Judgement(ImmutableResult):
 def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: Fact) -> Judgement:
     """Judges a vehicle: its lights, its control loops, the headline and the next step.
 
-    Each result needs the ones before it. The lights come first, then the decisions on the loops, whose advice the
-    lights of tracking and margins show. Together with the events they give the headline, and the headline gives the
-    next step. If the vehicle must not fly as it is, the lights lose their advice to fly (``Fact.grounded``).
+    A light is a fact that judges one subject, such as the motors or the vibration, by its level: good, watch, bad or
+    unknown. Each result needs the ones before it: the lights; the decisions on the loops, whose advice the lights of
+    tracking and margins show; the headline, which also depends on the events; and the next step, which follows from the
+    headline. If the vehicle must not fly as it is, advice to fly is removed from the lights (``Fact.grounded``).
 
     Args:
         evidence: events, condition and loops of the vehicle.
         purposes: grades of its model for each purpose; empty without a model.
-        known_lights: lights by name that were judged before and are taken as they are.
+        known_lights: lights by name that were judged before, and are not judged again.
 
     Returns:
         Headline, next step, lights by name, and decisions by axis.
@@ -118,13 +119,13 @@ def _judged_light(
     earlier_lights: NamedFacts,
     known_lights: NamedFacts = MappingProxyType({}),
 ) -> Fact:
-    """Returns the fact of one light.
+    """Returns the fact of one light: that it is not judged, the known fact, or what its function returns.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        light: the light. One of the ``LIGHTS_OF_FLIGHT`` is not judged where the vehicle did not fly.
-        earlier_lights: facts by name of the lights that it needs.
-        known_lights: facts by name of lights that are judged already.
+        light: the light. One of the ``LIGHTS_OF_FLIGHT`` is not judged if the vehicle did not fly.
+        earlier_lights: facts by name of lights that come before it, among them those that it needs.
+        known_lights: facts by name of lights that were judged before.
     """
     if evidence.not_flown is not None and light.name in LIGHTS_OF_FLIGHT:
         return Fact(Unjudged.NOT_JUDGED, because=evidence.not_flown)
@@ -163,11 +164,14 @@ def loop_decisions(evidence: Evidence, motors: Fact) -> DecisionsByAxis:
 
 
 def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
-    """Returns the facts on repairs before a vehicle is tuned: why it must not fly or, if it may, its bad motors.
+    """Returns why a vehicle must be repaired before it is tuned: why it must not fly or, if it may, its bad motors.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        motors: the fact of the light on motors.
+        motors: the fact of the light "motors".
+
+    Returns:
+        The reasons; empty if no repair is needed.
     """
     if evidence.reasons_not_to_fly or not motors.is_bad:
         return evidence.reasons_not_to_fly
@@ -175,11 +179,15 @@ def repairs_before_tuning(evidence: Evidence, motors: Fact) -> Facts:
 
 
 def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
-    """Returns the fact of a light on loops with what was decided to do about the axes that it names.
+    """Adds to the fact of a light on loops the action that was decided for the axes that it names.
 
     Args:
-        light: light of tracking or margins. One that names no axis, or nothing that is wrong, is returned as it is.
+        light: light of tracking or margins.
         decisions: decisions on the loops, by axis.
+
+    Returns:
+        The fact with the figure ``action``. A good light needs none, but has ``follows`` = False if its axis follows
+        its setpoint badly. A light that names no axis is unchanged.
     """
     axis = light.figures.get("axis", "")
     if axis not in decisions:
@@ -248,7 +256,7 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
 
 
 def _facts_to_watch(evidence: Evidence, vehicle_lights: Sequence[Fact]) -> Facts:
-    """Returns the facts among which the headline is searched for a vehicle of which nothing is bad.
+    """Returns the facts from which the headline is chosen if nothing about the vehicle is bad.
 
     Attitudes far from their setpoint come first, then the lights, and last the warnings of the autopilot, except those
     that its own state contradicts.
@@ -279,7 +287,8 @@ def _worst_event(bad_events: Sequence[Fact]) -> Fact:
         bad_events: at least one, the most important kind first.
 
     Returns:
-        The largest of the first kind. Of a battery that was critical and later in an emergency, the emergency.
+        The largest event of the first kind. If that is a critical battery, and a battery was spent too, which is worse,
+        the latter.
     """
     worst = _largest_of_first_kind(bad_events)
     if worst.code is ReportedEvent.BATTERY_ALARMED:
@@ -299,10 +308,10 @@ def _reason_on_ground(evidence: Evidence) -> Fact:
 
 
 def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
-    """Returns the fact that the headline names: of those with the code of the first one, the largest.
+    """Returns the fact that the headline names: the largest one of those with the same code as the first.
 
-    Size matters for losses of thrust only: their figure ``rise`` is by how much a motor's command rose to make up for
-    its loss, and the largest is named, not the earliest. Of facts without that figure the first is returned.
+    Only losses of thrust have a size: their figure ``rise``, by which the command of a motor rose to compensate its
+    loss. The largest loss is named, not the earliest. Of facts without that figure the first is returned.
 
     Args:
         bad_facts: at least one, the most important kind first.
@@ -314,8 +323,8 @@ def _largest_of_first_kind(bad_facts: Sequence[Fact]) -> Fact:
 def _urgent_warnings(evidence: Evidence) -> list[Fact]:
     """Returns the events of ``URGENT_EVENTS`` with the level "watch", the most important first.
 
-    Events in the motion count at any time, since a vehicle that hit the ground is no longer in flight. Events that the
-    autopilot reports count in flight only.
+    Events that the motion shows are included at any time, since a vehicle that hit the ground is no longer in flight.
+    Events that the autopilot reports are included only if they happened in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -369,10 +378,12 @@ def _nothing_wrong(lights: NamedFacts) -> Fact:
     checked = [name for name in VEHICLE_LIGHTS if lights[name].is_good]
     unchecked = [name for name in VEHICLE_LIGHTS if name not in checked]
     if not checked:
-        # The log is the reason, unless it has all that is needed; then the first light says why it is unknown.
+        # A log that lacks data is the reason. If it has all that is needed, the most urgent light says why it is
+        # unknown.
         reason = unchecked[0] if lights[Light.LOG].is_good else Light.LOG
         return Fact(Headline.NOTHING_CHECKED, because=lights[reason])
-    # Only the light of the motors shows a motor or propeller that is about to fail, and it alone is too little.
+    # The motors must be among the checked lights, since only their light shows a motor or propeller that is about to
+    # fail. But that light alone is not enough.
     is_enough = Light.MOTORS in checked and len(checked) >= MIN_CHECKED_LIGHTS
     level = Level.GOOD if is_enough else Level.UNKNOWN
     motors = lights[Light.MOTORS]
@@ -404,7 +415,7 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
         return _next_step_against(headline, lights)
     is_other_vehicle = False
     for name in (Light.LOG, *VEHICLE_LIGHTS):
-        # No log of such a vehicle would show more.
+        # This light is unknown because the vehicle is no multirotor: no other log of it would change that.
         if lights[name].code is Unjudged.MULTIROTORS_ONLY:
             is_other_vehicle = True
         elif not lights[name].is_good:
@@ -415,11 +426,11 @@ def next_step_of(headline: Fact, lights: NamedFacts, model_step: Fact | None) ->
 
 
 def _next_step_against(headline: Fact, lights: NamedFacts) -> Fact:
-    """Makes the next step against the fault in the ``headline``, with the advice of other bad lights.
+    """Returns the next step against the fault in the ``headline``, with the advice of other bad lights.
 
-    Only one next step is shown, so the advice of a light is added only if the headline does not explain it. Bad power
-    always has causes of its own, and so has bad vibration beside bad power. After a loss, every bad light of the
-    vehicle may be the reason for it, and a bad motor is named as the suspect.
+    The advice of another light is added only if the fault in the headline does not explain that light. Bad power always
+    has other causes, and so has bad vibration if power is the headline. After a loss of the vehicle, every bad light
+    may be its reason, and a bad motor is named as the suspect.
 
     Args:
         headline: headline of the judgement, with a fault.

@@ -29,8 +29,8 @@ LOWERED_SECONDS = 0.5
 def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     """Returns the fact that the pilot lowered the throttle before an impact; None if the stick does not show it.
 
-    That counts in modes in which the stick is the thrust; elsewhere the autopilot limits the descent. The pilot may
-    have opened the throttle again, but too late.
+    Only flight modes are examined in which the stick sets the thrust; in others the autopilot limits the descent. The
+    pilot may have opened the throttle again, but too late.
 
     Args:
         signals: signals of the vehicle.
@@ -50,7 +50,7 @@ def lowered_throttle(signals: Signals, boot: int, onset: float) -> Fact | None:
     usual_travel = float(np.median(stick.values[is_usual]))
     lowered = true_intervals(stick.time, stick.values < usual_travel - LOWERED_TRAVEL)
     manual = mode_intervals(signals, boot, MANUAL_THROTTLE_MODES)
-    # The last movement counts: a pilot who descends in steps lowers the throttle several times.
+    # The latest movement is the cause, since a pilot who descends in steps lowers the throttle several times.
     for start, end in reversed(intersection(lowered, intersection(manual, [(-inf, onset)]))):
         if start < descent_start:
             return None

@@ -47,7 +47,10 @@ def mean_figure(values: Array, duration: float) -> MeanFigure:
 
 
 def mean_interval(values: Array, duration: float) -> Array:
-    """Computes the half widths of the 90 % intervals of means.
+    """Computes the half widths of the 90 % confidence intervals of the means of autocorrelated series.
+
+    The variance of the mean is the spectrum near frequency 0, here the mean square of the first projections of the
+    series on cosines.
 
     Args:
         values: (N, k) uniform samples of k series.

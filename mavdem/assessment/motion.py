@@ -49,12 +49,15 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
     They are losses of attitude, falls, dives, contacts with the ground, losses of height and position estimates,
     barometers that drift, motors at their limit or off, clipping of the accelerometers, and a log that ends in the air.
-    A boot in which the vehicle did not fly has none of these, but the one event that says so. Of vehicles that are no
-    multirotors they are clipping and losses of the position alone: a plane banks and dives on purpose.
+    A boot in which the vehicle did not fly has only the one event that says so. Of vehicles that are no multirotors
+    only clipping and losses of the position are events, since a plane banks and dives on purpose.
 
     Args:
         signals: signals of the vehicle.
-        reports: events that the autopilot reports, which count as witnesses.
+        reports: events that the autopilot reports, which support or contradict those of the motion.
+
+    Returns:
+        The events; empty if the attitude was not recorded.
     """
     if not signals.tilts:
         return ()
@@ -74,18 +77,18 @@ def motion_events(signals: Signals, reports: Sequence[Fact] = ()) -> Facts:
 
 
 def _with_errors_in_swings(events: Sequence[Fact]) -> Iterator[Fact]:
-    """Yields the events; swings of the attitude say whether it followed its setpoint, and which motors had no reserve.
+    """Adds to swings of the attitude whether it followed its setpoint, and which motors had no reserve.
 
-    Where the attitude was far from its setpoint, the position controller did not get what it asked for, so that its
-    gains are not the first to look at. An autopilot that flies alone and neither reaches its setpoint within a second
-    nor stops the swing does not control the vehicle, which is bad even where it came back.
+    If the attitude was far from its setpoint, the gains of the position controller are not the first to look at. In an
+    autonomous mode that also means that the autopilot does not control the vehicle, so that the swing is bad even if
+    the vehicle recovered.
 
     Args:
         events: events of all boots.
 
     Yields:
-        All events. A swing has the largest ``angle_error``, rad, of a loss of attitude meanwhile with a known setpoint,
-        and the ``names`` of the motors that were at their upper limit without full throttle.
+        All events. A swing gets the largest ``angle_error``, rad, of the losses of attitude in its time whose setpoint
+        is known, and the ``names`` of the motors that were at their upper limit without full throttle.
     """
     for event in events:
         if event.code is not MotionEvent.ATTITUDE_SWUNG:
@@ -148,7 +151,7 @@ def _not_flown(signals: Signals, trust: SensorTrust) -> Fact | None:
         return None
     tilt = signals.tilts[0]
     times = tilt.time[tilt.boot == trust.boot]
-    # The witnesses speak for a bench run here, and not for a flight.
+    # The witnesses against a flight support this event.
     witnesses = tuple(fact.replace(side=Side.FOR) for fact in trust.verdict.witnesses)
     return Fact(MotionEvent.NOT_FLOWN, time=times[0], boot=trust.boot, witnesses=witnesses)
 
@@ -223,8 +226,8 @@ def _events_of_flight(
 ) -> Iterator[Fact]:
     """Yields the events of one flight, in no particular order.
 
-    The loss of attitude and the contact with the ground at the end of a flight are one event where the ground came
-    first; otherwise the loss was in the air, and the contact is only what followed.
+    A flight may end with a loss of attitude and a contact with the ground. If the ground came first, they are one
+    event, the contact. Otherwise both are events: the loss was in the air, and the contact only followed.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -241,10 +244,10 @@ def _events_of_flight(
     if contact is not None and loss is not None:
         is_ground_first = (loss_onset(contact) or 0.0) <= loss.start_time
         if is_ground_first or loss.code in CONTACTS:
-            # The contact tells the same event, and more exactly.
+            # The contact describes the same event, and more exactly.
             loss = None
         else:
-            # The vehicle was lost before; how it met the ground is of no further importance.
+            # The vehicle was lost before, so that the contact is not what made the flight bad.
             contact = contact.replace(Level.WATCH)
     for event in (loss, contact):
         if event is not None:
@@ -269,8 +272,9 @@ def _standing_motors(
 ) -> Iterator[Fact]:
     """Yields the motors that stood still in a flight before it was lost.
 
-    After a contact with the ground propellers are blocked. A standstill that is the cause of a loss in the air may be
-    reported up to ``MAX_SETPOINT_DELAY`` after its onset, since telemetry of controllers is slow.
+    After a contact with the ground propellers are blocked, so that standstills from then on are left out. After the
+    onset of a loss in the air they are left out from ``MAX_SETPOINT_DELAY`` later on: the standstill that caused the
+    loss may be measured that late, since telemetry of controllers is slow.
 
     Args:
         sensors: sensors of the boot, with the take-off of this flight.
@@ -295,7 +299,7 @@ def _part_before(flight_interval: TimeInterval, *events: Fact | None) -> TimeInt
 
     Args:
         flight_interval: start and end of the flight, s since boot.
-        events: the events; those that are None do not count.
+        events: the events; None for one that did not occur.
 
     Returns:
         Start and end of the part, s since boot.
@@ -312,12 +316,12 @@ def _falls_of_flight(
 ) -> Iterator[Fact]:
     """Yields the fall of a flight, if there was one.
 
-    The interval in which a fall is searched depends on the other events. So a quick descent of an intact vehicle, or an
-    estimate that runs away after an impact, is not mistaken for a fall:
+    The interval in which a fall is searched depends on the other events, so that neither a quick descent of an intact
+    vehicle nor an estimate that diverges after an impact is mistaken for a fall:
 
     - With a loss of attitude: from the loss to the contact with the ground.
-    - With a contact only: the ``RECOVERY_SECONDS`` before it. If the contact was high above the ground, the search goes
-      on until after the flight, since the vehicle fell from there.
+    - With a contact only: the ``RECOVERY_SECONDS`` before it. If the contact was high above the ground, the interval
+      lasts until after the flight, since the vehicle fell from there.
     - Without both: around the end of a record that has no landing.
 
     Args:
@@ -342,7 +346,7 @@ def _falls_of_flight(
         if (contact.figures["height"] or 0.0) >= MAX_GROUND_HEIGHT:
             end = flight_end + RECOVERY_SECONDS
     elif np.isfinite(landing_time):
-        # The flight ended in an ordinary landing, after which the estimate may run away.
+        # The flight ended in an ordinary landing, after which the estimate may diverge.
         return
     yield from falls(sensors, (max(flight_start, start), end))
 
@@ -387,7 +391,7 @@ def _end_in_air(
     sensors = BootSensors(signals, boot, flight_start)
     last_height = sensors.height_at(end_time)
     if last_height is not None and last_height > MAX_GROUND_HEIGHT:
-        sources = sensors.sources_above(MAX_GROUND_HEIGHT, end_time)
+        sources = sensors.height_statements(MAX_GROUND_HEIGHT, end_time)
         end_in_air = Fact(
             MotionEvent.LOG_ENDED_IN_AIR,
             time=end_time,

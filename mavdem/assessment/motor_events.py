@@ -70,7 +70,8 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
             lasting_run_starts.append(start)
     intervals = []
     for start, end in merge_close(runs, gap):
-        # The starts ascend. One of them lies in the interval if more lie before its end than before its start.
+        # The starts are in ascending order: one is in the interval if more of them are before its end than before its
+        # start.
         count_before_start = np.searchsorted(lasting_run_starts, start)
         count_before_end = np.searchsorted(lasting_run_starts, end)
         if count_before_end > count_before_start:
@@ -92,9 +93,9 @@ class _MotorCondition(NamedTuple):
 def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Yields an event for each time in flight in which a motor stayed at its upper limit, was off, or its output froze.
 
-    A limit counts only once the vehicle has left the ground: on a bench or a stand, which hold it, the controller
-    drives motors to any command. A motor counts as off only if that lasts for more than ``MAX_SETPOINT_DELAY``: a mixer
-    may stop one for a moment.
+    A limit is reported only once the vehicle has left the ground, since on a bench or stand that holds it, the
+    controller drives motors to any command. A motor is reported as off only after more than ``MAX_SETPOINT_DELAY``,
+    since a mixer may stop one for a moment.
 
     Args:
         signals: signals of the vehicle.
@@ -103,9 +104,9 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 
     Yields:
         A fact for each motor and interval, with the name of the motor as subject, the ``share`` of the interval's
-        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. A limit at full throttle
-        says so (``is_full_throttle``), and is good while the vehicle climbs: the pilot asked for all thrust, and got
-        it. The time of an event that began before the record is -inf.
+        samples in which it was at the limit, or off, and the ``duration`` of these samples, s. A limit while the pilot
+        commanded full throttle has ``is_full_throttle``, and is good if the vehicle climbs. The time of an event that
+        began before the record is -inf.
     """
     motors = signals.motors
     if motors is None or boot not in motors.boot:
@@ -128,7 +129,7 @@ def motor_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fa
 def _lasting_events(
     signals: Signals, names: Sequence[str], time: Array, boot: int, condition: _MotorCondition
 ) -> Iterator[Fact]:
-    """Yields an event for each interval in which a condition holds for a motor, with figures as of `motor_events`.
+    """Yields an event for each interval in which a condition holds for a motor, as :func:`motor_events` describes.
 
     Args:
         signals: signals of the vehicle.
@@ -140,7 +141,7 @@ def _lasting_events(
     for motor, name in enumerate(names):
         is_true = condition.is_true[:, motor]
         for start, end in lasting_runs(time, is_true, RECOVERY_SECONDS):
-            # An event that lasts to an end of the record is infinite there.
+            # An interval that reaches an end of the record is infinite there.
             recorded = (max(start, time[0]), min(end, time[-1]))
             recorded_start, recorded_end = recorded
             duration = recorded_end - recorded_start
@@ -164,9 +165,10 @@ def _lasting_events(
 def _frozen_outputs(
     motors: MotorOutputs, boot: int, commands: TimeSeries, flights: Intervals
 ) -> Iterator[Fact]:
-    """Yields an event for each time in flight in which the output of one motor stood still while the others worked.
+    """Yields an event for each time in flight in which the output of one motor was constant while the others changed.
 
-    A vehicle of six or eight motors flies on with a frozen output, whose trim then looks like that of weak motors.
+    A vehicle with six or eight motors flies on with a frozen output. The trims of its motors then look as if some of
+    them were weak.
 
     Args:
         motors: outputs of the k motors, with their scale.
@@ -199,12 +201,12 @@ def _frozen_outputs(
 
 
 def frozen_motor(motors: MotorOutputs, commands: Array, lowest: float) -> int | None:
-    """Returns the index of the motor whose output is frozen, by commands of a time in which the others work.
+    """Returns the index of the one motor whose output is frozen: its command is constant while those of others change.
 
-    Its command is constant, and the range of the commands is on average ``MIN_COMMAND_RANGE``. A mixer itself may keep
-    outputs at their limits, not all of which are known: the constant command must be above the idle and above the
-    lowest command that occurred, and below the upper limit. Where no parameter says which outputs drive motors, a
-    constant one may be of something else, such as a gimbal, and none counts.
+    The others change if the range of the commands, averaged over the motors, is at least ``MIN_COMMAND_RANGE``. As a
+    mixer may hold outputs at their limits, not all of which are known, the constant command must be above the idle and
+    above the lowest command that occurred, and below the upper limit. If no parameter says which outputs drive motors,
+    a constant one may drive something else, such as a gimbal: then none is reported.
 
     Args:
         motors: outputs of the k motors, with their scale.
@@ -231,7 +233,7 @@ def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
     Args:
         commands: commands of one motor (N,).
     """
-    # A run of equal commands begins with each change.
+    # Each change begins a new run of equal commands.
     changes = np.flatnonzero(np.diff(commands)) + 1
     edges = np.concatenate([[0], changes, [len(commands)]]).tolist()
     for first, end in pairwise(edges):
@@ -240,10 +242,10 @@ def _constant_runs(commands: Array) -> Iterator[tuple[int, int]]:
 
 
 def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limit: Fact) -> Fact:
-    """Returns the event of a motor at its limit, marked where the pilot gave full throttle for most of the time.
+    """Marks the event of a motor at its limit if the pilot gave full throttle for most of its time.
 
-    Then all thrust is in use, and whichever motor the attitude needs most is at its limit. While the vehicle climbs,
-    that is good.
+    With all thrust in use, some motor is always at its limit: the one that the attitude needs most. That is good if the
+    vehicle climbs.
 
     Args:
         signals: signals of the vehicle.
@@ -252,8 +254,8 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limi
         limit: the event.
 
     Returns:
-        The event with ``is_full_throttle``; unchanged where the stick was not at full throttle for more than
-        ``FULL_THROTTLE_SHARE`` of the time in modes in which it sets the thrust.
+        The event with ``is_full_throttle``, and the level "good" in a climb. It is unchanged unless the stick was at
+        full throttle, in a mode in which it sets the thrust, for more than ``FULL_THROTTLE_SHARE`` of the time.
     """
     stick = series_of_boot(throttle_stick(signals), boot)
     if stick is None:
@@ -276,8 +278,8 @@ def _rated_by_throttle(signals: Signals, boot: int, interval: TimeInterval, limi
 def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Array) -> Flags:
     """Determines at which times a vehicle has left the ground in its present flight.
 
-    It has from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. If no height was
-    recorded, and in a flight that began before the record, it counts as off the ground throughout the flight.
+    It has left it from the first sample on that is more than ``MAX_GROUND_HEIGHT`` above the take-off. If no height was
+    recorded, or the flight began before the record, it counts as off the ground throughout the flight.
 
     Args:
         signals: signals of the vehicle.
@@ -304,8 +306,8 @@ def _has_left_ground(signals: Signals, boot: int, flights: Intervals, time: Arra
 def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) -> Flags:
     """Returns whether each of k motors is off while the others carry the vehicle, at each of N samples.
 
-    The range of ArduPilot's outputs begins below the idle in flight, so its lower end means off. The range of PX4
-    begins at the idle, so only an output that is lower by ``STOP_MARGIN`` means off.
+    The range of ArduPilot's outputs begins below the idle in flight, so that its lower end means off. The range of
+    PX4's outputs begins at the idle, so that a motor is off only if its output is lower by ``STOP_MARGIN``.
 
     Args:
         signals: signals of the vehicle.
@@ -324,6 +326,6 @@ def _is_off(signals: Signals, motors: MotorOutputs, boot: int, commands: Array) 
     motor_count = commands.shape[1]
     mean_of_others = (commands.sum(axis=1, keepdims=True) - commands) / max(motor_count - 1, 1)
     airborne = min_running_command(motors)
-    # An output that never ran drives no motor.
+    # An output that never rose above idle drives no motor.
     has_run = commands.max(axis=0) > airborne
     return is_off & (mean_of_others > airborne) & has_run

@@ -149,8 +149,8 @@ def _standstills(
 def _is_far_below_usual(speeds: Array) -> Flags:
     """Determines at which samples a motor turns with less than ``STANDSTILL_SHARE`` of its usual speed.
 
-    The usual speed is the median of the earlier samples that are not so low themselves: a lost motor may go on to turn
-    slowly in the wind. Before ``MIN_USUAL_SAMPLES`` of them there is none, and nothing is low.
+    The usual speed is the median of the earlier samples that are not so low themselves, since a lost motor may turn on
+    slowly in the wind. Until there are ``MIN_USUAL_SAMPLES`` of these, no sample counts as low.
 
     Args:
         speeds: speeds of the motor in flight (N,), 1/min.
@@ -261,7 +261,7 @@ def command_change(
         time: time of the commands (N,), s since boot.
         commands: commands of the motor (N,), as shares of its range.
         interval: start and end of a loss of the motor, s since boot.
-        later_quantile: quantile of the commands in the interval that stands for them: 0.5 is the usual one.
+        later_quantile: quantile by which the commands in the interval are summarised, 0 to 1; 0.5 is their median.
 
     Returns:
         The commands before and in the interval; None without a sample in either (:func:`samples_around`).
@@ -380,18 +380,18 @@ def reports_on_motor(
 
 
 def speed_statements(signals: Signals, loss: Fact) -> Facts:
-    """Returns the statement of a motor's speed controller from its loss of thrust on, for or against the motor.
+    """Returns the statement of the speed controller on whether a motor itself caused its loss of thrust.
 
-    A motor that turned more slowly although it was not commanded less lost thrust itself. One that turned as before, or
-    faster, did not: then its propeller is to blame.
+    If the motor turned more slowly although its command did not fall, it did. If it turned as fast as before or faster,
+    the cause is its propeller.
 
     Args:
         signals: signals of the vehicle.
         loss: the loss, with the motor as subject.
 
     Returns:
-        One statement if the speed was measured before and after; otherwise none. None either where the speed fell as
-        the command did.
+        One statement. Empty if the speed was not measured before and after the loss, or if speed and command fell
+        together, which shows neither.
     """
     motors = signals.motors
     if motors is None or loss.time is None or loss.subject not in motors.geometry.names:

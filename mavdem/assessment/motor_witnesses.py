@@ -1,4 +1,4 @@
-"""What supports or contradicts that a motor was lost: its command, the attitude, the height, its speed, and reports.
+"""Witnesses (statements for or against) of the loss of a motor: its command and speed, attitude, height, and reports.
 
 The loss itself is found by the commands of all motors; these statements show what else of the flight agrees with it.
 """
@@ -73,10 +73,10 @@ def _witnesses(signals: Signals, loss: Fact, reports: Sequence[Fact]) -> Facts:
 
 
 def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Facts:
-    """Returns by how much the command of a motor rose, which supports that the motor lost thrust.
+    """Returns the statement by how much the command of a motor rose, which supports that the motor lost thrust.
 
-    The controller raises the command to make up for the lost thrust. Where the loss was found by the command's excess
-    over those of the other motors, that excess is stated instead.
+    The controller raises the command to make up for the lost thrust. If the loss was detected by the excess of the
+    command over those of the other motors, that excess is stated instead.
 
     Args:
         signals: signals of the vehicle.
@@ -128,7 +128,7 @@ def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Fa
 
 
 def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
-    """Returns the height sensors by which the vehicle sank fast, which supports that a motor was lost.
+    """Returns the statements of height sensors that the vehicle sank fast, which support that a motor was lost.
 
     Args:
         signals: signals of the vehicle.
@@ -142,5 +142,7 @@ def _fast_descent(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
     for flight in flights_in_boot(signals, boot):
         if in_intervals(loss_start, [flight]):
             take_off, _ = flight
-            return supporting_statements(BootSensors(signals, boot, take_off).sinking(interval))
+            return supporting_statements(
+                BootSensors(signals, boot, take_off).sink_statements(interval)
+            )
     return ()

@@ -47,11 +47,11 @@ class MeasuredNoise(NamedTuple):
 
     @property
     def facts(self) -> Facts:
-        """What is reported of the gyro, or that there is no spectrum of it.
+        """The facts on the noise of the gyro, or the one fact that there is no spectrum of it.
 
-        The spectrum before the filters is preferred, since it shows all lines. The facts are this spectrum, its lines,
-        the share of each motor line that the filters remove (known if the gyro was logged before and after them), and
-        the notch filter to set.
+        They are on the spectrum, its lines, the share of each motor line that the filters remove, and the notch filter
+        to set. The spectrum before the filters is preferred, since it shows all lines. The removed shares are known
+        only if the gyro was logged both before and after the filters.
         """
         filtered = self.spectra.get(GYRO)
         spectrum = self.spectra.get(UNFILTERED_GYRO, filtered)
@@ -65,10 +65,10 @@ class MeasuredNoise(NamedTuple):
         return tuple(facts)
 
     def _filter_facts(self, unfiltered: Spectrum, filtered: Spectrum) -> Iterator[Fact]:
-        """Yields how much of each motor line the gyro's filters remove.
+        """Yields a fact for each motor line with the ``share`` of its power that the gyro's filters remove, 0 to 1.
 
-        It is the share of the power in the band about the line's frequency (``LINE_BAND``), by the spectra before and
-        after the filters. Lines above the Nyquist frequency of the filtered gyro cannot be compared.
+        The power is that in the band about the frequency of the line (``LINE_BAND``). Lines above the Nyquist frequency
+        of the filtered gyro cannot be compared, and are skipped.
 
         Args:
             unfiltered: spectrum of the gyro before its filters.
@@ -91,8 +91,8 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
         spectrum: an averaged power spectrum of a sensor.
 
     Returns:
-        A fact with the ``name`` of the sensor, the ``source`` (its message), the ``highest`` frequency, which is half
-        of the rate of the samples in Hz (faster vibration is folded below it), and the number of ``windows`` averaged.
+        A fact with the ``name`` of the sensor, the ``source`` (its message), the ``highest`` frequency (the Nyquist
+        frequency, Hz; faster vibration is aliased below it), and the number of averaged ``windows``.
     """
     return Fact(
         NoiseFact.SPECTRUM_SEEN,
@@ -110,9 +110,9 @@ def _line_fact(line: SpectralLine) -> Fact:
         line: a peak of a spectrum.
 
     Returns:
-        A fact with the ``frequency`` in Hz; the ``ratio`` of its power to that around it; its ``harmonics``; the
-        ``exponent`` of the power with which the frequency follows throttle or motor speed; and the ``order``, the
-        frequency over the motor speed.
+        A fact with the ``frequency``, Hz; the ``ratio`` of its power to that around it; its ``harmonics``; the
+        ``exponent`` p if the frequency is proportional to throttle or motor speed to the power p; and the ``order``,
+        the frequency over the frequency of the motors' rotation.
     """
     return Fact(
         LINE_CODES[line.kind],
@@ -127,14 +127,15 @@ def _line_fact(line: SpectralLine) -> Fact:
 def noise_of(evidence: Evidence) -> MeasuredNoise:
     """Measures the noise of a flight: spectra of the sensors, their lines, and the notch filter to set.
 
-    A notch filter costs phase at the crossover of the control loops, so the identified loops enter the advice.
+    A notch filter costs phase at the crossover of the control loops, so that the advice depends on the identified
+    loops.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The noise, of samples in flight only. Without an attitude there are no spectra, and without a known controller
-        no advice.
+        The noise, from samples in flight only. Without an attitude it has no spectra, and without a known controller no
+        notch filter.
     """
     signals = evidence.signals
     if signals.attitude is None:

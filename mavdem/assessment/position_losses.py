@@ -85,7 +85,7 @@ def _long_losses(has_position: TimeSeries, flight_interval: TimeInterval) -> Ite
     if not len(flags.time):
         return
     record_start, record_end = float(flags.time[0]), float(flags.time[-1])
-    # Flags may flicker before a loss. So all the time with a position counts, and not only the part just before.
+    # Flags may flicker before a loss, so that all the time with a position is added up, not only that just before.
     seconds_with_position = 0.0
     end_of_last_loss = record_start
     for interval_start, interval_end in true_intervals(flags.time, flags.values == 0):
@@ -142,14 +142,14 @@ def _is_reaction(report: Fact) -> bool:
 
 
 def _missing_fix(fix: TimeSeries | None, interval: TimeInterval) -> Facts:
-    """Returns the fact that no GPS receiver had a fix in an interval, which supports that the position was lost.
+    """Returns the statement that no GPS receiver had a fix in an interval, which supports that the position was lost.
 
     Args:
         fix: whether a receiver had a fix (N,), 1 or 0; None if no receiver was recorded.
         interval: start and end of the time without a position, s since boot.
 
     Returns:
-        One fact; empty if a receiver had a fix, or none was recorded.
+        One statement; empty if a receiver had a fix, or none was recorded.
     """
     if fix is None:
         return ()

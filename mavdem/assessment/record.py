@@ -51,11 +51,14 @@ class NoLoop(NamedTuple):
 
 
 def analysed_contents(signals: Signals, analysis: LogAnalysis) -> VehicleContents:
-    """Returns the contents of a log on one vehicle, as its analysis has it: for an inventory of the log.
+    """Returns what a log contains of one vehicle, for an inventory of the log, from an analysis that was made before.
 
     Args:
         signals: signals of the vehicle.
         analysis: analysis of one of its axes.
+
+    Returns:
+        Telemetry, learnability, condition and identity of the vehicle.
     """
     return VehicleContents(
         signals.telemetry, analysis.learnability, analysis.condition, analysis.identity
@@ -179,7 +182,7 @@ class Assessment:
     def gain_trial(self) -> GainTrial | Fact | None:
         """The flights of the twin on the recorded setpoints with the present and the advised gains.
 
-        A fact says why the twin cannot fly. None where no gains are to be changed.
+        A fact says why the twin cannot fly. None if no gains are to be changed.
         """
         # Imported here: the twin is a simulator, which a log without advice does not need.
         from mavdem.assessment.axis.twin import try_gains
@@ -190,19 +193,19 @@ class Assessment:
         return try_gains(self.evidence, gains, in_wind=False)
 
     def compute_for_page(self) -> None:
-        """Computes what a page shows beyond the judgement, in two processes where there are two cores.
+        """Computes and caches what a page shows beyond the judgement, in two processes if there are two cores.
 
-        Advice on gains and their trial take about as long as measured responses and spectra. Without a loop there is
-        no advice, and little to compute.
+        A second process computes the advice on gains and its trial, which take about as long as the measured responses
+        and spectra that this process computes. Without a loop there is no advice, and too little to compute for that.
         """
         if not self.identified_loops:
             return
         with in_second_process(lambda: (self.advised_gains, self.gain_trial)) as result:
-            # Reading these properties computes and keeps them.
+            # Access to these cached properties computes them.
             _ = self.responses, self.noise
             computed = result()
         if computed is not None:
-            # These are cached properties, which keep their values here.
+            # Cached properties store their values in the instance, where those of the second process are entered.
             advised_gains, gain_trial = freeze(computed)
             vars(self).update(advised_gains=advised_gains, gain_trial=gain_trial)
 

@@ -101,12 +101,15 @@ COUNTING_FIELDS = (
 def reported_events(signals: Signals) -> Facts:
     """Returns the events that the autopilot reports, in order of boot and time.
 
-    Each fact has the figures ``boot``, ``basis`` (names of the messages that it rests on) and ``height`` in metres
-    above where its flight began, None if the height is not known. No fault is bad while the vehicle is disarmed: it may
-    be carried around, or its parts may be unplugged.
+    No fault is bad while the vehicle is disarmed, since it may be carried around, or its parts may be unplugged.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        Facts with the figures ``boot``, ``basis`` (names of the messages that they were made from) and ``height``, m
+        above the place where the flight began, None if it is not known. A failsafe has the report that triggered it as
+        ``cause``.
     """
     fault_states = list(fault_signals(signals))
     problems = [
@@ -133,7 +136,7 @@ def reported_events(signals: Signals) -> Facts:
             trigger = _trigger_of(fact, faults)
             if trigger is not None:
                 fact = fact.replace(cause=trigger)
-            # After a restart in flight the motors may be off: that is bad nevertheless.
+            # A restart in flight is bad even if the motors are off after it.
             is_restart = fact.code is ReportedEvent.RESTARTED_IN_FLIGHT
             if fact.is_bad and not is_restart and not in_intervals(time, around_armed):
                 fact = fact.replace(Level.WATCH)
@@ -149,8 +152,7 @@ def _faults_of_boot(
 ) -> list[Fact]:
     """Returns the faults of one boot that the autopilot reports, in no particular order.
 
-    They are restarts in flight, changes of the estimator, faults that last for a time, and problems that texts and
-    error codes report.
+    They are restarts, changes of the estimator, faults with a start and an end, and problems in texts and error codes.
 
     Args:
         signals: signals of the vehicle.
@@ -237,10 +239,10 @@ def _without_contradicted_claim(
 ) -> Fact:
     """Returns the fact that a text reports, or a quotation of the text if the recorded state contradicts it.
 
-    PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The autopilot acts
-    by its state, so the state counts. It contradicts a text if it was recorded after the text, and no sample
-    within ``CONFIRMATION_SECONDS`` of it shows the fault. Only states of what the text names count: a sound battery
-    says nothing of another. A text that names none is contradicted only by the states of all in the boot.
+    PX4 writes "Failsafe activated" also if it only warns, while its recorded state is no failsafe. The state is
+    preferred, since the autopilot acts by it. A recorded state contradicts a text if it has samples after the text, and
+    none within ``CONFIRMATION_SECONDS`` of it shows the fault. Only states of the subject that the text names are
+    compared, such as the same battery. If it names none, the states of all subjects must contradict it.
 
     Args:
         problem: fact that was made from the text.
@@ -255,6 +257,7 @@ def _without_contradicted_claim(
     confirming_codes = CONFIRMING_STATES.get(problem.code, ())
     time = problem.start_time
     nearby = [(time - CONFIRMATION_SECONDS, time + CONFIRMATION_SECONDS)]
+    # Whether each state that could confirm the text has samples after it.
     are_recorded_after = []
     for fault in faults:
         if fault.code not in confirming_codes or not len(fault.is_faulty):
@@ -281,7 +284,7 @@ def _event(
     level: Level | None = None,
     **figures: Any,
 ) -> Fact:
-    """Returns one event, with its boot and the message that it rests on, named as in the source of the log.
+    """Returns one event, with its boot and the message that reports it, by the name that this has in the log's format.
 
     Args:
         signals: signals of the vehicle.
@@ -289,7 +292,7 @@ def _event(
         message: name of the message that reports the event.
         code: code of the fact.
         time: time on the boot clock, s.
-        level: level of the fact; the usual one of the code, unless given.
+        level: level of the fact; None for the usual one of the code.
         figures: further figures, subject and end of the fact.
     """
     basis = (signals.telemetry.name_in_source(message),)
@@ -299,7 +302,7 @@ def _event(
 def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields an event for each time the motors were armed or disarmed, by the flag in HEARTBEAT messages.
 
-    A log may begin while they are armed: then the first event is at the log's beginning, and its figure ``is_begun`` is
+    If a log begins while they are armed, the first event is at the beginning of the log, and its figure ``is_begun`` is
     true.
 
     Args:
@@ -318,10 +321,10 @@ def _arming_events(signals: Signals, span: Segment) -> Iterator[Fact]:
 def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields take-offs and landings in one boot.
 
-    The flights are those that motor outputs and heights show, because a land detector may be mistaken. But their times
-    are averages. So if the land detector reports a change within ``AVERAGING_SECONDS`` of one, the event has its time.
-    The outputs of other vehicles than multirotors show no flight: of those that can fly, only what the land detector
-    reports counts.
+    The flights are those that motor outputs and heights show, because a land detector may be mistaken. As they come
+    from averages, their times are inexact: if the land detector reports a change within ``AVERAGING_SECONDS``, the
+    event has the time of that. The outputs of vehicles that are no multirotors do not show flights, so that only the
+    reports of the land detector are used for them. Vehicles that stay on the ground or water have no such events.
 
     Args:
         signals: signals of the vehicle.
@@ -340,7 +343,7 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
             (ReportedEvent.OFF_GROUND, take_off),
             (ReportedEvent.ON_GROUND, landing),
         ):
-            # An end of the flight that the record does not have is infinite.
+            # A time is infinite if the record begins or ends in the air.
             if not isfinite(time):
                 continue
             distances = abs(detected_changes - time)
@@ -356,14 +359,14 @@ def _take_offs_and_landings(signals: Signals, span: Segment) -> Iterator[Fact]:
 
 
 def _detected_changes(signals: Signals, boot: int) -> Array:
-    """Returns the times (K,) at which the land detector reports that the vehicle left the ground or touched it, s.
+    """Returns the times at which the land detector reports that the vehicle left the ground or touched it.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        Times since boot; empty without messages of the land detector.
+        (K,) s since boot; empty without messages of the land detector.
     """
     landed_state = series_of_boot(signals.landed_state, boot)
     if landed_state is None:
@@ -378,8 +381,8 @@ def _detected_changes(signals: Signals, boot: int) -> Array:
 def _is_high(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool:
     """Returns whether the vehicle was in the air when a flight ended by its motor outputs.
 
-    Afterwards it sinks by more than ``MAX_TOUCH_DOWN_DROP``. If the record ends within a second, its height above the
-    take-off counts instead.
+    It was if it sank by more than ``MAX_TOUCH_DOWN_DROP`` afterwards. If the record ends within a second, its height
+    above the take-off must exceed that instead.
 
     Args:
         signals: signals of the vehicle.
@@ -425,8 +428,8 @@ def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
 def _estimator_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
     """Yields each change of the state estimator's primary lane, and each of its resets, in one boot.
 
-    Both show in fields that hold a number or count: every change of the value is an event. ``COUNTING_FIELDS`` lists
-    them. The subject of an event may contain the new value, such as "lane 1".
+    Each change of the value of one of the ``COUNTING_FIELDS``, which have the number of the lane or count resets, is an
+    event. Its subject may contain the new value, such as "lane 1".
 
     Args:
         signals: signals of the vehicle.
@@ -451,7 +454,7 @@ def _lasting_faults(
 ) -> Iterator[Fact]:
     """Yields the faults of sensors, radio and battery that have a beginning and an end, while the motors are armed.
 
-    Before arming, sensors start and radios are off, so faults then mean nothing.
+    Before arming, faults mean nothing, since sensors are starting and radios may be off.
 
     Args:
         signals: signals of the vehicle.

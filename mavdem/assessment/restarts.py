@@ -77,9 +77,9 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
         span: the recorded part of the boot.
 
     Yields:
-        At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. Of a restart in flight
-        ``watchdog`` says whether its watchdog did it. ``descent`` is how far the vehicle then fell, m, and ``impact``
-        when it hit the ground, s; None if it did not, or that is not known.
+        At most one fact, with the figures of :func:`mavdem.assessment.reported.reported_events`. That of a restart in
+        flight also has ``watchdog``, whether the watchdog caused it; ``descent``, how far the vehicle fell then, m; and
+        ``impact``, when it hit the ground, s since boot. The last two are None if it did not, or that is not known.
     """
     telemetry = signals.telemetry
     is_watchdog = _reports_watchdog(telemetry, span)
@@ -90,7 +90,7 @@ def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:
     if is_watchdog or was_flying:
         in_flight = has_fallen or _begins_in_flight(signals, span)
     else:
-        # Nothing else tells of a flight: the motion must show it, soon after the clock began.
+        # There is no other sign of a flight: only a fall and a tumble soon after the boot count as one.
         has_fallen_far = descent >= MIN_UNREPORTED_FALL_HEIGHT
         is_early = span.start <= MAX_BOOT_CLOCK
         in_flight = is_early and has_fallen_far and _tumbles(signals, span)
@@ -166,13 +166,13 @@ class FallAtStart(NamedTuple):
     """Height from the highest to the lowest point thereafter, m."""
 
     impact: float | None
-    """When the vehicle hit the ground, s; None where it did not within ``FALL_SECONDS``, or did not rest then."""
+    """When the vehicle hit the ground, s; None if it did not within ``FALL_SECONDS``, or did not rest then."""
 
 
 def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
-    """Returns the fall of the vehicle at the beginning of a boot, where height and vertical speed agree.
+    """Returns the fall of the vehicle at the beginning of a boot, if height and vertical speed agree on it.
 
-    It hit the ground where a fall ends within ``MAX_STOP_SECONDS``, and the height rests from then on.
+    It hit the ground if a fast fall ends within ``MAX_STOP_SECONDS``, and the height is constant from then on.
 
     Args:
         signals: signals of the vehicle.
@@ -195,8 +195,8 @@ def _fall_at_start(signals: Signals, span: Segment) -> FallAtStart | None:
     # How far the vehicle is below the highest point so far, at each sample.
     drops = np.maximum.accumulate(heights) - heights
     descent = float(drops.max())
-    # The fall ended at the first sample near the lowest point. It is an impact if the vehicle was fast until then, and
-    # rests there.
+    # The fall ended at the first sample near the lowest point. That was an impact if the vehicle was fast just before,
+    # and rests afterwards.
     first_low_row = int(np.argmax(drops >= descent - MAX_HEIGHT_AT_REST))
     fall_end = float(time[first_low_row])
     heights_after = heights[first_low_row:]

@@ -54,7 +54,7 @@ MAX_LEAN_ANGLE = np.pi / 3
 
 
 def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | None) -> list[Fact]:
-    """Returns the motors that saturated and did not hold the vehicle, before it was lost.
+    """Returns the losses of motors that saturated and still could not hold the vehicle.
 
     Args:
         signals: signals of the vehicle.
@@ -80,8 +80,8 @@ def saturation_losses(signals: Signals, events: Sequence[Fact], ending: Fact | N
 def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Iterator[Fact]:
     """Yields the events of motors at their limit that no other trouble explains.
 
-    Left out are those of boots in which the height diverged, those after a motor stood still, and those after the
-    vehicle was lost: then controllers drive sound motors to their limits too.
+    Three kinds of events are left out, since then controllers drive sound motors to their limits too: those of boots in
+    which the height estimate diverged, those after a motor stood still, and those after the vehicle was lost.
 
     Args:
         events: events of the log, with those of motors at their limit.
@@ -91,12 +91,12 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
     if ending is not None and ending.time is not None:
         latest_start = ending.time + LASTING_SECONDS
         if ending.code is Ending.CRASHED:
-            # Motors fight an obstacle that turns the vehicle over, so that only earlier limits are evidence.
+            # In the impact the controller drives motors to their limits, so that only earlier limits are evidence.
             latest_start = (loss_onset(ending) or ending.time) - MAX_SETPOINT_DELAY
     diverged_boots = {
         event.figures["boot"] for event in events if event.code is MotionEvent.HEIGHT_DIVERGED
     }
-    # When a motor first stood still, by boot: the others work for it from then on.
+    # When a motor first stood still, by boot: from then on the others work harder to replace it.
     standstills: dict[int, float] = {}
     for event in events:
         if event.code is MotionEvent.MOTOR_STOOD_STILL and event.is_bad:
@@ -119,22 +119,26 @@ def _limits_before_trouble(events: Sequence[Fact], ending: Fact | None) -> Itera
 def with_saturated_motor(
     ending: Fact | None, losses: Sequence[Fact], events: Sequence[Fact] = ()
 ) -> Fact | None:
-    """Returns the event of a lost flight, with a motor that lost thrust as the cause if nothing else is known.
+    """Adds a motor that lost thrust as the cause to the event of a lost flight, if no other cause is known.
 
-    The motor is named only if all losses before it, and the autopilot's own report, are of this one motor. That it was
-    at its limit first is stated only if no other motor was there just before.
+    It is added only if all losses of that boot, and the autopilot's own report if there is one, are of this one motor.
+    The cause is that it was at its limit first, or, if another motor was at its limit just before, that its thrust was
+    missing.
 
     Args:
         ending: event with which the flight was lost, which may have a cause already; None if it was not.
         losses: motors that lost thrust (:func:`saturation_losses`), in any boot and in the order of time.
         events: events of the log, with those of motors at their limit.
+
+    Returns:
+        The event; unchanged if it has a cause, is no loss of control, or no motor is clearly the cause.
     """
     if ending is None or ending.code is not Ending.CONTROL_LOST or ending.figures["cause"]:
         return ending
     losses = [loss for loss in losses if loss.figures["boot"] == ending.figures["boot"]]
     subjects = {loss.subject for loss in losses} | {ending.subject} - {""}
     if not losses or len(subjects) > 1:
-        # Nothing, or another motor than the autopilot reports.
+        # No loss is known, or several motors are named.
         return ending
     loss = losses[-1]
     code = FailedFirst.LIMIT_FIRST
@@ -145,18 +149,19 @@ def with_saturated_motor(
 
 
 def with_motors_limited_before(ending: Fact | None, events: Sequence[Fact]) -> Fact | None:
-    """Returns the event of a lost flight, with the motors that were at their limit before all thrust was used up.
+    """Adds to the event of a lost flight the motors that were at their limit before all thrust was used up.
 
-    A mean over all motors hides one that worked at its limit long before the others came near theirs.
+    That all thrust is used up follows from the mean of all motors. It hides a motor that worked at its limit long
+    before the others came near theirs.
 
     Args:
         ending: event with which the flight was lost, with its cause; None if it was not.
         events: events of the log, with those of motors at their limit.
 
     Returns:
-        The event, whose cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
-        when all thrust was used up, and ``limited_since``, the earliest of these times, s. Unchanged where there is no
-        such motor, or another cause.
+        The event. Its cause has ``limited_names``, the motors that had been at their limit for ``MIN_LIMIT_SECONDS``
+        when all thrust was used up, and ``limited_since``, the earliest of these times, s since boot. It is unchanged
+        if there is no such motor, or another cause.
     """
     cause = None if ending is None else ending.figures.get("cause")
     if ending is None or cause is None or cause.code is not FailedFirst.THRUST_SPENT_FIRST:
@@ -248,10 +253,10 @@ def _saturation_loss(
 def _outstanding_excess(
     signals: Signals, motors: MotorOutputs, event: Fact, interval: TimeInterval
 ) -> float | None:
-    """Returns the excess of a limited motor's command over those of the other motors, if it is conspicuous.
+    """Returns the excess of a limited motor's command over the mean of the other motors, if it is conspicuous.
 
-    It is if this motor alone is at its limit most often, its command stands out from the others by ``MIN_EXCESS``, and
-    it was near them before.
+    Three conditions must hold: this motor alone is at its limit most often, its mean excess is at least ``MIN_EXCESS``,
+    and before the event it was at most ``MAX_FORMER_EXCESS``.
 
     Args:
         signals: signals of the vehicle.
@@ -260,7 +265,7 @@ def _outstanding_excess(
         interval: start and end of the event, s since boot; the end may be infinite.
 
     Returns:
-        Mean excess, as a share of the range; None if it is not conspicuous, or nothing was flown before.
+        Mean excess, as a share of the range; None if it is not conspicuous, or there are no samples in flight before.
     """
     boot = event.figures["boot"]
     start, _ = interval
@@ -281,7 +286,7 @@ def _outstanding_excess(
 
 
 def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
-    """Returns the sensors of a boot, with heights above the take-off of the flight that holds a time.
+    """Returns the sensors of a boot, with heights above the take-off of the flight that a given time is in.
 
     Args:
         signals: signals of the vehicle.
@@ -289,25 +294,26 @@ def _sensors_in_flight(signals: Signals, boot: int, time: float) -> BootSensors:
         time: s on the boot clock.
 
     Returns:
-        The sensors. Outside all flights of the boot, heights count from the beginning of the record.
+        The sensors. If the time is in no flight, heights are above the beginning of the record.
     """
     for flight in flights_in_boot(signals, boot):
         if in_intervals(time, [flight]):
-            return BootSensors(signals, boot, flight[0])
+            take_off, _ = flight
+            return BootSensors(signals, boot, take_off)
     return BootSensors(signals, boot)
 
 
-def _excess(commands: Array, number: int) -> Array:
+def _excess(commands: Array, motor: int) -> Array:
     """Returns the excess of one motor's command over the mean of the others.
 
     Args:
         commands: (N, k) commands of k motors, as shares of the range.
-        number: index of the motor.
+        motor: index of the motor.
 
     Returns:
         (N,) excess, as shares of the range.
     """
-    return commands[:, number] - np.delete(commands, number, axis=1).mean(axis=1)
+    return commands[:, motor] - np.delete(commands, motor, axis=1).mean(axis=1)
 
 
 def _leans_towards(
@@ -338,7 +344,7 @@ def _leans_towards(
         return False
     lean_start = leaning_times[0]
     is_in_interval = in_intervals(error.time, [(lean_start, lean_start + MAX_SETPOINT_DELAY)])
-    # Forward is the real part, right the imaginary part, of the lean as of the position.
+    # Lean and position are both complex numbers whose real part is forward, and whose imaginary part is to the right.
     position = complex(*motors.geometry.positions[number])
     if position == 0:
         return False

@@ -42,7 +42,10 @@ BATTERY_ALARMS = (ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT)
 
 
 def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
-    """Returns the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
+    """Finds the reason why all motors went to idle: a reported failsafe or switch, or the pilot's throttle.
+
+    A failsafe is preferred, then the closed throttle, and last a warning of the battery. Only those within
+    ``STOP_REASON_SECONDS`` of the stop are examined.
 
     Args:
         signals: signals of the vehicle.
@@ -51,7 +54,7 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
         cause: the fact that all motors went to idle, with its time.
 
     Returns:
-        The reason, or the fact itself if the log shows none.
+        The reason; the fact ``cause`` itself if the log shows none.
     """
     stop_time = cause.start_time
     earliest = stop_time - STOP_REASON_SECONDS
@@ -62,14 +65,16 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
             continue
         is_mere_alarm = event.code in BATTERY_ALARMS and not _reports_failsafe(event)
         if is_mere_alarm and not _battery_was_low(signals, boot, stop_time):
-            # The voltage does not confirm the alarm: a battery that breaks loose in a crash raises one too.
+            # Only an alarm that the voltage confirms is a reason: a battery that breaks loose in a crash raises one
+            # too.
             continue
         if event.code in REASONS_OF_STOP:
             return Fact(FailedFirst.FAILSAFE_FIRST, time=event.time, cause=event)
         if event.code is ReportedEvent.BATTERY_WARNED and first_battery_warning is None:
             first_battery_warning = event
-    # A pilot who closes the throttle later answers to the fall. The stick may be logged more slowly than the motors.
-    throttle_closing = BootSensors(signals, boot).throttle_closed(
+    # A pilot who closes the throttle later reacts to the fall. A short delay is allowed, since the stick may be logged
+    # more slowly than the motors.
+    throttle_closing = BootSensors(signals, boot).throttle_closed_statement(
         (earliest, stop_time + FIRST_RESPONSE_SECONDS)
     )
     if throttle_closing is not None:
@@ -84,7 +89,8 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
 def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """Returns whether the autopilot reported an event in an interval.
 
-    Reports are of a moment. Only the radio is lost for seconds before the failsafe acts: such a report lasts.
+    A report counts by its start, except a lost radio: since the failsafe acts only seconds after the loss, any part of
+    that may be in the interval.
 
     Args:
         event: event that the autopilot reported.
@@ -105,8 +111,8 @@ def _reports_failsafe(alarm: Fact) -> bool:
 def _battery_was_low(signals: Signals, boot: int, time: float) -> bool:
     """Returns whether a battery was low before a time, by its median voltage over ``RECOVERY_SECONDS``.
 
-    The low level is the limit, since most logs do not contain the autopilot's critical voltage, which may be anywhere
-    below it.
+    The limit is the voltage of a low battery, and not of a critical one, since most logs do not contain the latter,
+    which may be anywhere below.
 
     Args:
         signals: signals of the vehicle.

@@ -61,16 +61,16 @@ class Tier(NamedTuple):
 def tier_of(learnability: Learnability, condition: Condition) -> Tier:
     """Returns the tier of a log: "a" for a full model, "b" for one of the slow motion, "c" for the condition only.
 
-    A log in which a full model can be learned has tier "a". Otherwise the slower of the rates of attitude and model
-    inputs decides (``MIN_SLOW_MOTION_RATE``, ``MIN_CONDITION_RATE``). In tier "b" a model may still be refused
-    (:func:`mavdem.assessment.axis.analyse`).
+    A log in which a full model can be learned has tier "a". Otherwise the slower one of two rates decides, that of the
+    attitude and that of the model inputs (``MIN_SLOW_MOTION_RATE``, ``MIN_CONDITION_RATE``). In tier "b" a model may
+    still be refused (:func:`mavdem.assessment.axis.analyse`).
 
     Args:
         learnability: whether a full model can be learned, and the rates, Hz.
         condition: condition of the vehicle. Without settled flight or attitude there is no tier.
 
     Returns:
-        The tier and the one above it, with the reason why the log does not have that.
+        The tier, and the next better one with the reason why the log does not reach it.
     """
     reason = learnability.reason
     if learnability.learnable:

@@ -104,7 +104,7 @@ class TimeHistory:
     voltages: Mapping[str, TimeSeries | None]
     """Voltage (N,), V, by name of the battery; empty if none was recorded."""
     axes: Mapping[str, AxisHistory | None]
-    """Angle and rate by axis; None where no attitude was recorded."""
+    """Angle and rate by axis; None if no attitude was recorded."""
     wind: WindHistory | None
     """The wind; None if it is not known, or was estimated in another boot."""
     modes: tuple[ModeInterval, ...]
@@ -201,7 +201,7 @@ def _within(signal: TimeSeries | None, segment: Segment) -> TimeSeries | None:
 def _motor_history(signals: Signals, segment: Segment) -> MotorHistory | None:
     """Returns the outputs of the motors within a segment, in percent of their range.
 
-    The deviations from the mean of all motors show what steers the vehicle, without the common thrust.
+    The deviations from the mean of all motors show the commands about the axes, without the common thrust.
 
     Args:
         signals: signals of the vehicle.
@@ -253,7 +253,8 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
     if attitude is None:
         return None
     rate, rate_setpoint = signals.rate_and_setpoint or (attitude.rate_series, None)
-    # Rates that were logged apart from the attitude may be in degrees/s; the attitude's own are always in rad/s.
+    # Rates in messages of their own may be in °/s, which the ratio of their scatter to that of the attitude's rates
+    # shows: these are always in rad/s.
     is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
     rate_unit = "°/s" if is_in_degrees else "rad/s"
     return AxisHistory(

@@ -55,7 +55,7 @@ class Fit:
     """The model with the final θ and that gain, in innovation form."""
 
     simulation_fit: SimulationFit | None = None
-    """The simulation-error fit of θ, or ``None`` where there is none."""
+    """The simulation-error fit of θ, or ``None`` if there is none."""
 
 
 @raise_on_overflow()

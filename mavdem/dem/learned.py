@@ -106,7 +106,7 @@ class Learned(ImmutableResult, ForecasterBase):
         predictor: The plant with its Kalman filter, in the engine's units.
         state_map: Map from generalized data [ỹ; η̃] to posterior means [x̃; ṽ], in the engine's units.
         theta: Posterior mean of θ in the engine's units.
-        simulation_fit: The simulation-error fit of θ, in the engine's units; ``None`` where there was none.
+        simulation_fit: The simulation-error fit of θ, in the engine's units; ``None`` if there was none.
         sample_free_energy: F(t) and its terms as a function of generalized data, in the engine's units; ``None`` in
             models that were written to a file before it was kept.
 
@@ -172,7 +172,7 @@ class Learned(ImmutableResult, ForecasterBase):
     def physical(self) -> Physical | None:
         """Physical parameters of the vehicle (gray-box model, ``mavdem.plant.physical``) from the training data.
 
-        They are fitted when they are first asked for; ``None`` where there are none, for :attr:`physical_reason`.
+        They are fitted when they are first asked for; ``None`` if there are none, for :attr:`physical_reason`.
         """
         from mavdem.plant import Physical
 
@@ -180,7 +180,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def physical_reason(self) -> Fact | None:
-        """Why no physical parameters can be fitted; ``None`` where they can."""
+        """Why no physical parameters can be fitted; ``None`` if they can."""
         from mavdem.plant import NotIdentifiable
 
         return (
@@ -203,7 +203,7 @@ class Learned(ImmutableResult, ForecasterBase):
     def wind_torque(self) -> WindTorque | None:
         """Torque of the wind in the training data, rad/s² (docs/wind.md).
 
-        ``None`` where there are no physical parameters, or no filter can be found for them.
+        ``None`` if there are no physical parameters, or no filter can be found for them.
         """
         from mavdem.plant.wind_torque import estimate_wind_torque
 
@@ -219,7 +219,7 @@ class Learned(ImmutableResult, ForecasterBase):
     def resolved_wind_torque(self) -> WindTorque | None:
         """The wind torque, if it may be shown as that of the wind.
 
-        ``None`` where there is none, the effectiveness of the motors is not identifiable, or the wind torque is not
+        ``None`` if there is none, the effectiveness of the motors is not identifiable, or the wind torque is not
         larger than its errors.
         """
         from mavdem.plant.wind_torque import resolved_wind_torque

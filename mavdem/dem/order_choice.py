@@ -135,7 +135,7 @@ class OrderChoice:
     def reason(self) -> Fact:
         """Why this order is chosen, for a report.
 
-        The fact has the largest mean gain of a higher order over the chosen one, nats (``None`` where no higher one was
+        The fact has the largest mean gain of a higher order over the chosen one, nats (``None`` if no higher one was
         fitted), and the evidence and standard errors that it would have had to exceed.
         """
         chosen = self.chosen

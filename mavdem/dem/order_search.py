@@ -324,7 +324,7 @@ def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, .
         max_order: largest number of states.
 
     Returns:
-        The iterate of highest F̄ᵒ of each order; ``None`` where the fit broke down.
+        The iterate of highest F̄ᵒ of each order; ``None`` if the fit broke down.
     """
     fits: list[Iterate | None] = []
     for order in range(1, max_order + 1):

@@ -339,7 +339,7 @@ class ForkedCall(Generic[Result]):
         sender.close()
 
     def result(self) -> Result | None:
-        """Waits for the result and returns it; None where the function raised an error, or the process was ended."""
+        """Waits for the result and returns it; None if the function raised an error, or the process was ended."""
         try:
             outcome: tuple[Result] | None = self._receiver.recv()
         except (EOFError, OSError):
@@ -386,7 +386,7 @@ def _send_result(
     sender: "Connection[Any, Any]",
     receiver: "Connection[Any, Any]",
 ) -> None:
-    """Calls a function in the process of a :class:`ForkedCall`, and sends its result, or None where that fails.
+    """Calls a function in the process of a :class:`ForkedCall`, and sends its result, or None if that fails.
 
     Args:
         work: the function.

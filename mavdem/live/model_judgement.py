@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.assessment.axis import AxisFigures
+from mavdem.assessment.axis import AxisEstimates
 from mavdem.assessment.axis.findings import Findings, findings_of, with_oscillation_torque_marked
 from mavdem.assessment.axis.loops import loop_of_parameters_or_reason
 from mavdem.assessment.condition import Condition
@@ -101,7 +101,7 @@ def judge_model(
     learned = with_oscillation_torque_marked(learned, vehicle_made_torque=limit_cycle is not None)
     findings = findings_of(learned, None, condition, alarms)
 
-    figures = AxisFigures((), learned.physical, None, learned.physical_reason)
+    figures = AxisEstimates((), learned.physical, None, learned.physical_reason)
     loops: dict[str, Loop | Fact] = {
         any_axis: Fact(Unjudged.NOT_JUDGED, because=None) for any_axis in AXES
     }

@@ -84,9 +84,9 @@ class Advice(ImmutableResult):
     sure: float
     """Fraction of the models with which both loops have the margins at all ``EFFECTIVENESS_FACTORS``, 0 to 1."""
     noise: DemandNoise | None
-    """Noise of the gyro in the demand; ``None`` where the log is too slow to show it."""
+    """Noise of the gyro in the demand; ``None`` if the log is too slow to show it."""
     stage: Stage | None
-    """Which gains change; ``None`` where none do."""
+    """Which gains change; ``None`` if none do."""
     design: Parameters
     """Gains at the end of the stage, as this flight shows them; empty where no gains change."""
     flights: int
@@ -103,13 +103,18 @@ class Advice(ImmutableResult):
     def conclusion(self) -> Fact:
         """The fact that states what to do with the gains: set them, keep them, or why there is no advice.
 
-        New gains are to be set as the final ones of their stage only if both loops have the margins with them in
-        ``SURE_SHARE`` of the models. Else they are called a step towards the margins.
+        New gains are final only if with them both loops have the margins in ``SURE_SHARE`` of the models. Otherwise the
+        fact calls them a step towards the margins.
 
-        The figures of the fact are ``share``, the fraction of these models; ``has_room``, whether the logged gains
-        surely have the margins already; ``can_go_on``, whether more may be asked of loops that have them; ``stage`` and
-        ``flights``; ``bandwidth`` and ``crossover``, those of the rate loop, Hz, before and after; ``expected``, the
-        rating of the loops with the new gains; and the margins of the target, each under its own name.
+        The fact has these figures:
+
+        - ``share``: fraction of the models with the margins, with the new gains.
+        - ``has_room``: whether the logged gains surely have the margins already.
+        - ``can_go_on``: whether gains of loops with enough margin may be raised further.
+        - ``stage`` of tuning, and number of ``flights`` that it still needs.
+        - ``bandwidth`` and ``crossover`` of the rate loop, Hz, before and after.
+        - ``expected``: rating of the loops with the new gains.
+        - The margins of the target, each under its own name.
         """
         if self.refusals:
             return Fact(GainFact.NO_GAINS_ADVISED, reasons=self.refusals)
@@ -215,16 +220,16 @@ def advise(
 def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
     """Designs the gains for the next flight, in the stage of tuning that the loop has reached.
 
-    While the rate loop lacks margin, that is stage 1; while only the attitude loop does, stage 2. A loop with enough
-    margin, of which more is asked, is in stage 1 as long as the rate loop lacks margin at some effectiveness, or can
-    become faster by more than ``MIN_BANDWIDTH_GAIN``.
+    While the rate loop lacks margin, that is stage 1; while only the attitude loop does, stage 2. If both have enough
+    margin, and gains are to be raised, it is stage 1 as long as the rate loop lacks margin at some effectiveness, or
+    can become faster by more than ``MIN_BANDWIDTH_GAIN``, and then stage 2.
 
     Args:
         loop: the loops with the logged gains.
         target: margins to reach.
 
     Returns:
-        The gains with their stage; without gains if none are worth changing.
+        The gains with their stage; no gains if none are worth changing.
     """
     search = GainSearch(loop, target)
     rate_score = margin_scores(target, loop.rate)[ESTIMATE]
@@ -233,7 +238,7 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
         return search.step(Stage.RATE)
     if attitude_score < 1:
         return search.step(Stage.ANGLE)
-    # More is asked. The estimate has the margins; at ± 20 % effectiveness they may still be missing.
+    # The estimated plant has the margins; with 20 % more or less effectiveness they may still be missing.
     has_margins = search.margin_score(search.all_models.rate) >= 1
     step = search.step(Stage.RATE, may_lower_bandwidth=not has_margins)
     if step.gains:
@@ -247,10 +252,10 @@ def _next_step(loop: Loop, target: MarginTarget) -> GainStep:
 def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts:
     """Returns the reasons why no gains can be advised for a loop.
 
-    Only the first reason is given: changed gains, motors at their limits, an unstable loop, a loop that the measured
-    response contradicts, or, where gains are to be raised, a motor lag that the flight does not show. A control
-    effectiveness that is called biased is no reason: the draws of the plant are spread by as much as it may be off, and
-    gains must have their margins in nearly all of them.
+    Only the first reason is returned: changed gains, motors at their limits, an unstable loop, a loop that the measured
+    response contradicts, or, if gains are to be raised, a motor lag that the flight does not show. A biased control
+    effectiveness is no reason: the draws of the plant are spread by as much as it may be wrong, and gains must have
+    their margins in nearly all of them.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -279,9 +284,9 @@ def _shows_lag(loop: Loop) -> bool:
     """Returns whether a flight shows the motors' lag well enough for gains to be raised.
 
     Without the rate setpoint, a plant is identified by the motors' outputs and the motion alone. A motor lag shorter
-    than a sample then cannot be told from the delay, so that margins beyond those of the flight may be too large. (On
-    simulated vehicles with a lag of 6 ms and a delay of 7 to 12 ms, gain margins came out 2 to 5 dB too large at 100
-    Hz.) Gains that fall need no such margins.
+    than a sample then cannot be distinguished from the delay, so that predicted margins of higher gains may be too
+    large. (For simulated vehicles with a lag of 6 ms and a delay of 7 to 12 ms, gain margins were overestimated by 2 to
+    5 dB at 100 Hz.) Lower gains do not need that prediction.
 
     Args:
         loop: rate and attitude loop of one axis.
@@ -295,10 +300,10 @@ def _shows_lag(loop: Loop) -> bool:
 def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> Fact:
     """Returns the advice to lower some gains by a third if a vehicle oscillates in a limit cycle.
 
-    In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast cycle comes from P and D
-    of the rate controller. A slow one comes from gains that add phase lag at low frequencies: the attitude gain or the
-    integral gain I. Each adds much lag only up to its corner frequency, rad/s, which is the attitude gain itself, and I
-    / P. So those of the two with a corner above half of the oscillation's frequency are lowered; if there are none, P
+    In a limit cycle, a loop oscillates with an amplitude that the motors' limits bound. A fast cycle is caused by P and
+    D of the rate controller, a slow one by gains that add phase lag at low frequencies: the attitude gain and the
+    integral gain I. Each of these two adds much lag only up to its corner frequency, rad/s, which is the attitude gain
+    itself, and I / P. So each with a corner above half of the oscillation's frequency is lowered; if there is none, P
     and D are.
 
     Args:
@@ -310,9 +315,9 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     """
     changes = []
     for cycle in (oscillation, *oscillation.other_axes):
-        # An axis without a known controller has no gains to lower.
+        # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
-            # Only gains are of interest, so the mixer of one motor stands for any.
+            # The mixer does not matter, since only the gains are used: that of a single motor will do.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             for field in _gains_behind_oscillation(controller, cycle.frequency):
                 name = controller.parameter_names[field]
@@ -324,20 +329,20 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
 
 
 def _gains_behind_oscillation(controller: Controller, frequency: float | None) -> Sequence[str]:
-    """Names the gains that most likely keep up a limit cycle.
+    """Names the gains that most likely cause a limit cycle.
 
-    They are those of :func:`gain_reduction_advice`: attitude gain and I as far as their corner frequencies are above
-    half of the oscillation's frequency, and P and D if neither is.
+    By the rule of :func:`gain_reduction_advice` they are the attitude gain and I, if their corner frequencies are above
+    half of the oscillation's frequency, or P and D if neither is.
 
     Args:
         controller: the controller of the axis.
-        frequency: frequency of the oscillation, Hz; one that is not known (None) is taken for a high one.
+        frequency: frequency of the oscillation, Hz; None, if it is not known, is treated as a high one.
 
     Returns:
         Names of the controller's fields: "angle_gain" and "i", one of them, or "p" and "d".
     """
     angular_frequency = np.inf if frequency is None else 2 * np.pi * frequency
-    # Without P, all of the response comes from the integral.
+    # Without P the controller is an integrator at all frequencies.
     integral_corner = controller.i / controller.p if controller.p else np.inf
     lagging_gains = []
     if controller.angle_gain > angular_frequency / 2:

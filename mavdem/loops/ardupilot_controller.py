@@ -140,13 +140,17 @@ def ardupilot_controller(
 
 
 def _rate_parameters(parameters: Parameters, axis: str) -> _RateParameters:
-    """Returns the names of the parameters of one axis, as the firmware of the log calls them.
+    """Returns the names that the parameters of one axis have in the firmware of the log.
 
     Before ArduCopter 3.4 gains had other names and units; before 4.0 there was one filter instead of three.
 
     Args:
-        parameters: parameters of the log, by name, which tell the version of the firmware.
+        parameters: parameters of the log, by name, which show the version of the firmware.
         axis: "roll", "pitch" or "yaw".
+
+    Returns:
+        The prefix of the rate controller's parameters, names by field of the controller, and whether the firmware is
+        older than 3.4.
     """
     abbreviation = AXIS_ABBREVIATIONS[axis]
     prefix = f"ATC_RAT_{abbreviation}_"
@@ -182,12 +186,12 @@ def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, floa
         NotLearnable: a parameter is missing, or the frame is not a quadrotor.
     """
     if before_34:
-        # This firmware had no FRAME_CLASS: it was built for quadrotors alone. THR_MIN is in thousandths.
+        # This firmware had no FRAME_CLASS: quadrotors had a build of their own. THR_MIN is in thousandths.
         throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
         return throttle_min / 1000, spin_max
     spin_min, spin_max = required_parameters(parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX")
     if _is_frame_compiled_in(parameters):
-        # The number of motors, four, says which frame it is.
+        # There is no parameter of the frame class. The log has four motors, so that the frame is a quadrotor.
         return spin_min, spin_max
     (frame_class,) = required_parameters(parameters, "FRAME_CLASS")
     if frame_class != QUAD_FRAME_CLASS:
@@ -217,15 +221,15 @@ def _unknown_mixer(parameters: Parameters) -> NotLearnable:
 def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
     """Yields the notches of one harmonic notch filter of the gyro, if it is enabled (``HarmonicNotchFilter``).
 
-    The centre of the filter is at ``FREQ``. If it follows the throttle, it is taken where it is in hover, at ``FREQ`` ·
-    max(``FM_RAT``, √(hover throttle / ``REF``)). If it follows a measurement, it is taken at its least frequency, where
-    it costs most phase. A double or triple notch (``OPTS``) counts as a single one: at a quarter of the centre their
-    phases differ by at most 3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak of a
-    spectrum: all of them have one centre here.
+    The centre of the filter is at ``FREQ``. If it follows the throttle, its centre in hover is used (see
+    :func:`hover_center_ratio`). If it follows a measurement, its lowest centre is used, at which it costs most phase. A
+    double or triple notch (``OPTS``) is modelled as a single one: at a quarter of the centre their phases differ by at
+    most 3°. With ``MULTI_SOURCE_OPTION`` there is a notch for each motor, or each peak of a spectrum, here all with the
+    same centre.
 
     Args:
         parameters: parameters of the log, by name.
-        prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
+        prefix: beginning of the names of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
     """
     if not parameters.get(f"{prefix}ENABLE"):
         return
@@ -243,18 +247,18 @@ def _gyro_notches(parameters: Parameters, prefix: str) -> Iterator[Notch]:
 
 
 def hover_center_ratio(parameters: Parameters, prefix: str) -> float:
-    """Returns by what factor a harmonic notch stands higher in hover than its parameter ``FREQ`` says.
+    """Returns the centre frequency of a harmonic notch in hover, relative to its parameter ``FREQ``.
 
-    A notch that follows the throttle has the frequency ``FREQ`` at the throttle ``REF``. At another throttle it moves
-    with its square root, as the speed of the motors does, but never below ``FM_RAT`` times ``FREQ``
-    (``AP_Vehicle::update_throttle_notch``). Other notches are taken to stand at ``FREQ``.
+    A notch that follows the throttle has the frequency ``FREQ`` at the throttle ``REF``. At another throttle it is
+    higher by the square root of their ratio, as the speed of the motors is, but never below ``FM_RAT`` times ``FREQ``
+    (``AP_Vehicle::update_throttle_notch``). Other notches are assumed to be at ``FREQ``.
 
     Args:
         parameters: parameters of the log, by name.
         prefix: beginning of the filter's parameters, one of ``GYRO_NOTCH_PREFIXES``.
 
     Returns:
-        The factor, without a unit; 1 if the notch does not follow the throttle.
+        The ratio, without a unit; 1 if the notch does not follow the throttle.
     """
     reference_throttle = parameters.get(f"{prefix}REF", 0.0)
     if parameters.get(f"{prefix}MODE", 0.0) != NotchMode.THROTTLE or reference_throttle <= 0:
@@ -287,8 +291,9 @@ def notch_source_count(parameters: Parameters, prefix: str) -> int:
 def _pid_notches(parameters: Parameters, name: str) -> Iterator[Notch]:
     """Yields the notches that ``AC_PID`` applies to its target or its error (``AP_NotchFilter_params``).
 
-    An axis names its filter by a number n; the filter's own parameters begin with ``FILTn_``. A filter that ArduPilot
-    would not switch on, without depth or with a quality of ``MIN_PID_NOTCH_QUALITY`` or less, has no notches.
+    A parameter of the axis has the number n of its filter, whose own parameters begin with ``FILTn_``. A filter that
+    ArduPilot does not switch on, because it has no depth, or a quality of ``MIN_PID_NOTCH_QUALITY`` or less, has no
+    notches.
 
     Args:
         parameters: parameters of the log, by name.
@@ -311,14 +316,15 @@ def harmonic_notches(
 ) -> Iterator[Notch]:
     """Yields the notches of a harmonic notch filter, one at each of the chosen multiples of its fundamental.
 
-    All have the quality factor Q of the fundamental. In ``NotchFilter::calculate_A_and_Q`` a relative bandwidth b is n
-    = 2 log₂(1 / (1 − b/2)) octaves, and 1/Q = 2^(n/2) − 2^(−n/2). Together this is 1/Q = b/2 (2 − b/2) / (1 − b/2).
+    All have the quality factor Q of the fundamental. In ``NotchFilter::calculate_A_and_Q`` a relative bandwidth b is
+    converted to n = 2 log₂(1 / (1 − b/2)) octaves, and then 1/Q = 2^(n/2) − 2^(−n/2). Together this is
+    1/Q = b/2 (2 − b/2) / (1 − b/2).
 
     Args:
         center: centre of the fundamental, Hz.
         relative_bandwidth: bandwidth over the centre, b.
         attenuation: attenuation at the centre, dB.
-        harmonics: mask of the multiples; its bit k − 1 stands for k times the centre.
+        harmonics: bit mask of the multiples; bit k − 1 is set if there is a notch at k times the centre.
 
     Yields:
         Notches in ascending order; none if centre, bandwidth or attenuation is not positive.

@@ -35,7 +35,7 @@ class Notch(NamedTuple):
 
 
 def required_parameters(parameters: Parameters, *names: str) -> list[float]:
-    """Returns the values of parameters without which a controller cannot be known.
+    """Returns the values of parameters that are needed to build a controller.
 
     Args:
         parameters: parameters of the autopilot, by name.

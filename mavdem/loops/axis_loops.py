@@ -139,10 +139,16 @@ class Loop(Margins):
     def with_parameters(self, parameters: Parameters) -> Loop:
         """Returns the same plant in a loop whose controller has other values of some parameters.
 
-        The response measured in flight belongs to the old values, and is left out.
+        The response that was measured in flight is that of the old values, and is left out.
 
         Args:
             parameters: new values by the autopilot's name.
+
+        Returns:
+            A copy of the loop.
+
+        Raises:
+            NotLearnable: a value is impossible.
         """
         return self.with_controller(self.controller.with_parameters(parameters))
 
@@ -153,8 +159,8 @@ class Loop(Margins):
             controller: the controller of the axis.
 
         Returns:
-            The loop. Behind the same gyro filters its plant response is that of this loop, which is computed only once:
-            a search for gains tries hundreds of controllers with one plant.
+            A copy of the loop. If the gyro filters are the same, it shares the plant response of this loop, which saves
+            time: a search for gains tries hundreds of controllers with one plant.
         """
         has_same_filters = controller.gyro_path == self.controller.gyro_path
         return replace(
@@ -186,7 +192,7 @@ class Loop(Margins):
             The loop with E · P plants, P being one more than ``rows`` selects: all plants with the first factor, then
             all with the second, and so on.
         """
-        # The estimate must come first again, since a loop's figures are those of that row.
+        # The estimate must come first again, since the figures of a loop are those of row ``ESTIMATE``.
         plants = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
         effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
@@ -201,10 +207,10 @@ class Loop(Margins):
 
     @property
     def agrees(self) -> bool | None:
-        """Whether the rate response measured in flight is the one that the model of the loop predicts.
+        """Whether the rate response measured in flight agrees with the one that the model of the loop predicts.
 
-        ``None`` if that is not known: without setpoints in the log, if they explain too little of the rate, or if
-        motors were at a limit.
+        None if that is not known: without setpoints in the log, if they explain too little of the rate, or if motors
+        were at a limit.
         """
         if self.measured is None:
             return None
@@ -216,7 +222,7 @@ class Loop(Margins):
 
     @property
     def disagreement(self) -> Fact | None:
-        """How the measured response differs from the predicted one; ``None`` where it does not, or is not known."""
+        """How the measured response differs from the predicted one; ``None`` if it does not, or is not known."""
         if self.measured is None or self.agrees is not False:
             return None
         return self.measured.reason
@@ -323,7 +329,7 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
 def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
     """Returns a score of stability margins for each plant: the least ratio of a margin to its target, over all loops.
 
-    One margin that is too small is enough for a loop to be too close to instability, so the least ratio counts.
+    The least ratio is used because a single margin that is too small makes a loop too close to instability.
 
     Args:
         target: least phase margin and gain margin, largest maximum sensitivity.
@@ -344,8 +350,8 @@ def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
 def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
     """Returns each stability margin of an open loop relative to its target.
 
-    A loop has a margin where its ratio is 1 or more. The maximum sensitivity Ms is a limit from above, so its ratio is
-    the target over the value.
+    The target is met if the ratio is 1 or more. As the target of the maximum sensitivity Ms is an upper limit, its
+    ratio is inverted: the target over the value.
 
     Args:
         target: margins to reach.
@@ -364,8 +370,8 @@ def margin_ratios(target: MarginTarget, loop: OpenLoop) -> dict[str, Array]:
 def parameters_changed_in_flight(record: Record, controller: Controller) -> Parameters:
     """Returns the parameters of the axis' controller that changed during a flight, with their earlier values.
 
-    A loop is computed with the last values. If values changed in flight, it is not the loop that flew all the time.
-    Parameters of other axes do not matter to it; those of all axes, such as the gyro's filters, do.
+    A loop is computed with the last values. If values changed in flight, it was not this loop that flew all the time.
+    Parameters of other axes do not affect it; those of all axes, such as the gyro's filters, do.
 
     Args:
         record: the flight, with the earlier value of each parameter that changed.

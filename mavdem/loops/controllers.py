@@ -209,6 +209,9 @@ class Controller(ImmutableResult):
         Args:
             parameters: new values by the autopilot's name.
 
+        Returns:
+            A controller that is built anew from all parameters.
+
         Raises:
             NotLearnable: a value is impossible.
         """
@@ -236,22 +239,24 @@ class Controller(ImmutableResult):
     def demand_from_outputs(self, outputs: Array, step: float = 0.0) -> Array:
         """Reconstructs the demand of the rate controller from the motors' outputs, up to a constant.
 
-        The outputs give thrusts by the thrust curve that the autopilot compensates, and the thrusts the demand by the
-        least-squares inverse of the mixer. With a straight curve, demands about other axes would leak into this one.
+        Thrusts follow from the outputs by the thrust curve that the autopilot compensates, and the demand follows from
+        the thrusts by the least-squares inverse of the mixer. With a straight curve, demands about other axes would
+        leak into this one.
 
-        The loop's model has a linear lag of thrust. In truth rotor speeds lag, and thrust is their square. So where the
-        samples resolve the lag, thrusts are corrected to those that cause the same torque through a linear lag.
+        In the model of the loop the thrust has a linear lag. In reality the speeds of the rotors lag, and the thrust is
+        their square. So if the samples resolve the lag, thrusts are corrected to those that cause the same torque
+        through a linear lag.
 
         Args:
             outputs: outputs of the motors (T, r), as fractions of their range; a single column is the demand itself,
                 from 0 to 1.
-            step: time between samples, s; with 0 the lag is not corrected.
+            step: time between samples, s; 0 if the lag is not to be corrected.
 
         Returns:
-            Demand (T,), from -1 to 1 but for the constant.
+            Demand (T,), in a range as wide as from -1 to 1.
         """
         if outputs.shape[1] == 1:
-            # The column goes from 0 to 1, a demand from -1 to 1, which is twice as far.
+            # The range of the column is 0 to 1, that of a demand is -1 to 1, which is twice as wide.
             return 2 * outputs[:, 0]
         thrust_command = self._thrust_command(outputs)
         thrust = (1 - self.thrust_expo + self.thrust_expo * thrust_command) * thrust_command
@@ -264,7 +269,7 @@ class Controller(ImmutableResult):
         return thrust @ mixer / (mixer @ mixer)
 
     def outputs_at_limit(self, outputs: Array, upper_stop: float = 1.0) -> Flags:
-        """Returns whether at least one motor is at an end of its range, within ``LIMIT_TOLERANCE``, in each sample.
+        """Returns in which samples at least one motor is at an end of its range, within ``LIMIT_TOLERANCE``.
 
         Args:
             outputs: outputs of the motors (T, r), as fractions of their range; a single column is the demand itself.
@@ -304,8 +309,9 @@ def controller_from_parameters(
     Args:
         parameters: values by the autopilot's name; only those that match ``CONTROL_PARAMETERS`` are used.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: weights (4,) of the motors' thrusts in the torque about the axis, of any scale. Only ArduPilot
-            needs them: PX4's parameters contain them. A single weight says that outputs are the demand itself.
+        motor_weights: weights (4,) of the motors' thrusts in the torque about the axis, of any scale. They are needed
+            for ArduPilot only, since PX4's parameters contain them. A single weight means that the only output is the
+            demand itself.
 
     Returns:
         The controller.
@@ -338,10 +344,10 @@ def _rotor_speed_error(speed_commands: Array, step: float) -> Array:
         step: time between samples, s.
 
     Returns:
-        Command less speed (T, r), in the unit of the commands.
+        Command minus speed (T, r), in the unit of the commands.
     """
     decay = np.exp(-step / TYPICAL_ROTOR_LAG)
-    # The rotors are at rest at the first command.
+    # At the first sample the rotors have their commanded speeds.
     speeds = speed_commands.copy()
     for rotor in range(speeds.shape[1]):
         previous_commands = speed_commands[:-1, rotor]

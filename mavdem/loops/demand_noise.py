@@ -56,10 +56,10 @@ class GyroNoise(NamedTuple):
 def gyro_noise(loop: Loop) -> GyroNoise:
     """Estimates the spectral density of the gyro's noise in a flight, by Welch's method.
 
-    Below about the crossover the body rate is motion of the vehicle. So noise is measured from
-    ``MIN_NOISE_CROSSOVER_RATIO`` times the crossover on. If the log does not reach an octave beyond that, white noise
-    of density 1 is assumed, up to the highest frequency of the loop and over at least an octave: it suffices to compare
-    two controllers.
+    Up to about the crossover the body rate is motion of the vehicle. So noise is measured from
+    ``MIN_NOISE_CROSSOVER_RATIO`` times the crossover on. If the log does not contain at least an octave above that,
+    white noise of density 1 is assumed instead, up to the highest frequency of the loop and over at least an octave.
+    That suffices to compare two controllers.
 
     Args:
         loop: the loops with the logged gains; its record has the measured rate.
@@ -108,7 +108,7 @@ def demand_noise(loop: Loop, new_controller: Controller) -> DemandNoise | None:
     # The noise is measured after the gyro's filters, so only the controller is between it and the demand.
     before = demand_deviation(controller, noise)
     after = demand_deviation(new_controller, noise)
-    # The response of the D term is that of the controller less that of one without D.
+    # The response of the D term is that of the controller minus that of one without D.
     deviation_by_d = demand_deviation(controller, noise, subtracted=replace(controller, d=0.0))
     return DemandNoise(
         lowest=noise.frequency[0],
@@ -134,7 +134,7 @@ def demand_deviation(
         subtracted: a controller whose response is subtracted from C, so that σ is that of one term of the controller.
 
     Returns:
-        σ, as a fraction of the largest demand that the mixer takes.
+        σ, as a fraction of the largest demand.
     """
     response = controller_response(controller, noise.frequency).from_rate
     if subtracted is not None:

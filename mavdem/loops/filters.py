@@ -40,8 +40,8 @@ class GyroFilters(NamedTuple):
 def gyro_response(controller: Controller, frequency: Array) -> NDArray[np.complex128]:
     """Returns the response of the gyro's filters: the rate that is controlled and logged, per true rate.
 
-    The low-pass is a Butterworth filter, 1 / (1 + √2 jx − x²). Here x is the frequency over the cut-off, both warped by
-    the bilinear transform.
+    The low-pass is a Butterworth filter of second order, 1 / (1 + √2 jx − x²), in series with the notches. Here x is
+    the frequency over the cut-off, both warped by the bilinear transform.
 
     Args:
         controller: controller with the parameters of the filters.
@@ -124,12 +124,12 @@ def gyro_filters(controller: Controller, frequency: float) -> GyroFilters:
 
     Args:
         controller: controller with the parameters of the filters.
-        frequency: the frequency, Hz. At the crossover, the phase lag is what the filters take from the phase margin.
+        frequency: the frequency, Hz. At the crossover, the phase margin is smaller by the phase lag of the filters.
 
     Returns:
         The low-pass filter, the notches, and the phase lag of both together, degrees.
     """
-    # The phase is followed from low frequencies on, since it may be more than half a turn.
+    # The phase is unwrapped from frequency 0 on, since it may exceed half a turn.
     frequencies = np.linspace(0.0, frequency, PHASE_STEPS)
     phase = np.unwrap(np.angle(gyro_response(controller, frequencies)))
     phase_lag = -np.degrees(phase[-1])

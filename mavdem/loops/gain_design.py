@@ -181,11 +181,12 @@ class GainSearch:
     def all_models(self) -> Loop:
         """The loops of all plants that choose gains, on a coarse grid of frequencies, at each effectiveness.
 
-        They are the first half of the posterior's draws; the second half judges the result.
+        They are the first half of the posterior's draws. The second half is used to judge the result, which would look
+        better than it is with the plants that it was chosen for.
         """
         # The first row is the estimated plant and no draw; ``with_draws`` adds it by itself.
-        choosing_draws = slice(1, len(self.loop.effectiveness) // 2)
-        return self.loop.with_draws(choosing_draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
+        draws = slice(1, len(self.loop.effectiveness) // 2)
+        return self.loop.with_draws(draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
     @cached_property
     def models(self) -> Loop:
@@ -207,8 +208,8 @@ class GainSearch:
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
-        The stage's design has the gains that its last flight should have. From the logged gains, a flight goes at most
-        one step towards it.
+        The design of a stage are the gains at its end. In each flight, the gains may change by at most one step from
+        the logged gains towards the design.
 
         Args:
             stage: stage of tuning, which decides the gains to choose.
@@ -216,7 +217,7 @@ class GainSearch:
                 gains lack margin.
 
         Returns:
-            The step; without gains where the logged ones should stay.
+            The step; without gains if the logged ones should be kept.
         """
         if stage is Stage.RATE:
             design = self.rate_design()
@@ -232,15 +233,15 @@ class GainSearch:
         return GainStep(stage, gains, design, self._flights(design), self._notes(stage, gains))
 
     def rate_design(self) -> Parameters:
-        """Finds P, I and D of highest bandwidth with which the rate loop has its margins.
+        """Finds the P, I and D of highest bandwidth with which the rate loop has its margins.
 
-        A grid of ratios of D to P and of factors on the logged P is searched, without gains that pass on too much of
-        the gyro's noise. For each ratio the largest P with enough margin is a design. Among designs that are
-        ``NEARLY_AS_FAST`` as the fastest, that of least lean in wind is taken.
+        A grid of ratios of D to P and of factors on the logged P is searched. Gains that amplify the gyro's noise too
+        much are skipped. For each ratio the largest P with enough margin is a design. Of the designs whose bandwidth is
+        at least ``NEARLY_AS_FAST`` times the highest, the one with the least deviation of the angle in wind is chosen.
 
         Returns:
-            The gains by name. If none have the margins, they are those that come closest; empty if all pass on too much
-            noise.
+            The gains by name. If none have the margins, they are those that come closest; empty if all amplify the
+            noise too much.
         """
         designs = []
         closest_gains: Parameters = {}
@@ -255,7 +256,7 @@ class GainSearch:
                 score = self.margin_score(loop.rate)
                 if score > closest_score:
                     closest_gains, closest_score = gains, score
-                # Less P than the largest with enough margin only makes the loop slower.
+                # The factors are descending: a smaller P than the first one with enough margin is only slower.
                 if score >= 1:
                     lean = inf
                     if loop.attitude.is_stable:
@@ -277,7 +278,7 @@ class GainSearch:
     def _gains_for_all_models(self, design: _RateDesign) -> Parameters:
         """Lowers P, I and D of a design until the rate loop has its margins with all models that choose gains.
 
-        The search itself uses a part of these models only, for speed.
+        To save time, the search itself uses only a part of these models.
 
         Args:
             design: the design, with the factors on the logged P to try, from the largest on.
@@ -302,12 +303,11 @@ class GainSearch:
         """Returns the largest gain of the attitude controller with which the attitude loop has its margins.
 
         Args:
-            rate_gains: gains of the rate controller, by the autopilot's name, where they are not those
-                of the log.
+            rate_gains: gains of the rate controller that differ from those of the log, by the autopilot's name.
             largest: largest gain to return, 1/s.
 
         Returns:
-            The gain by the autopilot's name. If none has the margins, it is the one that comes closest.
+            The gain, 1/s, by the autopilot's name. If none has the margins, it is the one that comes closest.
         """
         name = self.loop.controller.parameter_names["angle_gain"]
         logged_gain = self.logged_gains["angle_gain"]
@@ -349,8 +349,8 @@ class GainSearch:
     def _derivative_ratios(self) -> list[float]:
         """Returns the ratios of D to P to try, s.
 
-        They are spread around the autopilot's default, and reach to the logged ratio where that is outside. An axis
-        whose log or default has no D keeps its ratio.
+        They are spread around the autopilot's default, and extended to the logged ratio if that is outside. If the log
+        or the default has no D, the only ratio is the logged one.
         """
         usual = self.defaults.ratios.derivative
         logged = self.logged_gains.get("d", 0.0) / self.logged_gains["p"]
@@ -364,7 +364,7 @@ class GainSearch:
     def _rate_gains(self, factor: float, derivative_ratio: float) -> Parameters:
         """Computes P, I and D of the rate controller from P and the ratio of D to P.
 
-        I follows P by the autopilot's default ratio. Gains that the log has not, or that are 0, are left out.
+        I is P times the autopilot's default ratio. Gains that the log does not have, or that are 0, are left out.
 
         Args:
             factor: factor on the logged P.
@@ -378,24 +378,23 @@ class GainSearch:
         values = {"p": p, "i": self.defaults.ratios.integral * p, "d": derivative_ratio * p}
         gains = {}
         for field, value in values.items():
-            # A gain that the log has not, or that is 0, stays out: its term of the controller is switched off.
             if field in self.logged_gains:
                 gains[names[field]] = round_gain(value)
         return gains
 
     def _worthwhile(self, design: Parameters) -> Parameters:
-        """Drops a design that changes no gain by the factor ``MIN_GAIN_CHANGE`` or more.
+        """Discards a design that changes no gain by the factor ``MIN_GAIN_CHANGE`` or more.
 
         Args:
             design: gains by the autopilot's name.
 
         Returns:
-            The design, or an empty one.
+            The design; empty if it was discarded.
         """
         parameters = self.loop.controller.parameters
         names = self.loop.controller.parameter_names
         for name, value in design.items():
-            # I alone is no reason to change gains: it follows P.
+            # A change of I alone is not worthwhile: I always follows P.
             if name != names["i"] and _change(value, parameters[name]) >= log(MIN_GAIN_CHANGE):
                 return design
         return {}
@@ -403,9 +402,9 @@ class GainSearch:
     def _one_step(self, stage: Stage, design: Parameters) -> Parameters:
         """Returns gains that are at most one step away from those of the log, towards a design.
 
-        Each gain goes as far as ``MAX_GAIN_STEP`` allows. If that leaves some gains farther behind than others and so
-        costs margin, all of them go a part of that way. With a slower rate loop the attitude gain is lowered too, if
-        the attitude loop would otherwise have less margin than its target and than it has now.
+        Each gain changes as far as ``MAX_GAIN_STEP`` allows. If the step costs margin, since some gains are still
+        farther from the design than others, all of them change by a part of it only. If the attitude loop would then
+        have less margin than its target and than it has now, the attitude gain is lowered too.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
@@ -421,7 +420,7 @@ class GainSearch:
         if stage is Stage.ANGLE or not design:
             return {name: round_gain(logged[name] * factor) for name, factor in factors.items()}
         gains: Parameters = {}
-        # The step may leave the loop with the margins it has, if it lacks some of the target already.
+        # If the loop lacks margin already, the step need not improve it, but must not make it worse.
         needed_score = min(1.0, self.margin_score(self.models.rate))
         for step_share in STEP_SHARES:
             gains = {}
@@ -433,8 +432,7 @@ class GainSearch:
         attitude_score = self.margin_score(self.models.attitude)
         if self.margin_score(models_with_gains.attitude) < min(1.0, attitude_score):
             logged_gain = self.logged_gains["angle_gain"]
-            # The design has one gain: that of the angle.
-            ((name, gain),) = self.angle_design(gains, largest=logged_gain).items()
+            [(name, gain)] = self.angle_design(gains, largest=logged_gain).items()
             gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
         return gains
 
@@ -446,17 +444,17 @@ class GainSearch:
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
     def _notes(self, stage: Stage, gains: Parameters) -> Facts:
-        """States what is unusual in new gains of the rate controller.
+        """Returns notes on what is unusual in new gains of the rate controller.
 
-        That is a gain of the angle that is lowered with them, and a ratio of I or D to P that differs from the
-        autopilot's default by more than ``MAX_RATIO_CHANGE``.
+        Unusual are an attitude gain that is lowered with them, and a ratio of I or D to P that differs from the
+        autopilot's default by more than the factor ``MAX_RATIO_CHANGE``.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
             gains: gains to set, by the autopilot's name.
 
         Returns:
-            The notes; empty for gains that are not of the rate controller's stage.
+            The notes; empty for the stage of the attitude controller.
         """
         names = self.loop.controller.parameter_names
         logged = self.loop.controller.parameters
@@ -470,7 +468,7 @@ class GainSearch:
             name = names[field]
             if name not in gains or not usual:
                 continue
-            # Ratios relative to the default: 1 is usual, and 2 as unusual as 1/2.
+            # The ratio relative to the default: 1 is usual, and 2 is as unusual as 1/2.
             ratio = gains[name] / gains[names["p"]] / usual
             if max(ratio, 1 / ratio) > MAX_RATIO_CHANGE * RATIO_TOLERANCE:
                 logged_ratio = logged[name] / logged[names["p"]] / usual
@@ -483,8 +481,8 @@ class GainSearch:
 def logged_gains(loop: Loop) -> dict[str, float]:
     """Returns the logged gains that advice may change, by the autopilot's name.
 
-    These are P, I and D of the rate controller and the gain of the attitude controller, as far as the log has them. A
-    gain of 0 is left out: that term of the controller is switched off, and no factor changes 0.
+    They are those of P, I and D of the rate controller and the gain of the attitude controller that the log has. A gain
+    of 0 is left out: that term of the controller is switched off, and a factor does not change it.
 
     Args:
         loop: rate and attitude loop of one axis, with the parameters of the log.

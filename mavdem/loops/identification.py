@@ -90,10 +90,10 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
 
     Raises:
         NotLearnable: the controller is not known, no setpoint of the rate was logged that changes several times a
-            second, the flight is too short, too little of the motion follows setpoints, or the phase margin stays
-            unknown.
+            second, the flight is too short, too little of the motion follows setpoints, or the phase margin is too
+            uncertain.
     """
-    # The fit takes seconds and is cached. What follows is quick.
+    # The fit takes seconds and is cached; the rest is quick.
     identified_loop = _identified_loop(signals, tuple(flights_of_longest_boot(flights)))
     with one_thread(), np.errstate(all="ignore"):
         plant = physical_plant(identified_loop.fit, identified_loop.inputs_per_demand)
@@ -262,12 +262,12 @@ def _loop_spectra(
 
     Args:
         signals: signals of the vehicle, with the scale of the outputs.
-        messages: the logged quantities, with candidates of the rate setpoint.
+        messages: the logged quantities, with several candidates of the rate setpoint.
         window_starts: times (W,) at which the windows begin, s.
-        controller: the controller, which decides between the candidates.
+        controller: the controller, by which one of the candidates is chosen.
 
     Returns:
-        The spectra, with the setpoint that fits the controller best.
+        The spectra, with the candidate that agrees best with the controller.
 
     Raises:
         NotLearnable: the messages are too slow, or the outputs are mostly rounding.
@@ -299,8 +299,8 @@ def _messages_of_boot(stream: Attitude | TimeSeries, values: Array, boot: int) -
 def _window_starts(flights: Sequence[Flight], streams: Sequence[Messages]) -> Iterator[float]:
     """Yields the times at which windows of ``SPECTRUM_SECONDS`` without a gap begin.
 
-    Windows overlap by half. A window is left out if a stream has a gap of ``MAX_MESSAGE_GAP`` in it, since its spectrum
-    would be wrong.
+    Windows overlap by half. A window is left out if any stream has a gap of ``MAX_MESSAGE_GAP`` or more in it, which
+    would distort its spectrum.
 
     Args:
         flights: flights of one boot; each window lies within one of them.
@@ -337,8 +337,8 @@ def _rows_of_window(stream: Messages, start: float) -> slice:
 def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
     """Computes the fraction of the output's power that came while a motor was at a limit.
 
-    While an output is at its limit, the loop is open: it answers neither wind nor setpoint. The power is the sum of
-    squares of the demand about its mean in each window.
+    While an output is at its limit, the loop is open: it responds neither to wind nor to the setpoint. The power is the
+    sum of squares of the demand about its mean in each window.
 
     Args:
         messages: messages of the loop, with the output as a demand, and whether a motor was at a limit.
@@ -361,15 +361,18 @@ def _saturated_share(messages: _LoopMessages, window_starts: Array) -> float:
 
 
 def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float) -> None:
-    """Raises ``NotLearnable`` if the outputs hardly move by more than their resolution.
+    """Raises an error if the outputs hardly change by more than their resolution.
 
-    A uniformly distributed rounding error has a variance of rounding² / 12. It may be at most ``MAX_ROUNDING_SHARE`` of
-    the variance of the output, which is its two-sided density, averaged over frequencies, times the message rate.
+    A uniformly distributed rounding error has a variance of rounding² / 12. It may be at most ``MAX_ROUNDING_SHARE``
+    times the variance of the output, which is its two-sided density, averaged over frequencies, times the message rate.
 
     Args:
         signals: signals of the vehicle, with the scale of the outputs for the message to the user.
         spectra: cross-spectra of the loop.
-        rounding: resolution of the outputs, as a demand.
+        rounding: resolution of the outputs, in the unit of the demand.
+
+    Raises:
+        NotLearnable: the variance of the rounding error is too large.
     """
     density = spectra.mean_density[:, Quantity.OUTPUT, Quantity.OUTPUT].real
     mean_density = np.average(density, weights=spectra.effective_samples)
@@ -389,11 +392,11 @@ def _require_resolution(signals: Signals, spectra: CrossSpectra, rounding: float
 def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> CrossSpectra:
     """Chooses the candidate of the rate setpoint that explains the output best.
 
-    A rate setpoint may be logged with or without the attitude controller's correction, and the log does not say which.
-    The rate controller makes the output u from the setpoint r and the rate p: u = C_r r − C_p p. So the true setpoint
-    is the candidate that leaves the least power of u − C_r r + C_p p, below ``MAX_EXPLAINED_FREQUENCY``. With the
-    coefficients a = (C_p, 1, −C_r) of (p, u, r) and their cross-spectral density S, that power is Σ aᵀ S ā over
-    frequencies, weighted by the number of independent values in each band.
+    A rate setpoint may be logged with or without the attitude controller's correction, and the log does not show which.
+    The rate controller computes the output u from the setpoint r and the rate p: u = C_r r − C_p p. So the true
+    setpoint is the candidate with the least power of the residual u − C_r r + C_p p, below ``MAX_EXPLAINED_FREQUENCY``.
+    With the coefficients a = (C_p, 1, −C_r) of (p, u, r) and their cross-spectral density S, that power is Σ aᵀ S ā
+    over frequencies, weighted by the number of independent values in each band.
 
     Args:
         spectra: cross-spectra of rate, output, and a pair of setpoint and reference for each candidate.
@@ -410,14 +413,14 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
     weights = spectra.effective_samples[is_slow]
 
     def unexplained_power(setpoint: int) -> float:
-        """Returns the power of the output that the controller does not explain by this candidate's index."""
+        """Returns the power of the residual with the setpoint of this index."""
         # Indices: j is the frequency, a and b are the three quantities.
         quantities = (Quantity.RATE, Quantity.OUTPUT, setpoint)
         density = spectra.select(quantities).mean_density[is_slow]
         power = np.einsum("j,aj,jab,bj->", weights, coefficients, density, coefficients.conj())
         return power.real
 
-    # From SETPOINT on there are pairs of a candidate and its reference (:attr:`_LoopMessages.streams`).
+    # From index SETPOINT on there are pairs of a candidate and its reference (:attr:`_LoopMessages.streams`).
     signal_count = len(spectra.stamp_offsets)
     assert (signal_count - Quantity.SETPOINT) % 2 == 0, "each setpoint needs its reference"
     candidates = range(Quantity.SETPOINT, signal_count, 2)
@@ -428,9 +431,9 @@ def _with_best_setpoint(spectra: CrossSpectra, controller: KnownController) -> C
 def _coherent_share(spectra: CrossSpectra) -> float:
     """Computes the fraction of the rate's variance that is coherent with the reference.
 
-    The reference is what pilot or navigation ask for. The rest of the rate is caused by wind and noise. At each
-    frequency the coherent part of the density is |S_pq|² / S_qq, with rate p and reference q. Both densities are then
-    integrated over frequency.
+    The reference is the command of pilot or navigation; the rest of the rate is caused by wind and noise. At each
+    frequency the coherent part of the density is |S_pq|² / S_qq, with rate p and reference q. It and the density of the
+    rate are integrated over frequency.
 
     Args:
         spectra: cross-spectra of rate, output, setpoint and reference.
@@ -448,15 +451,15 @@ def _coherent_share(spectra: CrossSpectra) -> float:
 
 
 def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) -> Physical:
-    """Checks an identified plant by the phase margin of the loop that it makes with its controller.
+    """Checks an identified plant by the phase margin of its loop with the controller.
 
     The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
-    phase margin over the draws is wide, the flight did not determine the plant, and it is refused.
+    phase margin over the draws is wide, the flight did not determine the plant, and it is rejected.
 
-    The parameters are marked as biased if the loop rings, that is if its phase margin is less than half of the usual
-    one, and if it also crosses over beyond the corner frequency of the motors, 1 / lag. Then most of the motion is at
-    frequencies where the plant is about k / (lag s) · 1 / s. It depends only on the ratio of effect k and lag, so
-    neither is known by itself.
+    The parameters are marked as biased if two conditions hold: the loop rings, that is its phase margin is less than
+    half of the usual one, and its crossover is above the corner frequency of the motors, 1 / lag. Then most of the
+    motion is at frequencies at which the plant is about k / (lag s) · 1 / s. That depends only on the ratio of effect k
+    and lag, so that neither is determined alone.
 
     Args:
         plant: the identified plant, without the gyro's filters.
@@ -467,7 +470,7 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
         The plant, with its parameters marked as biased if its loop rings.
 
     Raises:
-        NotLearnable: as :func:`_require_known_margin`.
+        NotLearnable: the phase margin is too uncertain, or the estimated loop is unstable.
     """
     draws = plant.draws(MARGIN_DRAWS)
     effectiveness = draws[:, EFFECTS] @ mixer_gains
@@ -484,18 +487,19 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
 
 
 def _require_known_margin(rate: OpenLoop) -> None:
-    """Raises ``NotLearnable`` if the flight does not determine the phase margin of an identified rate loop.
-
-    That is so if its 90 % interval is wider than ``MAX_PHASE_MARGIN_HALF_WIDTH`` to either side, or if the loop is
-    unstable by the estimate, though it flew.
+    """Raises an error if the flight does not determine the phase margin of an identified rate loop.
 
     Args:
         rate: rate loop of the estimated plant and of draws from its posterior.
+
+    Raises:
+        NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``, or the
+            estimated loop is unstable although the vehicle flew.
     """
     low, high = rate.phase_margin_interval
     is_certain = high - low <= 2 * MAX_PHASE_MARGIN_HALF_WIDTH
     if not (is_certain and rate.is_stable):
-        # The margin is infinite where the gain never crosses 1.
+        # A margin is infinite if the gain never crosses 1.
         interval = np.clip([low, high], -180.0, 180.0)
         raise NotLearnable(
             LoopFact.MARGIN_UNCERTAIN,

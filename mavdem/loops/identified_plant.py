@@ -109,9 +109,10 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
 
 
 def _derivatives_by_logarithms(effect: Array, values: LoopParameters) -> Array:
-    """Returns the derivatives of effects, damping, lag and delay by the logarithms of these four.
+    """Returns the derivatives of effects, damping, lag and delay by the logarithms of effect, damping, lag and delay.
 
-    A parameter changes with its own logarithm alone, by its own value. All effects share one logarithm.
+    The derivative of a parameter by its own logarithm is its value, and by the other logarithms 0. All effects share
+    one logarithm, that of their common scale.
 
     Args:
         effect: effect of each of the r inputs (r,).
@@ -170,8 +171,8 @@ class _LogDeviations(NamedTuple):
 def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviations:
     """Computes the standard deviations of the errors that the model's own simplifications cause.
 
-    They grow with the time between messages beyond a control cycle, and with the share of the output that limits cut
-    off. Independent errors of one parameter add in squares.
+    They increase with the surplus interval, which is the time between messages minus one control cycle, and with the
+    share of the output that limits cut off. The squares of independent errors of one parameter are added.
 
     Args:
         fit: posterior, with that time and that share.
@@ -182,8 +183,8 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
     """
     surplus_interval = fit.posterior.densities.surplus_interval
     cut_share = fit.saturation_loss
-    # An error in seconds by which the lag is too long and the delay too short. Divided by the parameter, it is one of
-    # the logarithm.
+    # The error, s, by which the lag may be too long and the delay too short. Divided by the parameter, it is the error
+    # of its logarithm.
     lag_against_delay = LAG_DELAY_DEVIATION * (1 + 2 * cut_share) * surplus_interval
     effect = np.linalg.norm(
         [
@@ -203,11 +204,11 @@ def _model_deviations(fit: IdentifiedAxis, values: LoopParameters) -> _LogDeviat
 def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopParameters) -> Array:
     """Returns the covariance of the errors that simplifications of the model cause in a plant's parameters.
 
-    Four independent errors are assumed: of the effect, the damping, the lag and the delay, each of the parameter's
-    natural logarithm. An error does not stay with one parameter. The data determine best how the torque responds at
-    high frequencies, effect e^(−jω delay) / (1 + jω lag), and the fit matches that response even if the model is wrong.
-    So a wrong effect or lag comes with wrong values of other parameters that compensate for it in this response
-    (:data:`DELAY_PER_EFFECT`, :data:`LAG_COMPENSATION`).
+    Four independent errors are assumed, of the natural logarithms of effect, damping, lag and delay. An error of one
+    parameter also changes others. The data determine best the response of the torque at high frequencies,
+    effect e^(−jω delay) / (1 + jω lag), and the fit matches that response even if the model is wrong. So a wrong effect
+    or lag comes with wrong values of other parameters that compensate it in this response (:data:`DELAY_PER_EFFECT`,
+    :data:`LAG_COMPENSATION`).
 
     With J the changes of all parameters per unit of each error, and V the diagonal matrix of the errors' variances, the
     covariance is J V Jᵀ.
@@ -221,7 +222,7 @@ def _model_error_covariance(fit: IdentifiedAxis, effect: Array, values: LoopPara
     Returns:
         Covariance (r + 3, r + 3), in the order effects, damping, lag, delay.
     """
-    # J, (r + 3, 4): a column for each error. At first an error changes only the parameter whose logarithm it is of.
+    # J, (r + 3, 4): a column for each error. Each error changes its own parameter; compensating changes are set below.
     changes_per_error = _derivatives_by_logarithms(effect, values)
     effect_error = _LogDeviations._fields.index("effect")
     lag_error = _LogDeviations._fields.index("lag")

@@ -39,8 +39,8 @@ GAIN_SEED = 37
 def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     """Returns step responses of an identified rate loop: of the estimate, then of draws from its posterior.
 
-    How the controller treats the setpoint is known from its parameters alone: it is no part of the open loop. So the
-    controller must explain the logged output, and the closed loop must not contradict the measured rate.
+    The controller's response to the setpoint is not part of the open loop, and is only known from its parameters. So
+    the controller must explain the logged output, and the closed loop must not contradict the measured rate.
 
     Args:
         loop: the identified loop.
@@ -50,7 +50,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
     Returns:
         Step responses (n + 1, K). None if the controller does not explain the output, or the loop is unstable.
     """
-    # A share of NaN, of a plant that was identified without its controller, fails the comparison.
+    # The share is NaN for a plant that was identified without its controller, and this comparison then false.
     is_output_explained = loop.plant.unexplained_output <= MAX_UNEXPLAINED_OUTPUT
     if not is_output_explained:
         return None
@@ -59,7 +59,7 @@ def identified_steps(loop: Loop, time: Array, count: int) -> Array | None:
         return None
     closed_loop_response = rate.closed[rate.stable][: count + 1]
     steps = steps_from_frequency_responses(rate.frequency, closed_loop_response, time)
-    # Few draws are unstable; stable ones take their places.
+    # A few draws are unstable; they are replaced by repeating the stable ones.
     steps = np.resize(steps, (count + 1, len(time)))
     gains = 1 + GAIN_DEVIATION * default_rng(GAIN_SEED).standard_normal(count)
     steps[1:] *= gains[:, None]
@@ -90,11 +90,11 @@ class PredictedStep(NamedTuple):
 
 
 def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
-    """Computes overshoot and rise time of the step that a closed loop predicts, from the estimate and its draws.
+    """Computes overshoot and rise time of the predicted step response of a closed loop, with intervals from draws.
 
     Args:
         loop: the rate or attitude loop; its responses are those of the estimate, then of draws.
-        duration: time after the step that is computed, s.
+        duration: duration of the response, s.
 
     Returns:
         The figures; None if the estimated loop is unstable.
@@ -110,8 +110,8 @@ def predicted_step(loop: OpenLoop, duration: float) -> PredictedStep | None:
 def steps_from_frequency_responses(frequency: Array, closed: Complex, time: Array) -> Array:
     """Returns the responses of N closed loops to a step of 1 of their setpoint: 2/π ∫ Re(T) sin(ωt) / ω dω.
 
-    This inverse Fourier transform of a causal, stable response needs its real part only. The integral is a sum over
-    midpoints of even steps of ``FREQUENCY_STEP``, up to the highest frequency.
+    The inverse Fourier transform of a causal, stable response needs only its real part. The integral is approximated by
+    the midpoint rule with steps of ``FREQUENCY_STEP``, up to the highest frequency.
 
     Args:
         frequency: frequencies (F,), Hz, ascending.
@@ -136,7 +136,8 @@ def _midpoints(highest: float) -> Array:
 def _sine_kernel(highest: float, time: tuple[float, ...]) -> Array:
     """Computes the kernel sin(2πft) / f of a step response at the midpoints f of the frequencies, and times t.
 
-    The loops of a flight share their frequencies and times, and the sines take longer than all else of a response.
+    It is cached: the loops of a flight have the same frequencies and times, and computing the sines takes most of the
+    time of a response.
 
     Args:
         highest: highest frequency, Hz.

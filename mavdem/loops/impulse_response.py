@@ -99,7 +99,7 @@ class ImpulseResponse(NamedTuple):
             Step responses (N, T).
         """
         lags = self.sampling_rate * time[:, None] - self.knots
-        # The integral of (lag)₊, from which the hat functions are combined.
+        # The integrals of the ramps max(lag, 0), of which the hat functions are weighted sums.
         integrals = np.maximum(lags, 0.0) ** 2 / 2
         hat_integrals = integrals @ second_differences(self.knots)
         return np.asarray(values @ hat_integrals.T)
@@ -115,7 +115,7 @@ class ImpulseResponse(NamedTuple):
             Complex responses (N, F).
         """
         radians_per_sample = 2 * np.pi * frequency[:, None] / self.sampling_rate
-        # The Fourier transform of the second derivative, divided by (iω)².
+        # The Fourier transforms of the ramps: e^(−iωk) / (iω)² for the ramp that begins at knot k.
         transforms = -np.exp(-1j * radians_per_sample * self.knots) / radians_per_sample**2
         hat_transforms = transforms @ second_differences(self.knots)
         return np.asarray(values @ hat_transforms.T)
@@ -124,11 +124,11 @@ class ImpulseResponse(NamedTuple):
 def response_knots(taps: int, steps_per_sample: int) -> Array:
     """Returns the lags between which an impulse response is linear, from 0 to ``taps``.
 
-    Their spacing is one step at first, and later ``NODE_SPACING_RATIO`` of their lag.
+    Their spacing increases with the lag: it is ``NODE_SPACING_RATIO`` times the lag, but at least one step.
 
     Args:
         taps: duration of the response, in samples.
-        steps_per_sample: number of steps into which a sample is divided.
+        steps_per_sample: number of steps into which a sampling interval is divided.
 
     Returns:
         Lags (K + 2,), in samples, ascending.
@@ -148,7 +148,8 @@ def second_differences(knots: Array) -> Array:
 
     The hat function of an inner knot is 1 there, 0 at the two neighbouring knots and beyond, and linear between. The
     ramp of a knot k is max(lag − k, 0). A hat is a weighted sum of the ramps of three neighbouring knots, at which its
-    slope changes; the weights are these changes. So integrals of hats follow from integrals of ramps, which are simple.
+    slope changes; the weights are these changes. So integrals and transforms of hats follow from those of ramps, which
+    are simple.
 
     Args:
         knots: lags (K + 2,), ascending; all but the first and the last are inner knots.
@@ -244,7 +245,8 @@ def estimate_impulse_response(
 def _window_deviations(residuals: Array, whitening: Array) -> Array:
     """Returns the standard deviation of the whitened residuals of each window.
 
-    All signals are divided by it, so that residuals have a variance of 1 and windows with more wind count less.
+    All signals of a window are divided by it, so that its residuals have a variance of 1, and windows with more wind
+    have less weight.
 
     Args:
         residuals: residuals of all windows (W, B).
@@ -254,7 +256,7 @@ def _window_deviations(residuals: Array, whitening: Array) -> Array:
         (W, 1) standard deviations.
     """
     deviation = _filtered_windows(residuals, whitening).std(axis=1)
-    # No window may outweigh the others without limit, and the division by 0 is avoided.
+    # This limits the weight of a window relative to the others, and avoids a division by 0.
     least_deviation = deviation.max() / MAX_WINDOW_WEIGHT_RATIO + SMALLEST_POSITIVE
     return np.maximum(deviation, least_deviation)[:, None]
 
@@ -321,9 +323,9 @@ def _setpoint_without_wind(
 ) -> Array:
     """Returns the part of a rate setpoint that follows pilot or navigation, and not the wind: x / (1 + G T / s).
 
-    With the rate setpoint r and the angle φ, x = r + G φ is what pilot or navigation ask for, and 1 / (1 + G T / s) the
-    closed attitude loop from x to r. It is applied in the frequency domain. The rest of r comes from wind, through the
-    feedback of the angle.
+    With the rate setpoint r and the angle φ, x = r + G φ is the command of pilot or navigation, and 1 / (1 + G T / s)
+    the closed attitude loop from x to r, which is applied in the frequency domain. The rest of r is caused by wind,
+    through the feedback of the angle.
 
     Args:
         piece: (3, N) setpoint r, rate, and angle φ.
@@ -338,11 +340,12 @@ def _setpoint_without_wind(
     size = piece.shape[1]
     rate_setpoint, _, angle = piece[:3]
     outer_setpoint = rate_setpoint + angle_gain * angle
-    # The Fourier transform is periodic: mirrored, the series has no step from its end to its beginning.
+    # The discrete Fourier transform treats the series as periodic. Appending its mirror image avoids a step from its
+    # end to its beginning.
     mirrored = np.append(outer_setpoint, outer_setpoint[::-1])
     transform = np.fft.rfft(mirrored)
     frequency = np.fft.rfftfreq(2 * size, 1 / sampling_rate)
-    # The integral divides by s, so the frequency 0 is replaced by a small one.
+    # The frequency 0 is replaced by a small one, to avoid the division by s = 0.
     positive_frequency = np.maximum(frequency, frequency[1] / 100)
     s = 2j * np.pi * positive_frequency
     closed_rate_loop = np.fft.rfft(_sampled_response(values, knots), 2 * size)
@@ -353,9 +356,9 @@ def _setpoint_without_wind(
 def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array:
     """Cuts several series into windows that overlap by the length of the impulse response.
 
-    A sample is explained by the ``taps`` setpoints before it. So the first ``taps`` samples of a window only serve to
-    explain the later ones, and windows overlap by that number, so that every sample is explained once. The first ``2
-    taps`` samples of each series are left out, since responses there may come from before its beginning.
+    A response depends on the ``taps`` setpoints before it. So the first ``taps`` samples of a window are only used as
+    inputs, and windows overlap by that number, so that every later sample is an output once. The first ``2 taps``
+    samples of each series are left out, since responses there may come from before its beginning.
 
     Args:
         series: values (N,) of each piece of flight; pieces too short for a window are ignored.
@@ -370,14 +373,14 @@ def _overlapping_windows(series: Sequence[Array], taps: int, size: int) -> Array
         for values in series
         if len(values) >= 2 * taps + size
     ]
-    # The empty array gives the table two dimensions where no series is long enough.
+    # The empty array makes the result two-dimensional if no series is long enough.
     windows = np.concatenate([*views, np.zeros((0, size))])
     stride = max(ceil(len(windows) / MAX_WINDOWS), 1)
     return windows[::stride]
 
 
 def _filtered_windows(windows: Array, coefficients: Array) -> Array:
-    """Filters each window by a finite impulse response, and leaves out the filter's transient.
+    """Applies a finite-impulse-response filter to each window, and leaves out the filter's transient.
 
     Args:
         windows: samples of each window (W, B).
@@ -393,8 +396,8 @@ def _filtered_windows(windows: Array, coefficients: Array) -> Array:
 def _whitening_filter(residuals: Array) -> Array:
     """Returns the filter that makes residuals white, as least squares assumes them to be.
 
-    The filter takes differences, which removes the mean, and then the prediction error of an autoregression of order
-    ``AUTOREGRESSION_ORDER``, fitted by the Yule-Walker equations. The convolution of both is one filter.
+    The filter computes differences, which removes the mean, and then the prediction errors of an autoregression of
+    order ``AUTOREGRESSION_ORDER``, which is fitted to the differences by the Yule-Walker equations.
 
     Args:
         residuals: residuals of all windows (W, B), which share one filter.
@@ -408,6 +411,7 @@ def _whitening_filter(residuals: Array) -> Array:
         np.mean(differences[:, : size - lag] * differences[:, lag:])
         for lag in range(AUTOREGRESSION_ORDER + 1)
     ]
+    # A little white noise keeps the Yule-Walker equations well conditioned.
     autocovariance[0] *= 1 + WHITE_NOISE_SHARE
     coefficients = scipy.linalg.solve_toeplitz(autocovariance[:-1], autocovariance[1:])
     prediction_error_filter = np.append(1.0, -coefficients)
@@ -433,7 +437,7 @@ def _regularised_estimate(
     Args:
         setpoint: windows of the setpoint (W, B), whitened and scaled so that residuals have a variance of 1.
         signal: windows of the signal (W, B), whitened and scaled likewise.
-        instrument: windows of the instrument (W, B), likewise; None where the setpoint is its own.
+        instrument: windows of the instrument (W, B), likewise; None if the setpoint is its own.
         knots: lags between which the response is linear (K + 2,), in samples.
         sampling_rate: rate of the samples, Hz.
 
@@ -479,19 +483,20 @@ def _regularised_estimate(
 def _prior_covariance(precision: Array, moment: Array, knots: Array) -> Array:
     """Returns the prior covariance of an impulse response at its nodes, averaged over priors by their evidence.
 
-    How large, how smooth and how long a response is, is not known beforehand. So priors of several variances λ, length
-    scales and decays are tried, and each counts by how well it explains the flight (Bayesian model averaging).
+    It is not known beforehand how large, how smooth and how long the response is. So priors with several variances λ,
+    length scales and decays are averaged, weighted by their evidence: how well each explains the flight (Bayesian model
+    averaging).
 
     Args:
         precision: precision of the values at the K nodes by the flight alone (K, K).
-        moment: precision times the values that the flight alone would give (K,).
+        moment: precision times the estimate of the values by the flight alone (K,).
         knots: lags of the nodes, and of both ends of the response (K + 2,), in samples.
 
     Returns:
         Covariance (K, K).
     """
     shapes = _prior_shapes(tuple(knots.tolist()))
-    # The evidence becomes weights of sum 1 over all shapes (rows) and variances (columns).
+    # The weights sum to 1 over all shapes (rows) and variances (columns).
     weights = scipy.special.softmax(_log_evidence_of_priors(precision, moment, shapes.roots))
     return np.tensordot(weights @ PRIOR_VARIANCES, shapes.covariances, axes=1)
 
@@ -503,13 +508,13 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
 
         ½ (λ gᵀ (I + λ A)⁻¹ g − log det (I + λ A)),    A = Rᵀ P R,  g = Rᵀ m
 
-    Householder reflections make A tridiagonal, in a basis whose first vector is along g, and the pivots of a Gaussian
-    elimination from the last row up give both terms for all λ (Golub and Van Loan, Matrix Computations, 4th ed., secs.
-    4.3 and 8.3). That takes a third of the time of eigenvalues and eigenvectors.
+    Householder reflections transform A to tridiagonal form, in a basis whose first vector is along g. Then the pivots
+    of a Gaussian elimination from the last row up give both terms for all λ (Golub and Van Loan, Matrix Computations,
+    4th ed., secs. 4.3 and 8.3). That takes a third of the time of eigenvalues and eigenvectors.
 
     Args:
         precision: precision of the values at the K nodes by the flight alone (K, K).
-        moment: precision times the values that the flight alone would give (K,).
+        moment: precision times the estimate of the values by the flight alone (K,).
         roots: Cholesky factors R of the S shapes of the prior (S, K, K).
 
     Returns:
@@ -517,7 +522,7 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
     """
     nodes = len(moment)
     diagonals = np.empty((len(roots), nodes))
-    # The first element beside the diagonal is the length of g, since g is put before A as its first column.
+    # As g is put in front of A as its first column, the first off-diagonal element of the result is the length of g.
     off_diagonals = np.empty((len(roots), nodes))
     bordered = np.zeros((nodes + 1, nodes + 1))
     for shape, root in enumerate(roots):
@@ -530,7 +535,7 @@ def _log_evidence_of_priors(precision: Array, moment: Array, roots: Array) -> Ar
     pivot = np.maximum(diagonals[-1], 1.0)
     log_determinant = np.log(pivot)
     for row in range(nodes - 2, -1, -1):
-        # A has no negative eigenvalues, so no pivot is below 1 but by rounding.
+        # A has no negative eigenvalues, so that a pivot can only be less than 1 by rounding.
         pivot = np.maximum(diagonals[row] - squares[row + 1] / pivot, 1.0)
         log_determinant += np.log(pivot)
     explained = squares[0] / PRIOR_VARIANCES / pivot
@@ -550,7 +555,7 @@ class _PriorShapes(NamedTuple):
 def _prior_shapes(knots: Numbers) -> _PriorShapes:
     """Returns the shapes Q of the prior covariance of an impulse response, one for each length scale and decay.
 
-    They depend only on the knots, so that all passes of a fit, and all axes of a flight, share them.
+    They depend only on the knots, and are cached: all iterations of a fit, and all axes of a flight, have the same.
 
     Args:
         knots: lags of the K nodes, and of both ends of the response (K + 2,), in samples.
@@ -559,7 +564,7 @@ def _prior_shapes(knots: Numbers) -> _PriorShapes:
         The shapes, and their Cholesky factors R.
     """
     taps = knots[-1]
-    # Times go from 0 to 1, in units of the duration of the response.
+    # Times in units of the duration of the response, 0 to 1.
     time = np.array(knots[:-1]) / taps
     nodes = len(time) - 1
     tail = TAIL_VARIANCE_RATIO * _decaying_matern(time, TAIL_LENGTH, TAIL_DECAY)
@@ -583,7 +588,7 @@ def _decaying_matern(time: Array, length: float, decay: float) -> Array:
 
     Args:
         time: times (K,), in any unit.
-        length: length scale, over which values are alike, in the unit of the times.
+        length: length scale of the correlation, in the unit of the times.
         decay: time over which the amplitude falls by a factor e, in the unit of the times.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Limit cycles: oscillations that a vehicle's own controller keeps up, as lines in the spectra of rate and motors.
+"""Limit cycles: oscillations that a vehicle's own controller sustains, as lines in the spectra of rate and motors.
 
 Wind spreads over all frequencies. A loop without stability margin oscillates at one: nearly all that the body rate and
 the motors do is then in one narrow band of their spectra. What tells a limit cycle from a gust that rings is that
@@ -74,7 +74,7 @@ class Oscillation(NamedTuple):
     axis: str
     """"roll", "pitch" or "yaw": the one that turns fastest."""
     frequency: float | None
-    """Frequency, Hz; ``None`` where messages come so slowly that it may be an alias."""
+    """Frequency, Hz; ``None`` if messages come so slowly that it may be an alias."""
     rate: float
     """Standard deviation of the body rate while it oscillates, deg/s."""
     at_limit: float
@@ -88,10 +88,10 @@ class Oscillation(NamedTuple):
 
     @property
     def figures(self) -> JsonValues:
-        """The figures of a fact about it, by the names that sentences use.
+        """The figures of a fact about it, by the names that the templates of sentences use.
 
-        "subject" is the axis, "frequency" in Hz, "turn_rate" the body rate in rad/s; "axes" has axis, frequency and
-        rate of all axes that oscillate.
+        "subject" is the axis, "frequency" is in Hz, and "turn_rate" is the body rate, rad/s. "axes" has the axis, the
+        frequency, Hz, and the body rate, rad/s, of all axes that oscillate.
         """
         axes = [
             (cycle.axis, cycle.frequency, radians(cycle.rate)) for cycle in (self, *self.other_axes)
@@ -110,8 +110,8 @@ def detect_limit_cycle(
     """Detects a limit cycle in a flight: an oscillation that the vehicle's own controller sustains.
 
     Each axis is analysed with short and with long windows: short ones show a brief oscillation, long ones distinguish a
-    slow oscillation from steering. Yaw is reported only if roll and pitch do not oscillate, since motors that these
-    drive to their limits shake yaw too.
+    slow oscillation from steering. Yaw is reported only if roll and pitch do not oscillate, since they drive motors to
+    their limits, which makes yaw oscillate too.
 
     Args:
         motors: outputs of the motors; None if the log has none.
@@ -140,20 +140,19 @@ def detect_starting_limit_cycle(
 ) -> Oscillation | None:
     """Detects a limit cycle that has just started, for a warning in flight.
 
-    It is reported only if motors reach their limits. One that turns the vehicle fast (``MIN_DANGEROUS_RATE``) is
-    reported at once. A slower one is reported if it still goes on and the windows of a recorded flight show it for
-    ``MIN_DURATION``, as after the flight: motors that go from stop to stop cannot control the vehicle, however little
-    it turns.
+    It is reported only if motors reach their limits. One with body rates of at least ``MIN_DANGEROUS_RATE`` is reported
+    at once. A slower one is reported if it lasts, by the same windows and ``MIN_DURATION`` as in the analysis of a
+    recorded flight: motors that swing between their limits cannot control the vehicle, however slowly it rotates.
 
     Args:
         motors: outputs of the motors so far.
         tilts: attitude by axis, "roll" and "pitch".
         boot: number of the boot, whose clock the times are on.
-        start_time: time before which nothing is used, s.
+        start_time: time of the first samples to use, s.
         now: time of the latest data, s.
 
     Returns:
-        The limit cycle; ``None`` where there is none.
+        The limit cycle; None if there is none.
     """
     upper_limits, lower_limits = samples_at_limits(
         motors.scale.fraction(motors.outputs), motors.scale
@@ -162,7 +161,8 @@ def detect_starting_limit_cycle(
     latest_limit_time = limit_times.max(initial=-np.inf)
     starting_cycles = list[Oscillation]()
     for window_seconds in STARTING_WINDOWS:
-        # Without a motor at a limit no cycle would count. The one window more covers what resampling spreads.
+        # Without a motor at a limit no cycle is reported, and the search can be skipped. One window more is searched
+        # for limits, because resampling spreads them.
         if latest_limit_time >= now - (STARTING_SPAN + 1) * window_seconds:
             segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
             min_duration = STARTING_DURATION * window_seconds
@@ -201,7 +201,8 @@ def _cycles_at_limits(
             motors,
             [segment],
             window_seconds,
-            # No oscillation lasts for a good part of an infinite flight: only limits and growth count.
+            # An oscillation also counts if it lasts for a large part of the flight. The infinite duration disables that
+            # criterion, so that only limits and growth decide.
             flight_duration=np.inf,
             min_duration=min_duration,
         )
@@ -211,14 +212,13 @@ def _cycles_at_limits(
 def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
     """Combines limit cycles into one: that with the highest body rate, with the strongest of each other axis.
 
-    One oscillation may be detected with several lengths of windows, and often shows in roll and pitch: it is reported
-    once.
+    One oscillation may be detected with several lengths of windows, and in several axes, but is reported once.
 
     Args:
         cycles: limit cycles of any axis.
 
     Returns:
-        The strongest, with the others in ``other_axes``; ``None`` where there is none.
+        The strongest, with the others in ``other_axes``; ``None`` if there is none.
     """
     strongest_by_axis = dict[str, Oscillation]()
     for cycle in sorted(cycles, key=attrgetter("rate"), reverse=True):
@@ -384,7 +384,8 @@ def _runs_at_one_frequency(lines: _Lines) -> list[Indices]:
     Returns:
         The indices of the windows of each group, one or more.
     """
-    # A group ends wherever a window does not continue the one before. An unclear window is then alone, and left out.
+    # A group ends at each window that does not continue the one before. So a window without a clear line is a group of
+    # its own, which is left out.
     steps = abs(np.diff(lines.frequency))
     is_same_frequency = steps <= 2 * LINE_WIDTH * lines.frequency[1:]
     continues = lines.is_clear[1:] & lines.is_clear[:-1] & is_same_frequency
@@ -420,18 +421,18 @@ def _oscillation_in_run(
         min_duration: shortest duration of an oscillation, s.
 
     Returns:
-        The oscillation; ``None`` where it is too short, may be chance, or drifts in frequency like a sweep.
+        The oscillation; None if it is too short, may be chance, or drifts in frequency like a sweep.
     """
     # Windows overlap by half, so that n of them last n + 1 half windows.
     duration = (len(run) + 1) / 2 * window_seconds
     frequency = np.median(lines.frequency[run])
     drift = abs(lines.frequency[run] - frequency).max()
-    # Two windows may look alike by chance: then the line must have more of the variance.
+    # Two windows may have the same line by chance: then it must have a larger share of the variance.
     is_sure = len(run) > 2 or lines.share[run].min() >= SURE_LINE_SHARE
     if duration < min_duration or not is_sure or drift > MAX_DRIFT * frequency:
         return None
     rate = lines.rate[run]
-    # A single window is first and last third at once.
+    # The first and the last third of the windows; a single window is both.
     third = ceil(len(run) / 3)
     growth = rate[-third:].mean() / rate[:third].mean()
     return _RunOscillation(

@@ -186,13 +186,18 @@ def _cautions(loop: Loop) -> list[Fact]:
 
 
 def _crossover_too_fast(loop: Loop, highest_frequency: float) -> NotLearnable:
-    """Returns the refusal of a loop that crosses over above the highest frequency, Hz, that its record shows."""
+    """Returns the error that a loop's crossover is above the highest frequency that its record shows.
+
+    Args:
+        loop: the loop, with the interval of its crossover.
+        highest_frequency: that frequency, Hz.
+    """
     crossover = loop.rate.crossover
     _, highest_crossover = loop.rate.crossover_interval
     return NotLearnable(
         LoopFact.CROSSOVER_UNSEEN,
         crossover=crossover,
-        # Where the estimate itself would be seen, the upper end of its interval is the reason.
+        # If the estimated crossover is below that frequency, the upper end of its interval is the reason.
         high=highest_crossover if crossover < highest_frequency else None,
         rate=1 / loop.record.dt,
         frequency=highest_frequency,
@@ -212,7 +217,10 @@ def logged_controller(parameters: Parameters, axis: str, motor_weights: Array | 
     Args:
         parameters: parameters of the autopilot, by name.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: weights of the r inputs in the torque about the axis (r,); ``None`` where they are not known.
+        motor_weights: weights of the r inputs in the torque about the axis (r,); None if they are not known.
+
+    Returns:
+        The controller.
 
     Raises:
         NotLearnable: there are no parameters, or they do not describe a known controller.
@@ -228,7 +236,7 @@ def at_limit_share(record: Record, controller: Controller) -> float:
 
     Args:
         record: the flight, with the inputs.
-        controller: controller of the axis, which decides what output counts as a limit.
+        controller: controller of the axis, with the limits of the outputs.
 
     Returns:
         The fraction, 0 to 1; 0 if the range of the inputs is not known.
@@ -278,8 +286,8 @@ class _PlantDraws(NamedTuple):
 def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws:
     """Draws plants from the posterior of an identified plant, without the gyro's filters.
 
-    The loop's model has the gyro's filters as its parameters describe them. The identified plant contains them as well,
-    as a part of its delay, or of its lag and delay. This part is removed, so that the filters count only once.
+    The model of the loop has the gyro's filters by the autopilot's parameters. The identified plant contains them too,
+    as a part of its delay, or of its lag and delay. This part is removed, so that the filters are included only once.
 
     Args:
         plant: identified plant. Its delay contains that of the gyro's filters; if it is ``filtered``, its lag and delay

@@ -136,16 +136,17 @@ class OpenLoop(Margins):
     def stable(self) -> Flags:
         """Whether each of the N closed loops is stable, by Nyquist's criterion (N,).
 
-        Open loops may have poles at 0 but none in the right half plane. As the frequency rises from 0 to infinity,
-        1 + L then turns by a quarter turn for each pole at 0 if the closed loop is stable, and by a half turn or more
-        besides if not. How many poles at 0 there are shows in the phase of L at the lowest frequency.
+        Open loops may have poles at 0 but none in the right half plane. As the frequency rises from 0 to infinity, the
+        phase of 1 + L then increases by a quarter turn for each pole at 0 if the closed loop is stable. If it is not,
+        the phase changes by a half turn or more in addition. The number of poles at 0 follows from the phase of L at
+        the lowest frequency.
         """
-        # The turn of 1 + L, rad, is the sum of small turns from each frequency to the next.
+        # The change of the phase of 1 + L is the sum of its small changes from each frequency to the next.
         phase_steps = wrapped_angle(np.diff(np.angle(1 + self.response), axis=1))
         # At the lowest frequency, each pole at 0 adds −90° to the phase of L. A loop here has at most two.
         poles_at_zero = np.round(-np.angle(self.response[:, 0]) / (np.pi / 2)).clip(0, 2)
-        further_turn = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
-        return freeze(np.abs(further_turn) < np.pi)
+        additional_change = phase_steps.sum(axis=1) - poles_at_zero * np.pi / 2
+        return freeze(np.abs(additional_change) < np.pi)
 
     @property
     def is_stable(self) -> bool:
@@ -156,23 +157,24 @@ class OpenLoop(Margins):
     def figures(self) -> Mapping[str, Array]:
         """Values (N,) of each figure of :class:`Margins`, by its name.
 
-        Each margin is read where the response crosses something: the unit circle (phase and delay margin), the negative
-        real axis (gain margin), or −3 dB (bandwidth). Crossings are interpolated linearly between frequencies, of the
-        logarithms of gain and frequency. If there is no crossing, margins are infinite, crossover and bandwidth NaN.
+        They follow from crossings of the response: with the unit circle (crossover, phase and delay margin), with the
+        negative real axis (gain margin), and of the closed loop with −3 dB (bandwidth). Crossings are interpolated
+        linearly between frequencies, in the logarithms of gain and frequency. Without a crossing, margins are infinite,
+        and crossover and bandwidth are NaN.
         """
         log_frequency = np.log(self.frequency)
         gain_crossings = _ZeroCrossings.of_rows(np.log(np.abs(self.response)))
         crossover = np.exp(gain_crossings.interpolate(log_frequency))
         phase_margin = _phase_margins(self.response, gain_crossings)
         log_gain_margin = _log_gain_margins(self.response)
-        # The bandwidth ends at the lowest frequency at which the closed loop falls to −3 dB.
+        # The bandwidth is the lowest frequency at which the closed loop crosses −3 dB.
         half_power_crossings = _ZeroCrossings.of_rows(np.abs(self.closed) - HALF_POWER_GAIN)
         log_bandwidth = half_power_crossings.minimum_by_row(
             half_power_crossings.interpolate(log_frequency)
         )
         delay_margin = phase_margin / (2 * np.pi * crossover)
         figures = {
-            # The highest crossover counts: the least of the negative ones.
+            # The highest crossover, as the negative of the smallest negative one.
             "crossover": -gain_crossings.minimum_by_row(-crossover),
             "phase_margin": np.degrees(
                 _infinite_if_nan(gain_crossings.minimum_by_row(phase_margin))
@@ -232,10 +234,10 @@ class _ZeroCrossings(NamedTuple):
         """Returns the least value among the crossings of each row.
 
         Args:
-            values: values at the crossings (K,); NaN values are passed over.
+            values: values at the crossings (K,); NaN values are ignored.
 
         Returns:
-            Least value of each row (N,); NaN where the row has no crossing.
+            Least value of each row (N,); NaN for a row without a crossing.
         """
         minimum = np.full(self.row_count, np.nan)
         np.fmin.at(minimum, self.rows, values)
@@ -243,16 +245,16 @@ class _ZeroCrossings(NamedTuple):
 
 
 def _phase_margins(response: Complex, gain_crossings: _ZeroCrossings) -> Array:
-    """Returns the phase margin, rad, at each frequency where the gain is 1: the phase of L above −180°.
+    """Returns the phase margin at each gain crossover: the phase of L above −180°, which is the angle of −L.
 
-    That is the angle of −L. It is interpolated along the unit circle between the frequencies beside the crossing.
+    It is interpolated along the unit circle between the two frequencies next to the crossing.
 
     Args:
         response: open-loop responses L (N, F).
         gain_crossings: the K crossings of the logarithm of |L| through 0.
 
     Returns:
-        Phase margins (K,), −π to π.
+        Phase margins (K,), rad, −π to π.
     """
     phase_before = np.angle(-response[gain_crossings.rows, gain_crossings.columns])
     phase_after = np.angle(-response[gain_crossings.rows, gain_crossings.columns + 1])
@@ -263,8 +265,8 @@ def _phase_margins(response: Complex, gain_crossings: _ZeroCrossings) -> Array:
 def _log_gain_margins(response: Complex) -> Array:
     """Returns the natural logarithm of the gain margin of each loop: the factor on L with which L passes through −1.
 
-    L can pass through −1 where it crosses the negative real axis. A loop may become unstable by less gain too, so the
-    logarithm may be negative. Of several crossings, the one nearest to −1 is taken.
+    That is the inverse of |L| at a crossing with the negative real axis. The logarithm is negative for a loop that
+    becomes unstable by less gain. Of several crossings, the one nearest to −1 is used.
 
     Args:
         response: (N, F) open-loop responses L.
@@ -277,7 +279,7 @@ def _log_gain_margins(response: Complex) -> Array:
     log_gain = crossings.interpolate(np.log(np.abs(response)))
     log_margin = np.where(is_negative_axis, -log_gain, np.nan)
     nearest = crossings.minimum_by_row(np.abs(log_margin))
-    # The least distance has no sign: where it is that of a crossing with a negative margin, it is made negative.
+    # The absolute value has lost its sign, which is restored if the nearest crossing has a negative margin.
     is_negative_margin = log_margin == -nearest[crossings.rows]
     nearest[crossings.rows[is_negative_margin]] *= -1
     return nearest
@@ -339,7 +341,7 @@ def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
 
     Args:
         controller: the controller C.
-        plant: the plants, behind the gyro's filters of this controller.
+        plant: the plants, with the gyro's filters of this controller.
 
     Returns:
         Responses of all loops (N, F).
@@ -355,8 +357,8 @@ def rate_loop(controller: Controller, plant: PlantResponse) -> OpenLoop:
 def attitude_loop(controller: Controller, rate: OpenLoop) -> OpenLoop:
     """Returns the loop of the attitude around the closed loop of the rate: L = angle gain / s · T_rate / filters.
 
-    T_rate is the response of the filtered rate to its setpoint. The angle is the integral of the unfiltered rate, so
-    the response of the gyro's filters is divided out.
+    T_rate is the response of the filtered rate to its setpoint. As the angle is the integral of the unfiltered rate,
+    T_rate is divided by the response of the gyro's filters.
 
     Args:
         controller: controller of the axis, with the gain of the attitude controller and the gyro's filters.

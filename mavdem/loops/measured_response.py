@@ -51,7 +51,7 @@ class MeasuredResponse(NamedTuple):
     controller_gain: float
     """Gain of the logged demand over the one that the parameters give; NaN where it is not known."""
     reason: Fact | None
-    """Why the two do not agree; ``None`` where they do."""
+    """Why the two do not agree; ``None`` if they do."""
 
 
 def measured_rate_response(
@@ -84,7 +84,7 @@ def measured_rate_response(
             allows for. (Of the same 128 loops it doubted 10, with whose advised gains the true plants had the margins.)
 
     Returns:
-        The comparison; ``None`` where the record has no rate setpoint, or too few windows.
+        The comparison; ``None`` if the record has no rate setpoint, or too few windows.
     """
     comparisons = []
     for pieces in _pieces_by_setpoint(record, controller, outputs_per_demand):
@@ -161,10 +161,10 @@ def _setpoints_by_name(record: Record) -> dict[str, Array]:
 
 
 def _finite_pieces(signals: Array, record: Record) -> list[Array]:
-    """Cuts signals into pieces without gaps, and keeps the pieces in which the setpoint, the first signal, moves.
+    """Cuts signals into pieces without gaps, and returns the pieces in which the setpoint, the first signal, changes.
 
-    Pieces end at the ends of the record's segments and where a signal begins or ceases to be finite. A constant
-    setpoint, such as that of a heading that is held, shows nothing of the response.
+    Pieces end at the ends of the record's segments, and where any signal begins or ceases to be finite. A constant
+    setpoint, such as that of a constant heading, does not show a response.
 
     Args:
         signals: (k, T) k signals at the samples of the record.
@@ -189,10 +189,10 @@ def _comparison_with_prediction(
 ) -> MeasuredResponse:
     """Compares a measured response of the rate to its setpoint with the predicted one.
 
-    The band is from ``MIN_COMPARED_FREQUENCY`` to where the coherence γ² of setpoint r and rate p is first lost:
-    beyond, wind and noise hide the response. The error of the predicted rate has two parts: (1 − γ²) S_pp, which the
-    setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses differ. The fit contains
-    both, the agreement only the second, since wind is no error of the loop.
+    The band begins at ``MIN_COMPARED_FREQUENCY`` and ends where setpoint r and rate p are no longer coherent: above
+    that, wind and noise hide the response. With the coherence γ², the error of the predicted rate has two parts:
+    (1 − γ²) S_pp, which the setpoint does not explain, and |T_measured − T_predicted|² S_rr, by which the responses
+    differ. The fit contains both, the agreement only the second, since wind is no error of the loop.
 
     Args:
         spectra: cross-spectra of setpoint, rate and demand, in this order.
@@ -202,7 +202,7 @@ def _comparison_with_prediction(
         closed: (F,) predicted response from setpoint to rate.
 
     Returns:
-        Band, Hz, and fit and agreement, %; whether they suffice is judged by the caller.
+        Band, Hz, and fit and agreement, %, without a ``reason``: the caller judges whether they suffice.
     """
     measured_frequency = spectra.frequency
     highest_prediction = frequency[-1]
@@ -214,7 +214,7 @@ def _comparison_with_prediction(
     predicted_response = np.interp(measured_frequency, frequency, closed)
     prediction_error = np.abs(spectra.response - predicted_response) ** 2 * spectra.driver_power
     unexplained_power = (1 - spectra.coherence) * rate_power
-    # The NRMSE is the root of the error's power over that of the rate.
+    # Both are 1 minus a normalised RMS error: the root of the power of an error over that of the rate.
     fit = agreement = 0.0
     if is_in_band.any():
         power = rate_power[is_in_band].sum()
@@ -233,8 +233,8 @@ def _comparison_with_prediction(
 def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
     """Returns the lowest frequency at which setpoint and rate are not coherent enough to be compared.
 
-    Frequencies up to ``MIN_COMPARED_FREQUENCY`` are not judged. If all others are coherent, it is the highest frequency
-    of the spectra.
+    Frequencies up to ``MIN_COMPARED_FREQUENCY`` are ignored. If all others are coherent, the result is the highest
+    frequency of the spectra.
 
     Args:
         spectra: cross-spectra of setpoint and rate, with their coherence.
@@ -242,7 +242,7 @@ def _first_incoherent_frequency(spectra: WelchSpectra) -> float:
     Returns:
         The frequency, Hz.
     """
-    # A comparison with NaN is false, so a coherence of NaN counts as incoherent.
+    # A coherence of NaN counts as incoherent, since comparisons with NaN are false.
     is_coherent = spectra.coherence >= MIN_COMPARED_COHERENCE
     is_judged = spectra.frequency > MIN_COMPARED_FREQUENCY
     incoherent_frequencies = spectra.frequency[is_judged & ~is_coherent]
@@ -254,8 +254,8 @@ def _reason_of_disagreement(
 ) -> Fact | None:
     """Returns the first reason why the measured response differs from the predicted one.
 
-    If the gains that flew differ from those of the parameters, the prediction is of another loop, and nothing else
-    matters. In a narrow band there is too little to compare.
+    The gains come first: if those that flew differ from those of the parameters, the prediction is that of another
+    loop. Then the band must be wide enough for a comparison.
 
     Args:
         controller_gain: gain of the logged demand relative to the one that the parameters give; NaN if it is not known.
@@ -265,7 +265,7 @@ def _reason_of_disagreement(
     Returns:
         The first reason, as a fact; None if they agree.
     """
-    # A gain of NaN fails this comparison, and is no reason.
+    # If the gain is NaN, this comparison is false.
     if abs(np.log(controller_gain)) > MAX_LOG_GAIN_ERROR:
         return Fact(ResponseFact.CONTROLLER_GAIN_DIFFERS, ratio=controller_gain)
     if highest_frequency < MIN_COMPARED_BAND:
@@ -281,9 +281,9 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
     """Returns the gain of the logged demand over the expected one: 1 if the logged gains are those that flew.
 
     The demand u is the controller's torque command. Setpoint r and rate p are logged too, and the controller's
-    responses to them, C_r and C_p, follow from the parameters. So the demand to be expected is û = C_r r − C_p p. The
-    gain from û to u is |S_ûu / S_ûû|, by their cross-spectrum and the power of û. Its median is taken over the
-    frequencies at which the two are coherent; elsewhere other parts of the demand, or noise, hide it.
+    responses to them, C_r and C_p, follow from the parameters. So the expected demand is û = C_r r − C_p p. The gain
+    from û to u is |S_ûu / S_ûû|, by their cross-spectrum and the power of û. The result is its median over the
+    frequencies at which the two are coherent; at others, other parts of the demand or noise hide it.
 
     Args:
         spectra: cross-spectra of setpoint r (index 0), rate p (1) and demand u (2).
@@ -291,11 +291,11 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
         controller: C, by the parameters of the log.
 
     Returns:
-        The gain; NaN where too few frequencies are coherent, or messages are too slow.
+        The gain, without unit; NaN if too few frequencies are coherent, or messages are too slow.
     """
     setpoint_and_rate = slice(0, 2)
     demand = 2
-    # The controller's integral divides by the frequency, so the frequency 0 is replaced by the next one.
+    # The frequency 0 is replaced by the next one, since the controller's integral divides by it.
     positive_frequency = np.maximum(spectra.frequency, spectra.frequency[1])
     demand_from_setpoint, demand_from_rate = controller_response(controller, positive_frequency)
     # û is the sum of responses × signals, so S_ûu and S_ûû follow from the logged spectra. Indices: i and j are the
@@ -320,9 +320,9 @@ def _controller_gain(spectra: WelchSpectra, dt: float, controller: Controller) -
 def interpolated_setpoint(setpoint: Array) -> Array:
     """Interpolates a setpoint linearly between its messages.
 
-    A record holds the value of the last message, so the setpoint looks like stairs, while the true one moved smoothly.
-    A message shows as a change of value. If the value stays the same for longer than the usual time between messages,
-    the setpoint did not move: this plateau ends one usual step before the next change.
+    A record holds the value of the last message, so that the setpoint has steps, while the true one moved smoothly.
+    Each change of the value is taken as a message. If the value is constant for longer than the usual time between
+    messages, the setpoint did not move: such a plateau ends one usual step before the next change.
 
     Args:
         setpoint: samples of the held setpoint (T,), in any unit.

@@ -92,7 +92,13 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
 
 
 def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
-    """Returns the parameters that describe the airframe, with their values, in the order of their names.
+    """Returns the parameters that describe the airframe, which begin with ``CA_`` (control allocation).
+
+    Args:
+        parameters: parameters of the log, by name.
+
+    Returns:
+        Names and values, sorted by name: a tuple, so that it can be the key of a cache.
 
     Raises:
         NotLearnable: there are none, as in firmware before PX4 v1.14, which has the mixer in a file.
@@ -107,11 +113,10 @@ def _airframe(parameters: Parameters) -> tuple[tuple[str, float], ...]:
 def _mixer(airframe: tuple[tuple[str, float], ...]) -> dict[str, Numbers]:
     """Returns PX4's mixer: the thrust of each motor for a torque demand of 1 about each axis.
 
-    The results are kept, since a search for gains makes hundreds of controllers of one airframe.
-
     It is the inverse of the matrix of the motors' effects, normalised as in
     ``ControlAllocationPseudoInverse::updateControlAllocationMatrixScale``: the columns of roll and pitch by the larger
-    of their two norms √(Σ thrust² / pairs of motors that act on the axis), that of yaw by its largest element.
+    of their two norms √(Σ thrust² / pairs of motors that act on the axis), that of yaw by its largest element. Results
+    are cached, since a search for gains builds hundreds of controllers of one airframe.
 
     Args:
         airframe: parameters of the airframe with their values, such as the positions of the motors.

@@ -80,8 +80,8 @@ def controller_if_known(signals: Signals) -> Controller | None:
         signals: signals of the vehicle, for the axis.
 
     Returns:
-        The controller, whose output is the demand; ``None`` where the log lacks its parameters, or they are of no known
-        autopilot.
+        The controller, whose output is the demand; None if the log lacks its parameters, or they are not those of a
+        known autopilot.
     """
     no_mixer = (1.0,)
     try:
@@ -102,7 +102,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
         segments: segments of the flight to use.
 
     Returns:
-        The resonance; ``None`` where there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too
+        The resonance; ``None`` if there are no setpoints, messages are slower than ``MIN_STREAM_RATE``, or too
         little of the rate follows the setpoint.
     """
     if signals.rate_and_setpoint is None:
@@ -141,12 +141,13 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
 
 
 def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) -> Indices:
-    """Returns the widest band of frequencies in which pilot or navigation, and not the wind, move the rate.
+    """Returns the widest band of frequencies in which pilot or navigation, and not the wind, cause the rate setpoint.
 
-    The attitude controller makes the rate setpoint r = x − K p / s from the demand x of pilot or navigation, and the
-    angle p / s. So r also moves with the wind, which turns the vehicle. The power of x = r + K p / s relative to that
-    of r is the share of r that was demanded. With the response T from r to the rate p, the part of p that follows r
-    contributes |1 + K T / s|² to this ratio, and the rest of p |K / s|² times its power relative to that of r.
+    The attitude controller computes the rate setpoint r = x − K p / s from the command x of pilot or navigation, and
+    from the angle p / s. So r also changes with the wind, which rotates the vehicle. The power of x = r + K p / s
+    relative to that of r is the share of r that was commanded. With the response T from r to the rate p, the part of p
+    that follows r contributes |1 + K T / s|² to this ratio. The rest of p contributes |K / s|² times its power relative
+    to that of r.
 
     Args:
         spectra: cross-spectra of the setpoint r (index 0) and the rate p (index 1).
@@ -158,7 +159,7 @@ def _steered_rows(spectra: WelchSpectra, frequency: Array, angle_gain: float) ->
     """
     angle_feedback = angle_gain / (2j * np.pi * frequency)
     steered_share = abs(1 + angle_feedback * spectra.response) ** 2
-    # Of the ratio of powers S_pp / S_rr, |T|² follows the setpoint.
+    # The part of the ratio S_pp / S_rr that follows the setpoint is |T|²; the rest is incoherent with it.
     rate_per_setpoint_power = spectra.power[1, 1].real / spectra.driver_power
     incoherent_power = rate_per_setpoint_power - abs(spectra.response) ** 2
     steered_share += abs(angle_feedback) ** 2 * incoherent_power
@@ -208,7 +209,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
         segments: segments of the flight to use.
 
     Returns:
-        The resonance; ``None`` where messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the background by
+        The resonance; ``None`` if messages are slower than ``MIN_STREAM_RATE``, nothing exceeds the background by
         ``MIN_PEAK_RATIO``, or the rate is not coherent with the motors' command at the peak.
     """
     attitude = signals.attitude

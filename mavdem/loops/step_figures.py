@@ -39,8 +39,8 @@ def step_figures(
     Args:
         time: times after the step (K,), s.
         steps: responses to a step of 1 (N, K), that of the estimate in row ``ESTIMATE``, then those of draws.
-        frequency: known frequencies (F,), Hz.
-        gains: gains |T| (N, F), in the same order.
+        frequency: frequencies (F,), Hz, at which the response is known.
+        gains: gains |T| (N, F), with rows in the same order.
 
     Returns:
         Figures by name; times in s, frequencies in Hz.
@@ -65,10 +65,10 @@ def rise_times(time: Array, steps: Array) -> Array:
 
     Args:
         time: times after the step (K,), s.
-        steps: responses (N, K), which are 0 at time 0. One that never reaches 90 % has the whole duration.
+        steps: responses to a step of 1 (N, K), which are 0 at time 0.
 
     Returns:
-        The times (N,), s.
+        The times (N,), s; the whole duration for a response that never reaches 90 %.
     """
     tenth_times = _first_times(time, steps, 0.1)
     nine_tenth_times = _first_times(time, steps, 0.9)
@@ -77,12 +77,12 @@ def rise_times(time: Array, steps: Array) -> Array:
 
 
 def _unbiased_overshoots(steps: Array) -> Array:
-    """Returns the overshoots of the estimate and of draws, without what noise adds to a largest value.
+    """Returns the overshoots of the estimate and of draws, corrected for the bias of a maximum by noise.
 
-    Noise raises the highest value of a step. The estimate contains noise once, and a draw, made around the estimate,
-    twice. So the mean excess of the draws over the estimate is the bias of the estimate, as in a bootstrap. The excess
-    of each draw is reflected about the uncorrected estimate, which gives the basic bootstrap's interval (A. C. Davison
-    and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
+    Noise increases the maximum of a step. The estimate contains noise once, and a draw, which is made around the
+    estimate, twice. So the mean excess of the draws over the estimate is the bias of the estimate, as in a bootstrap.
+    The excess of each draw is reflected about the uncorrected estimate, which gives the interval of the basic bootstrap
+    (A. C. Davison and D. V. Hinkley, Bootstrap Methods and their Application, sec. 5.2).
 
     Args:
         steps: responses to a step of 1 (N, K), that of the estimate in row ``ESTIMATE``, then those of draws.
@@ -108,9 +108,9 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
         level: level to be exceeded, as a fraction of the step.
 
     Returns:
-        Times (N,), s; the last of ``time`` where a response never exceeds the level.
+        Times (N,), s; the last of ``time`` for a response that never exceeds the level.
     """
-    # The running maximum never falls, so it exceeds the level once.
+    # The running maximum never decreases, so that it crosses the level once.
     running_maximum = np.maximum.accumulate(steps, axis=1)
     is_below = running_maximum <= level
     # The values before and after the level is exceeded; the first sample, which is 0, is below any level.
@@ -123,11 +123,12 @@ def _first_times(time: Array, steps: Array, level: float) -> Array:
 
 
 def with_interval(values: Array) -> IntervalEstimate:
-    """Returns a figure with its 90 % interval.
+    """Returns the value of an estimate with its 90 % interval by draws.
+
+    Of the draws, 5 % are below the interval and 5 % above it. It is widened if it does not contain the estimate.
 
     Args:
-        values: figures (N,), that of the estimate first, then those of draws. 5 % of the draws lie below the interval
-            and 5 % above it; it is widened to hold the estimate.
+        values: values (N,), that of the estimate first, then those of draws.
     """
     low, high = np.quantile(values[DRAWS], INTERVAL_QUANTILES).tolist()
     value = values[ESTIMATE]

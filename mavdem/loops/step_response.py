@@ -173,9 +173,10 @@ class StepResponse(ImmutableResult):
     def comparison(self, frequency: Array, closed: Complex) -> Fact:
         """Compares a predicted closed loop with the measured one, by their gains.
 
-        The two disagree at a frequency if the predicted |T| is outside the band of the measured one. If they disagree
-        at more than ``MAX_DISAGREEING_SHARE`` of the frequencies, one of them is wrong. It is the prediction, unless it
-        peaks beyond the frequencies that the flight shows: then the measurement may have missed the peak.
+        The two disagree at a frequency if the predicted |T| is outside the interval of the measured one. If they
+        disagree at more than ``MAX_DISAGREEING_SHARE`` of the frequencies, one of them is wrong. That is the
+        prediction, unless it peaks above the highest frequency that the flight shows: then the measurement may have
+        missed the peak.
 
         Args:
             frequency: frequencies of the prediction (F′,), Hz.
@@ -187,7 +188,7 @@ class StepResponse(ImmutableResult):
         subject = f"{self.axis} {self.loop}"
         predicted_gain = abs(closed)
         predicted_here = np.interp(self.frequency, frequency, predicted_gain)
-        # The estimate assumes |T| ≈ 1 at 0 Hz to this error, so no band is narrower.
+        # The estimate assumes |T| = 1 at 0 Hz up to this error, so that no interval is narrower.
         half_width = np.maximum(self.gain_half, STEADY_STATE_ERROR)
         disagrees = abs(predicted_here - self.gain) > half_width
         share = disagrees.mean()
@@ -213,16 +214,17 @@ def rate_step_response(
 ) -> StepResponse | Fact:
     """Measures the response of the body rate to its setpoint in flight.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate setpoint. It is added where it is
-    missing, for which the angle and its setpoint are needed. Other autopilots' rate setpoints contain it.
+    The rate setpoint in ArduPilot's ATTITUDE_TARGET lacks the correction by the attitude controller. If it is missing
+    it is added, which needs the angle and its setpoint. The rate setpoints of other autopilots contain it.
 
     Args:
         signals: signals of the vehicle, for the axis.
         segments: segments of the flight to use.
-        loop: the identified loop of the axis, for a rate that is too fast for its messages; ``None`` without one.
+        loop: the identified loop of the axis, whose response is returned if the rate rises too fast for its messages;
+            None without one.
 
     Returns:
-        The step response, or a fact with the reason.
+        The step response, or a fact with the reason why it is not known.
     """
     if signals.rate_and_setpoint is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} rate")
@@ -241,14 +243,14 @@ def rate_step_response(
 def attitude_step_response(signals: Signals, segments: Segments) -> StepResponse | Fact:
     """Measures the response of the angle to its setpoint in flight.
 
-    Angles move more slowly than rates, so slower messages are enough.
+    Slower messages suffice than for the rate, since angles change more slowly.
 
     Args:
         signals: signals of the vehicle, for the axis.
         segments: segments of the flight to use.
 
     Returns:
-        The step response, or a fact with the reason.
+        The step response, or a fact with the reason why it is not known.
     """
     if signals.angle_setpoint is None or signals.attitude is None:
         return Fact(StepResponseFact.NO_SETPOINT, subject=f"{signals.axis} attitude")
@@ -333,7 +335,7 @@ def _measured_step_response(
 def _with_setpoint_within_half_turn(piece: Array) -> Array:
     """Shifts the angle setpoint by whole turns, so that it differs from the angle by at most half a turn.
 
-    Both angles were unwrapped by themselves, so they may be whole turns apart.
+    The two angles were unwrapped separately, so that they may differ by whole turns.
 
     Args:
         piece: angle setpoint and angle in its rows (2, N), rad.
@@ -348,8 +350,8 @@ def _with_setpoint_within_half_turn(piece: Array) -> Array:
 def _decimation(sampling_rate: float, min_rate: float, spectra: WelchSpectra) -> int:
     """Returns the whole number by which the rate of the samples is divided before a response is estimated.
 
-    The rate stays at least ``SAMPLES_PER_COHERENT_PERIOD`` times the highest frequency at which setpoint and response
-    are coherent.
+    After the division, the rate is at least ``min_rate``, and at least ``SAMPLES_PER_COHERENT_PERIOD`` times the
+    highest frequency at which setpoint and response are coherent, if the samples are so fast.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -383,7 +385,7 @@ def decimated_pieces(pieces: list[Array], decimation: int) -> list[Array]:
     low_pass /= low_pass.sum()
     thinned_pieces = []
     for piece in pieces:
-        # Both ends are continued by the line through them, so that the filter makes no step there.
+        # Beyond both ends the piece is extended by the line through its ends, so that the filter sees no step there.
         samples = np.arange(-half_length, piece.shape[1] + half_length)
         slope = (piece[:, -1:] - piece[:, :1]) / (piece.shape[1] - 1)
         line = piece[:, :1] + slope * samples
@@ -399,9 +401,9 @@ def _with_angle_and_correction(
 ) -> list[Array]:
     """Completes pieces of rate setpoint and rate with the angle, and with the correction of the attitude controller.
 
-    The correction is angle gain × error of the angle, and is part of the setpoint that the rate controller follows, but
-    some messages leave it out. It is added to those; without a recorded angle setpoint, the rate setpoint is assumed to
-    contain it. An angle that was not recorded is replaced by the integral of the rate.
+    The correction is angle gain × error of the angle. It is part of the setpoint that the rate controller follows, but
+    some messages lack it. It is added to those. If the angle setpoint was not recorded, the rate setpoint is assumed to
+    contain the correction. An angle that was not recorded is replaced by the integral of the rate.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -430,8 +432,8 @@ def _with_angle_and_correction(
 def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: float) -> bool:
     """Returns whether a logged rate setpoint contains the attitude controller's correction, by a regression.
 
-    It is regressed on two terms: setpoint = a · derivative of the angle setpoint + b · angle gain · error of the angle.
-    The second is the correction, so the setpoint contains it if b is nearer to 1 than to 0.
+    The rate setpoint is regressed on the derivative of the angle setpoint, and on the correction, angle gain · error of
+    the angle. It contains the correction if the coefficient of that is nearer to 1 than to 0.
 
     Args:
         sampling_rate: rate of the samples, Hz.
@@ -461,12 +463,12 @@ class _Responses(NamedTuple):
 def _responses(estimate: ImpulseResponse, timing_error: float, max_frequency: float) -> _Responses:
     """Computes step and frequency responses of an estimated impulse response, and of draws of its values.
 
-    A setpoint moved at an unknown time since the message before, and all that follows is earlier or later by as much.
-    So the steps of the draws are shifted by random times.
+    It is not known when between two messages a setpoint changed, so that the whole response may be earlier or later. To
+    include this uncertainty, the steps of the draws are shifted by random times.
 
     Args:
         estimate: the impulse response, with the covariance of its values.
-        timing_error: largest time by which the setpoint may be early or late, s.
+        timing_error: largest shift of the setpoint to either side, s.
         max_frequency: highest frequency of the frequency responses, Hz.
 
     Returns:
@@ -504,7 +506,7 @@ def _step_response_with_figures(
         axis: "roll", "pitch" or "yaw".
         loop: "rate" or "attitude".
         estimate: the impulse response.
-        timing_error: largest time by which the setpoint may be early or late, s.
+        timing_error: largest shift of the setpoint to either side, s.
         spectra: cross-spectra of setpoint and response, for their coherence.
         rate_loop: the identified loop, for a rate that is too fast for its messages; ``None`` without one.
 

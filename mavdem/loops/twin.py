@@ -84,9 +84,9 @@ class Twin(ImmutableResult):
     drag: Drag
     """Drag of the vehicle; that of typical vehicles where the flight does not show it, as its ``source`` states."""
     wind_speed: float | None
-    """Speed of the mean wind in the flight, m/s; ``None`` where it is not known."""
+    """Speed of the mean wind in the flight, m/s; ``None`` if it is not known."""
     wind_direction: float | None
-    """Direction that the mean wind comes from, degrees; ``None`` where it is not known."""
+    """Direction that the mean wind comes from, degrees; ``None`` if it is not known."""
     parameters: Parameters
     """Parameters of the autopilot's rate and attitude control, by name."""
     notes: NamedFacts
@@ -103,8 +103,8 @@ class Twin(ImmutableResult):
         """Derivative of one motor's thrust by its output, in hover, N per unit of output.
 
         In hover, each of four motors carries T = m g / 4. By the thrust curve c u (1 − e + e u) of command u, the slope
-        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The command goes from 0 to 1 over a part of the output's range
-        only, so that the slope by the output is larger by 1 / (spin_max − spin_min).
+        is dT/du = T (1 − e + 2 e u) / (u (1 − e + e u)). The range of the command, 0 to 1, is only a part of the
+        output's range, so that the slope by the output is larger by the factor 1 / (spin_max − spin_min).
         """
         spin_min, spin_max = self.spin
         relative_thrust = self.command * (1 - self.expo + self.expo * self.command)
@@ -131,7 +131,7 @@ def build_twin(
         loops: identified loops by axis, "roll" among them.
         px4: whether the autopilot is PX4; otherwise it is ArduPilot.
         hover: mean output of the motors in hover, as a share of their range.
-        wind: the wind of the flight; None where it is not known. It is used if both its speed and its direction are.
+        wind: the wind of the flight; None if it is not known. It is used if both its speed and its direction are.
         drag: drag of the vehicle, or of typical ones.
         mass: mass, kg; ``None`` for an assumed one.
 
@@ -199,13 +199,16 @@ class _Arm(NamedTuple):
 def _arm(parameters: Parameters, mass: float) -> _Arm:
     """Returns the distance of the motors of a quadrotor from its centre of mass.
 
-    PX4's parameters ``CA_ROTORn_PX`` and ``PY`` have the positions. They are used only if all are set and are in
-    metres: positions whose largest is exactly 1 are normalised. Otherwise the arm is assumed from the mass
-    (``ARM_PER_ROOT_MASS``).
+    PX4's parameters ``CA_ROTORn_PX`` and ``PY`` have the positions. They are used only if all are set, and in metres:
+    if the largest is exactly 1, they are normalised. Otherwise the arm is assumed to be proportional to the cube root
+    of the mass (``ARM_PER_ROOT_MASS``).
 
     Args:
         parameters: parameters of the autopilot, by name.
         mass: mass, kg.
+
+    Returns:
+        Mean distances of the motors forward and to the right, m, and whether the parameters have them.
     """
     motors = range(MOTOR_COUNT)
     forward = [parameters.get(f"CA_ROTOR{motor}_PX", 0.0) for motor in motors]
@@ -230,7 +233,7 @@ class _ControlParameters(NamedTuple):
 
 
 def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameters:
-    """Returns the parameters of the autopilot's control with which the simulator flies the twin.
+    """Returns the autopilot's control parameters with which the simulator flies the twin.
 
     They are those of the log with two changes. A rate loop that is faster than ``MAX_LOOP_RATE`` is slowed down to
     that, to save time. The mixer's geometry (``CA_*``) is left out, since the twin has its own.
@@ -238,6 +241,9 @@ def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameter
     Args:
         logged: parameters of the log, by name.
         autopilot: "px4" or "ardupilot".
+
+    Returns:
+        The autopilot, the parameters, and the period of the rate loop, s.
     """
     rate_name = LOOP_RATE_PARAMETERS[autopilot]
     logged_rate = logged.get(rate_name, 0.0) or DEFAULT_LOOP_RATES[autopilot]
@@ -250,13 +256,14 @@ def _control_parameters(logged: Parameters, autopilot: str) -> _ControlParameter
 def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
     """Computes the moments of inertia of a twin, and the moment of its propellers, from the loops' effectiveness.
 
-    The inertia about roll and pitch is the torque of a demand over the angular acceleration that the flight shows. A
-    multirotor is flat, so its moment of inertia about yaw is the sum of the two others (perpendicular axis theorem).
-    The loop of yaw then gives the propellers' moment, which is their torque over their thrust.
+    The inertia about roll and pitch is the torque of a demand over the angular acceleration that the flight shows. As a
+    multirotor is flat, its moment of inertia about yaw is the sum of the two others (perpendicular axis theorem). With
+    that, the propellers' moment, which is their torque over their thrust, follows from the loop of yaw.
 
     Args:
         twin: twin with mass, arm, output in hover and thrust curve, whose inertia is not set yet.
-        loops: identified loops by axis, "roll" among them. Pitch is like roll where its loop is not known.
+        loops: identified loops by axis, "roll" among them. If the loop of pitch is not known, its inertia is assumed to
+            be that of roll.
 
     Returns:
         The twin with its inertia, kg m², and moment, m.
@@ -269,8 +276,8 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
     inertia_yaw = inertia_roll + inertia_pitch
     moment = twin.moment
     if "yaw" in loops:
-        # About yaw, the lever of a motor is the moment of its propeller, which is not known yet. The inertia is in
-        # proportion to the lever, so that with a lever of 1 m the result is the inertia over the moment.
+        # About yaw, the lever of a motor is the moment of its propeller, which is not known yet. As the inertia is
+        # proportional to the lever, the result with a lever of 1 m is the inertia per moment.
         inertia_per_moment = _inertia(twin, "yaw", loops["yaw"], lever=1.0)
         moment = inertia_yaw / inertia_per_moment
     return replace(twin, inertia=(inertia_roll, inertia_pitch, inertia_yaw), moment=moment)
@@ -279,10 +286,10 @@ def _with_inertia(twin: Twin, loops: LoopsByAxis) -> Twin:
 def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
     """Returns the moment of inertia about an axis from the control effectiveness of its loop.
 
-    By Newton's second law it is M / α, with the torque M and the angular acceleration α of a demand of 1, the largest
-    torque command of the rate controller. The flight shows α, the control effectiveness of the identified plant. M
-    follows from the twin: the mixer gives the change of each motor's output, the slope of the thrust curve that of its
-    thrust, and the lever that of its torque. So M = lever · slope · Σ |output per demand|.
+    It is M / α, with the torque M and the angular acceleration α for a demand of 1. α is the control effectiveness of
+    the identified plant. M follows from the twin: the mixer determines the change of each motor's output, the slope of
+    the thrust curve that of its thrust, and the lever that of its torque, so that
+    M = lever · slope · Σ |output per demand|.
 
     Args:
         twin: an X quadrotor, with its arm, its output in hover, and the slope of its thrust curve.
@@ -294,12 +301,13 @@ def _inertia(twin: Twin, axis: str, loop: Loop, lever: float) -> float:
         The moment of inertia, kg m².
     """
     forward_arm, right_arm = twin.arm
-    # PX4 reads the mixer from the motors' positions; ArduPilot from the class of the frame, and here the signs.
+    # The mixer of PX4 follows from the positions of the motors, that of ArduPilot from the class of the frame and the
+    # signs that are passed below.
     x_frame = {"CA_ROTOR_COUNT": float(MOTOR_COUNT), "FRAME_CLASS": 1.0}
     # Each motor has the signs (1 or -1) of its torques about roll, pitch and yaw.
     motor_signs = zip(*TORQUE_SIGNS.values(), strict=True)
     for motor, (roll_sign, pitch_sign, yaw_sign) in enumerate(motor_signs):
-        # A motor in front raises the nose, a motor on the right rolls to the left.
+        # A motor in front raises the nose (positive pitch), a motor on the right rolls to the left (negative roll).
         x_frame[f"CA_ROTOR{motor}_PX"] = forward_arm * pitch_sign
         x_frame[f"CA_ROTOR{motor}_PY"] = -right_arm * roll_sign
         x_frame[f"CA_ROTOR{motor}_KM"] = yaw_sign
@@ -322,6 +330,9 @@ def _notes(
         is_mass_given: whether the mass is known; otherwise it is assumed.
         is_arm_measured: whether the parameters have the arm; otherwise it is assumed.
         drag: drag of the vehicle, or of typical ones.
+
+    Returns:
+        Facts by the names of the attributes.
     """
     effectiveness_notes = {axis: _effectiveness_note(loop) for axis, loop in loops.items()}
     notes = {
@@ -337,7 +348,7 @@ def _notes(
         "lag": Fact(TwinFact.LAG_NOTE, lag=_half_width(loops["roll"], "lag")),
     }
     for name in ("linear", "quadratic"):
-        # The note of each coefficient states the intervals of both: lower and upper end, each the mean over both axes.
+        # The note of either coefficient states the intervals of both: lower and upper end, averaged over both axes.
         notes[f"drag_{name}"] = Fact(
             TwinFact.DRAG_NOTE,
             subject=name,

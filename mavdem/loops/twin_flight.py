@@ -55,9 +55,8 @@ class ReplaySegment(NamedTuple):
 def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
     """Returns the part of a recorded flight that the twin can fly again: setpoints and motion of each axis.
 
-    The twin flies all axes at once, so the segments of all axes must cover the same time. That is the longest segment
-    of roll, cut at ``MAX_REPLAY_SECONDS``. Pitch and yaw are included if they were identified from the same segments as
-    roll, and yaw only if it was steered.
+    It is the longest segment of roll, cut at ``MAX_REPLAY_SECONDS``. As the twin flies all axes at once, pitch and yaw
+    are included only if they were identified from the same segments as roll; yaw must also have been steered.
 
     Args:
         loops: identified loops by axis, "roll" among them.
@@ -81,10 +80,10 @@ def replay_segments(loops: LoopsByAxis) -> dict[str, ReplaySegment]:
 
 
 def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
-    """Returns the motion of one axis in some rows of a record, and the setpoints with which the twin can fly the same.
+    """Returns the motion of one axis in some rows of a record, and the setpoints with which the twin can repeat it.
 
-    An attitude controller adds a correction, angle gain × error of the angle, to the rate setpoint. The twin has such a
-    controller too, so the correction must be subtracted from a logged setpoint that contains it. ArduPilot's
+    An attitude controller adds a correction, angle gain × error of the angle, to the rate setpoint. As the twin has
+    such a controller too, the correction is subtracted from a logged setpoint that contains it. ArduPilot's
     ATTITUDE_TARGET does not contain it, ArduPilot's other messages and PX4's do. To find out, the logged rate setpoint
     is compared with three signals: the derivative of the angle setpoint (no correction), the sum of that and the
     correction, and the correction alone.
@@ -103,8 +102,8 @@ def _replay_segment(loop: Loop, rows: slice) -> ReplaySegment | None:
         columns = _setpoints(loop, rows, ["yaw rate setpoint"])
         if columns is None:
             return None
-        # Yaw is steered by its rate, so the setpoint of its angle is 0. If the rate setpoint hardly moves, the heading
-        # was only held.
+        # Yaw is steered by its rate, so that the setpoint of its angle is 0. If the rate setpoint hardly changes, the
+        # heading was only held.
         (yaw_rate_setpoint,) = columns
         is_steered = yaw_rate_setpoint.std() > MIN_YAW_SETPOINT_RATIO * outputs.std()
         if not is_steered:
@@ -135,8 +134,8 @@ def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | N
         names: names of the setpoints, such as "roll setpoint".
 
     Returns:
-        Each setpoint (T,), in the order of the names. ``None`` where the record lacks one of them, or all of them
-        together were recorded in less than ``MIN_SETPOINT_SHARE`` of the rows.
+        Each setpoint (T,), in the order of the names. None if the record lacks one of them, or if all of them together
+        were recorded in less than ``MIN_SETPOINT_SHARE`` of the rows.
     """
     record = loop.record
     if record.setpoints is None or not set(names) <= set(record.setpoint_names):
@@ -156,8 +155,9 @@ def _setpoints(loop: Loop, rows: slice, names: Sequence[str]) -> list[Array] | N
 def compare_twin_with_flight(twin: Twin, loops: LoopsByAxis) -> dict[str, dict[str, list[float]]]:
     """Flies the twin on the setpoints of the recorded flight, and compares the two motions by figures.
 
-    The wind of the recorded flight is not known in time, only its spectrum. So the twin flies ``TWIN_FLIGHTS`` times in
-    other wind of that spectrum, and figures such as standard deviations are compared instead of time series.
+    Only the spectrum of the wind in the recorded flight is known, not its time series. So the twin flies
+    ``TWIN_FLIGHTS`` times, each in other random wind of that spectrum, and figures such as standard deviations are
+    compared instead of time series.
 
     Args:
         twin: the twin of the vehicle.
@@ -190,15 +190,15 @@ def fly_twin(
 ) -> Array:
     """Flies the twin on the setpoints of a recorded flight, in random wind torque with the spectra of that flight.
 
-    Axes without a segment keep a setpoint of 0, without wind torque.
+    Axes without a segment have a setpoint of 0 and no wind torque.
 
     Args:
         twin: the twin of the vehicle.
         loops: identified loops by axis, with the spectra of the wind torque.
         segments: setpoints by axis, "roll" among them, at T samples each.
         seed: seed of the wind and of the sensors' noise.
-        is_estimated: whether the motion is the autopilot's estimate, with the noise of its sensors, as a log has it;
-            else it is the true one.
+        is_estimated: whether to return the autopilot's estimate of the motion, with the noise of its sensors, as in a
+            log, instead of the true motion.
 
     Returns:
         Angles, rad, and rates, rad/s, of roll, pitch and yaw (T, 3, 2).
@@ -236,7 +236,7 @@ def _simulated_motion(
         setpoints: setpoints of angle, rad, and rate, rad/s, of roll, pitch and yaw (T, 3, 2).
         torque: wind torque per moment of inertia about the three axes (T, 3), rad/s².
         seed: seed of the sensors' noise.
-        is_estimated: whether the motion is the autopilot's estimate, and not the true one.
+        is_estimated: whether to return the autopilot's estimate of the motion instead of the true one.
 
     Returns:
         Angles, rad, and rates, rad/s (T, 3, 2).

@@ -74,14 +74,15 @@ def welch_spectra(
     """Estimates the cross-spectra of several signals of a flight by Welch's method.
 
     Args:
-        signals: k signals, such as setpoint and rate; the first drives the second.
+        signals: k signals, such as setpoint and rate. The first is the input, and the second the output, of the
+            response and coherence of the result.
         segments: segments of the flight to use.
         window_seconds: length of a window, s.
         min_rate: lowest accepted rate of a signal, Hz.
 
     Returns:
-        The spectra; ``None`` where a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS``
-        windows without gaps.
+        The spectra; None if a signal is slower than ``min_rate``, or there are fewer than ``MIN_WINDOWS`` windows
+        without gaps.
     """
     signals_on_grid = resampled_signals(signals, segments, window_seconds, min_rate)
     if signals_on_grid is None:
@@ -100,7 +101,7 @@ def welch_spectra_of_pieces(
         window_seconds: length of a window, s.
 
     Returns:
-        The spectra; ``None`` where there are fewer than ``MIN_WINDOWS`` windows.
+        The spectra; None if there are fewer than ``MIN_WINDOWS`` windows.
     """
     size = round(window_seconds * rate)
     transforms_of_pieces = [
@@ -137,7 +138,7 @@ def resampled_signals(
         max_rate: highest rate of the result, Hz.
 
     Returns:
-        The pieces; ``None`` where a signal is slower than ``min_rate``, or there is no piece of ``min_seconds``.
+        The pieces and their rate; None if a signal is slower than ``min_rate``, or no piece lasts ``min_seconds``.
     """
     rate = min(max_rate, *map(rate_between_outages, signals))
     if rate < min_rate:

@@ -81,9 +81,9 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
     Args:
         train: a ``Flight``, or segments of one. Its rate, in rad/s, is the output that is the derivative of another, or
             the only output.
-        prior: physical parameters by an earlier flight of the vehicle. What this flight does not identify stays as it
-            was then, but for changes from flight to flight. A prior of other inputs, or one that the flight
-            contradicts, is ignored.
+        prior: physical parameters by an earlier flight of the vehicle. A parameter that this flight does not identify
+            is then that of the earlier flight, with a variance for changes between flights. A prior of other inputs, or
+            one that the flight contradicts, is ignored.
 
     Returns:
         The parameters, each with its status; or the reason why there are none: wrong units, no output is the rate of
@@ -94,7 +94,7 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
     if unit_error:
         return NotIdentifiable(unit_error)
     try:
-        # Values that overflow are not finite, and the fit takes no step to them.
+        # No warnings of overflow: the fit rejects steps to values that are not finite.
         with one_thread(), np.errstate(all="ignore"):
             return _estimate_parameters(cut_windows(record), _mixer_directions(record), prior)
     except NotLearnable as error:
@@ -107,15 +107,15 @@ def physical(train: TrainingData, prior: Physical | None = None) -> Physical | N
 def _mixer_directions(record: Record) -> Array | None:
     """Returns the relative strength with which each motor turns the vehicle about the axis.
 
-    The record has it where the vehicle's mixer is known. Otherwise the mixer is estimated by the joint model of motors
-    and motion (:func:`axis_mixer`). That estimate is only used if it is the pattern of an X or plus frame, whose motors
-    all have effects of one magnitude, or none: then it is not a chance result.
+    The record has it if the vehicle's mixer is known. Otherwise the mixer is estimated by the joint model of motors and
+    motion (:func:`axis_mixer`). That estimate is only used if it is the pattern of an X or plus frame, in which each
+    motor has either no effect or one of the common magnitude: such a pattern does not arise by chance.
 
     Args:
         record: inputs and outputs of the flight.
 
     Returns:
-        Relative effects (r,) of the r inputs, with sign; ``None`` where the mixer is neither known nor recognised.
+        Relative effects (r,) of the r inputs, with sign; None if the mixer is neither known nor recognised.
     """
     if record.effect_directions is not None or record.inputs.shape[1] < MIN_MOTORS:
         return record.effect_directions
@@ -164,7 +164,7 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
 
     Args:
         windows: all windows of the flight; at most ``MAX_SELECTION_WINDOWS`` of them, evenly spread, are used.
-        directions: relative effect of each input (r,), or ``None`` where it is not known.
+        directions: relative effect of each input (r,), or ``None`` if it is not known.
 
     Returns:
         The best fit; and how much mean effect, damping and lag differ between the spectra, as a measure of the error
@@ -213,12 +213,12 @@ def _is_possible(fit: GrayBoxFit) -> bool:
 
 
 def _plant_values(model: GrayBoxModel, theta: Array, dt: float) -> Array:
-    """Converts the parameters of the fit, which are mostly logarithms, to physical ones.
+    """Converts the parameters of the fit, which are mostly logarithms, to physical parameters.
 
     Args:
-        model: the gray-box model, which says what the entries of θ are.
+        model: the gray-box model, with the indices of the entries of θ.
         theta: parameters θ of the fit (k,).
-        dt: time step of the samples, s, which bounds the lag below.
+        dt: time step of the samples, s, which is a lower bound of the lag.
 
     Returns:
         Effect of each input (rad/s² per standard deviation of the inputs), damping (1/s), lag (s) and delay (s), as one
@@ -236,7 +236,7 @@ def _log_estimates(values: Array) -> Array:
 
 
 def _slopes_of_log_estimates(values: Array) -> Array:
-    """Returns the derivatives of :func:`_log_estimates` by its arguments: they make relative errors of absolute ones.
+    """Returns the derivatives of :func:`_log_estimates`, which convert errors of parameters to relative errors.
 
     Args:
         values: effects, damping, lag and delay (r + 3,).
@@ -337,8 +337,12 @@ def _identifiability_figures(
         fit: the fit of the gray-box model.
         windows: windows of the flight.
         likelihood_sd: relative standard deviations of mean effect, damping and lag (3,), by the likelihood alone.
-        spectrum_range: range of the logarithms of the same over the assumed spectra (3,).
+        spectrum_range: range of the logarithms of the same three estimates over the assumed spectra of the wind (3,).
         damping: estimated damping, 1/s.
+
+    Returns:
+        The figures. The relative standard deviation of the damping contains the error by the curvature of the thrust
+        curve.
     """
     relative_sd = dict(
         zip(PARAMETERS, (OmissionErrors.likelihood_factor * likelihood_sd).tolist(), strict=True)
@@ -426,14 +430,14 @@ def with_omission_errors(
 
 
 def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
-    """Returns the share of the torque that moved the vehicle which was wind, by the fitted model.
+    """Returns the wind's share of the torque that moved the vehicle, by the fitted model.
 
     The inputs are correlated with the wind torque, because the autopilot counters it. So the larger this share, the
     more a wrong model of the wind biases the effect of the motors.
 
-    The motors' part of the rate follows from the inputs by the model; the rest is taken for wind. Both are converted to
-    torque per inertia, which is |jω + damping| times the rate, and compared in ``MOTION_BAND_HZ``, where multirotors
-    move. Each window is weighted by the inverse square of its level, as in the fit.
+    The motors' part of the rate follows from the inputs by the model; the rest counts as caused by wind. Both are
+    converted to torque per inertia, which is |jω + damping| times the rate, and compared in ``MOTION_BAND_HZ``, where
+    multirotors move. Each window is weighted by the inverse square of its level, as in the fit.
 
     Args:
         fit: the fit of the gray-box model.
@@ -442,14 +446,15 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     Returns:
         Variance of the wind torque over the sum of it and that of the motors' torque, 0 to 1.
     """
-    # The taper leaves out the first and the last frequency.
+    # Tapering in the frequency domain (``_hann_tapered``) combines neighbouring frequencies, so that the first and the
+    # last one are left out.
     omega = windows.omega[1:-1]
     low, high = MOTION_BAND_HZ
     is_in_band = (2 * np.pi * low <= omega) & (omega <= 2 * np.pi * high)
     torque_per_rate = np.hypot(omega, fit.model.damping(fit.theta)) * is_in_band
 
     def power(rate: ComplexArray) -> float:
-        """Returns the mean power of the torque that makes a rate, but for a factor, which cancels in the ratio."""
+        """Returns the mean power of the torque that causes a rate, up to a factor that cancels in the ratio."""
         squared_torque = abs(torque_per_rate * _hann_tapered(rate)) ** 2
         return float(np.mean(np.sum(squared_torque, axis=1) / fit.levels**2))
 
@@ -462,17 +467,17 @@ def _wind_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
 def _alias_share(fit: GrayBoxFit, windows: FlightWindows) -> float:
     """Computes the share of the commanded torque's variance that lies above half of the Nyquist frequency.
 
-    Commands that fast have parts beyond the Nyquist frequency too, which the samples miss.
+    If that share is large, the command has parts above the Nyquist frequency too, which the samples miss.
 
     Args:
-        fit: the fit, whose effects turn the r inputs into torque.
+        fit: the fit, whose effects convert the r inputs to torque.
         windows: W windows of the flight, with F frequencies up to the Nyquist frequency.
 
     Returns:
         The share, 0 to 1.
     """
-    # The transform of each input is the sum of two channels: the part that is interpolated between samples, and the one
-    # that is held from a sample on. Later channels are not parts of it, but what refinements of the model would add.
+    # The transform of each input is the sum of its first two channels: the part that is interpolated between samples,
+    # and the part that is held from a sample on. The other channels are additions by refinements of the model.
     inputs = windows.inputs[:REFINEMENT_CHANNEL].sum(axis=0)
     # The torque (W, F) is the sum over the r inputs (r, W, F), each times its effect.
     commanded_torque = np.tensordot(fit.model.effect(fit.theta), inputs, axes=1)

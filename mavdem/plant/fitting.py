@@ -135,8 +135,9 @@ class LogPosterior(NamedTuple):
         """Expands the log posterior about θ = ``at`` (k,), for the next step of the search.
 
         It is that of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density would
-        rise below, the delay stays (active-set method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5).
-        Otherwise each step would move the other parameters as if the delay fell with them.
+        increase towards negative delays, the delay is kept fixed by removing it from gradient and curvature (active-set
+        method: Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 16.5). Otherwise the other parameters would
+        change in each step as if the delay became negative.
 
         Args:
             at: parameters θ (k,).
@@ -160,11 +161,10 @@ class LogPosterior(NamedTuple):
     def full_expansion(self, at: Array) -> QuadraticExpansion:
         """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature.
 
-        At a delay of 0 the derivatives are those of delays above.
-
-        Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. With
-        errors e, scaled to a mean square of 1 in each window, and their slopes J by the parameters, the likelihood adds
-        −Jᵀ e to the gradient and Jᵀ J to the curvature. The prior adds its own.
+        Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. At a
+        delay of 0 its derivative is therefore one-sided. With errors e, scaled to a mean square of 1 in each window,
+        and their derivatives J by the parameters, the likelihood adds −Jᵀ e to the gradient and Jᵀ J to the curvature.
+        The prior adds its gradient and its precision.
 
         Args:
             at: parameters θ (k,), which are moved into the bounds of the model.
@@ -183,8 +183,9 @@ class LogPosterior(NamedTuple):
         curvature = np.diag(sd**-2.0)
         for chunk in self._chunks():
             errors = self.model.innovations_after_steps(at, steps, chunk)
-            # The first row has the errors at the point itself, the others with one parameter changed. To save memory
-            # they become slopes in place, of errors scaled to a mean square of 1 in each window.
+            # The first row has the errors at the point itself, each other row those with one parameter changed. To save
+            # memory the array is overwritten: by errors that are scaled to a mean square of 1 in each window, and then
+            # by their derivatives.
             value += _log_likelihood(errors[0])
             errors /= np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
             errors[1:] -= errors[0]
@@ -202,10 +203,13 @@ class LogPosterior(NamedTuple):
         return step * min(1.0, MAX_LOG_STEP / largest)
 
     def innovations(self, thetas: Array) -> Iterator[ArrayPair]:
-        """Yields the prediction errors (b, chunk, N′) of some windows at a time, with their variances (b,).
+        """Yields the prediction errors of the windows, a chunk of windows at a time to save memory.
 
         Args:
             thetas: b parameter vectors (b, k).
+
+        Yields:
+            Errors (b, chunk, N′), rad/s, and the variances (b,) that the model gives them.
         """
         with np.errstate(all="ignore"):
             for chunk in self._chunks():
@@ -232,19 +236,20 @@ def fit_gray_box(
 ) -> GrayBoxFit:
     """Fits the gray-box model to windows of a flight by damped Fisher scoring.
 
-    No flight is just as the model has it, so that the Fisher information is corrected by how the gradient changes. That
-    saves a third of the evaluations (docs/evidence/parameters.md).
+    As no flight follows the model exactly, the Fisher information is not the curvature of the likelihood. It is
+    corrected by the observed changes of the gradient, which saves a third of the evaluations
+    (docs/evidence/parameters.md).
 
     The result is the maximum of the posterior over delays of at least 0, and its curvature there. At a delay of 0 the
-    curvature is that towards longer delays. Last, the level of each window is estimated: the ratio of its errors to
-    those that the model expects.
+    curvature is that towards longer delays. Finally the level of each window is estimated: the ratio of its RMS error
+    to the one that the model expects.
 
     Args:
         model: the model.
         windows: W windows of a flight, as Fourier transforms.
         start: (k,) parameters θ at which the fit starts.
-        min_gain: gain of the log posterior, in nats, that must be predicted at the start. Otherwise the fit takes no
-            step, which saves time for a model that would hardly be better.
+        min_gain: increase of the log posterior, in nats, that must be predicted at the start. If it is less, the fit
+            makes no step, which saves time for a model that would hardly be better.
 
     Returns:
         Parameters (k,), log posterior, curvature (k, k), and levels (W,).
@@ -272,7 +277,7 @@ def fit_gray_box(
 
 
 def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Array:
-    """Returns the most probable of several points from which a first fit may start, so that it need not go far.
+    """Returns the most probable one of several points from which a first fit may start, to save steps.
 
     The points differ in the size of the wind torque and in the motor lag, by ``START_WIND_FACTORS`` and
     ``START_LAG_FACTORS``.

@@ -1,4 +1,4 @@
-"""Gusts: where the wind torque leaves its running level by more than turbulence does, and returns to it.
+"""Gusts: excursions of the wind torque from its running median that are larger than those of turbulence, and short.
 
 A gust is at least as long as the estimate resolves. A step that stays, as when a motor weakens, is no gust.
 """
@@ -124,9 +124,9 @@ def detect_gusts(
 
 
 def _false_gusts_per_minute(slopes: Array, sd: float) -> float:
-    """Returns how often Gaussian turbulence crosses the threshold of gusts, upwards above or downwards below the level.
+    """Returns how often Gaussian turbulence would cross the thresholds of gusts, above and below the level.
 
-    By Rice's formula the rate of crossings of either threshold, ±c standard deviations, is
+    By Rice's formula the rate of outward crossings of both thresholds, ±c standard deviations, is
     2 · (slope_sd / sd) / 2π · exp(−c²/2) per second.
 
     Args:
@@ -136,7 +136,7 @@ def _false_gusts_per_minute(slopes: Array, sd: float) -> float:
     Returns:
         Number of crossings a minute.
     """
-    # The median size of a normal variable is a known part of its standard deviation.
+    # Robust standard deviation: the median absolute value of a normal variable is 0.67 of it.
     slope_sd = float(np.median(abs(slopes))) / coverage_factor(0.5)
     crossings_per_second = 2 * slope_sd / sd / (2 * np.pi) * float(np.exp(-(GUST_THRESHOLD**2) / 2))
     return 60 * crossings_per_second
@@ -164,7 +164,7 @@ def _running_level(torque: Array, record: Record, width: int) -> Array:
 def _level_changes(
     torque: Array, start: int, stop: int, reach: int, threshold: float, record: Record
 ) -> bool:
-    """Returns whether the torque has another level after an excursion than before it.
+    """Returns whether the median torque differs before and after an excursion: then it is a step, and no gust.
 
     Args:
         torque: wind torque (T,), rad/s².

@@ -1,4 +1,4 @@
-"""Identifiability: whether a flight determines effect, damping and lag, and why where it does not.
+"""Identifiability: whether a flight determines effect, damping and lag, and if not, why.
 
 All limits and model errors of the gray-box model stand here. They were chosen on simulated flights of three vehicles in
 seven winds, steered in four ways and not at all, and validated on as many others (``tools/validation/physical.py``;
@@ -230,8 +230,8 @@ def identifiability(
 ) -> Identifiability:
     """Judges which of effect, damping and lag a flight identifies.
 
-    A parameter may fail several checks, such as that of the wind; the worst of them decides. Damping and lag are
-    identified no better than the effect, because a fit compensates a wrong effect by a wrong lag.
+    A parameter may fail several checks, such as that of the wind's share; the worst of them decides. Damping and lag
+    get no better status than the effect, because a fit compensates a wrong effect by a wrong lag.
 
     Args:
         figures: figures of the fit that are compared with the limits of this module.
@@ -245,7 +245,7 @@ def identifiability(
         failed_checks = [
             check for check in _checks(name, figures) if check.status != Status.REPORTED
         ]
-        # The effect comes first in PARAMETERS, so its status is known when damping and lag are judged.
+        # The effect comes first in PARAMETERS, so that its status is known when damping and lag are judged.
         effect_status = statuses.get("effect", Status.REPORTED)
         failed_statuses = [check.status for check in failed_checks]
         if effect_status != Status.REPORTED and effect_status not in failed_statuses:
@@ -258,14 +258,14 @@ def identifiability(
 def _worst(failed_checks: list[_Check]) -> tuple[Status, Fact | None]:
     """Returns the status of a parameter by the worst of the checks that it failed, and the reason for it.
 
-    A check by which a parameter is not identifiable outweighs all by which it is only biased. The reason then states
-    only those of the first kind.
+    If the parameter is not identifiable by any check, the reason states only the checks of this kind, and none by which
+    it is merely biased.
 
     Args:
         failed_checks: failed checks of one parameter, each BIASED or NOT_IDENTIFIABLE; empty if it passed all.
 
     Returns:
-        The status; and the fact that states the reason, one for several checks, or None where the parameter is
+        The status; and the fact that states the reason, one for several checks, or None if the parameter is
         reported.
     """
     if not failed_checks:

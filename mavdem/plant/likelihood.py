@@ -234,8 +234,8 @@ class GrayBoxModel(NamedTuple):
     def _input_channels(self, windows: FlightWindows) -> ComplexArray:
         """Returns the channels of the inputs that this model uses.
 
-        The interpolated and the held channel add up to the inputs; they differ in how the signal between samples is
-        modelled. Each refinement of the model has one more channel.
+        A channel is a part of the inputs with one model of the signal between samples. The interpolated and the held
+        channel sum to the inputs. Each refinement of the model has one more channel.
 
         Args:
             windows: W windows with F frequencies.
@@ -251,9 +251,9 @@ class GrayBoxModel(NamedTuple):
     def _channel_responses(self, thetas: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the frequency response of the body rate to the motors' torque, for each channel of the inputs.
 
-        Each response is a product of three: a delay, the step from samples to continuous time, and the plant, which is
-        the frequency response of the axis, 1 / ((damping + jω) (1 + lag jω)). Sampling folds (aliases) frequencies
-        beyond the Nyquist frequency into those below it, so the response is summed over all folds of each frequency.
+        Each response is a product of three: the delay, the conversion from samples to continuous time (interpolation or
+        hold), and the plant, 1 / ((damping + jω) (1 + lag jω)). Sampling aliases frequencies above the Nyquist
+        frequency, so that the response is summed over all aliases of each frequency.
 
         Args:
             thetas: b parameter vectors θ (b, k).
@@ -263,7 +263,7 @@ class GrayBoxModel(NamedTuple):
             Responses (channels, b, F), s; the channels are those of ``_input_channels``.
         """
         dt = windows.dt
-        # The delay is a number of whole samples, and a linear interpolation between two samples for the rest.
+        # The delay consists of whole samples, and of a linear interpolation between two samples for the remainder.
         one_sample_later = np.exp(-1j * windows.omega * dt)
         delay_steps = np.maximum(thetas[:, [self.delay_index]], 0.0) / dt
         whole_steps, fraction = np.divmod(delay_steps, 1.0)
@@ -276,13 +276,14 @@ class GrayBoxModel(NamedTuple):
         lag = self.lag(thetas, dt)[:, None, None]
         plant = 1 / (damping - lag * omega**2 + 1j * omega * (1 + damping * lag))
 
-        # Linear interpolation between samples has the spectrum sinc², and a value that is held for one sample sinc with
-        # a delay of half a sample. Inputs are interpolated. But a command that responds to a sample must not help to
-        # predict that sample: such a response is held from the sample on.
+        # Linear interpolation between samples has the spectrum sinc²; a value that is held for one sample has the
+        # spectrum sinc with a delay of half a sample. Inputs are interpolated, except the part that responds to a
+        # sample: it must not help to predict that sample, and is therefore held from the sample on.
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
-        # With samples further apart than the autopilot's response lasts, it is held for a part of the interval only.
-        # The spectrum is that of the whole interval, scaled: at low frequencies they are the same.
+        # If the sampling interval is longer than the autopilot's response lasts, the response is held only for a part
+        # of it. Its spectrum is approximated by that of the whole interval times this part, as is right at low
+        # frequencies.
         held_part = min(1.0, RESPONSE_SECONDS / dt)
         half_sample_delay = np.exp(-0.5j * omega * dt)
         hold = held_part * held_spectrum * half_sample_delay
@@ -297,15 +298,17 @@ class GrayBoxModel(NamedTuple):
     def noise_density(self, thetas: Array, windows: FlightWindows) -> Array:
         """Returns the spectral density of the part of the body rate that wind torque and measurement noise cause.
 
-        The density of the wind torque, the sum of its components, passes the damped axis, 1 / (ω² + damping²). Sampling
-        folds it: the densities at all aliases of a frequency add up. White measurement noise comes on top.
+        The density of the wind torque, the sum of its components, is multiplied by the squared response of the damped
+        axis, 1 / (ω² + damping²), and summed over all aliases of each frequency. The density of white measurement noise
+        is added.
 
         Args:
             thetas: b parameter vectors (b, k).
             windows: windows with F frequencies.
 
         Returns:
-            Folded densities (b, F), in (rad/s)², normalised so that white noise has the variance of its samples.
+            Densities of the samples (b, F), in (rad/s)², normalised so that white noise has the variance of its
+            samples.
         """
         omega = _aliases(windows)
         components = zip(
@@ -323,8 +326,9 @@ class GrayBoxModel(NamedTuple):
     def innovations(self, thetas: Array, windows: FlightWindows) -> ArrayPair:
         """Returns the one-step prediction errors (innovations) of all windows, without their beginnings.
 
-        The rate less that of the motors is divided by the minimum-phase factor of the noise's density, in the frequency
-        domain. That whitens it: what remains of each sample cannot be predicted from those before it.
+        The rate minus that of the motors is divided by the minimum-phase factor of the noise's density, in the
+        frequency domain. That whitens it: the result is the part of each sample that cannot be predicted from the
+        samples before it.
 
         Args:
             thetas: b parameter vectors θ (b, k).
@@ -341,8 +345,8 @@ class GrayBoxModel(NamedTuple):
     def innovations_after_steps(self, theta: Array, steps: Array, windows: FlightWindows) -> Array:
         """Returns the one-step prediction errors at a point θ, and those with each entry of θ changed by a step.
 
-        They are those of :meth:`innovations`. But what an entry does not change is computed only once: entries of the
-        effect change neither the axis' response nor the noise, and those of the noise not the motors' part of the rate.
+        They are those of :meth:`innovations`, computed with less effort: entries of the effect do not change the
+        frequency response or the noise, and entries of the noise do not change the rate by the motors.
 
         ``tests/plant/test_physical.py`` compares them with those of :meth:`innovations` at the changed parameters.
 
@@ -363,8 +367,8 @@ class GrayBoxModel(NamedTuple):
     def _rate_by_motors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the Fourier transform of the rate that the motors cause, at θ and with each of its entries changed.
 
-        Entries of the effect need no new frequency responses, and those of wind torque and noise change nothing. Only
-        damping, lag, delay and the refinements have responses of their own.
+        Entries of the effect do not change the frequency responses, and those of wind torque and noise change nothing
+        here. New responses are needed only for changes of damping, lag, delay and the refinements.
 
         Args:
             points: θ, and θ with each of its entries changed (k + 1, k).
@@ -373,7 +377,8 @@ class GrayBoxModel(NamedTuple):
         Returns:
             Transforms (k + 1, W, F), rad/s, as :meth:`rate_by_motors` returns them for the points.
         """
-        # θ begins with the common effect and the deviations of the motors from it: these rows are taken with row 0.
+        # Row i + 1 of the points has entry i changed. θ begins with the common effect and the deviations of the motors
+        # from it: these rows are computed together with row 0, that of θ itself.
         effect_rows = slice(0, self.damping_index + 1)
         plant_rows = [
             self.damping_index + 1,
@@ -400,7 +405,7 @@ class GrayBoxModel(NamedTuple):
     def _noise_factors_after_steps(self, points: Array, windows: FlightWindows) -> ComplexArray:
         """Returns the minimum-phase factor of the noise's density, at θ and with each of its entries changed.
 
-        The damping and the entries of wind torque and noise change it; for all others it is that at θ.
+        Only the damping and the entries of wind torque and noise change it.
 
         Args:
             points: θ, and θ with each of its entries changed (k + 1, k).
@@ -426,8 +431,8 @@ def _prediction_errors(
 ) -> Array:
     """Returns the one-step prediction errors of windows, without their beginnings and their mean.
 
-    The first samples of a window lack a past, and are left out. The mean of a window is explained by a constant
-    acceleration.
+    The first ``SETTLING_SECONDS`` of a window are left out, since the samples before them are missing. The mean is that
+    of a constant acceleration, which is no error.
 
     Args:
         residual: transforms of the rate less that of the motors (b, W, F), rad/s.
@@ -463,8 +468,8 @@ def minimum_phase(density: Array, samples: int) -> tuple[ComplexArray, Array]:
     """
     cepstrum = scipy.fft.irfft(np.log(density), samples)
     variance = np.exp(cepstrum[:, 0])
-    # The causal half of the cepstrum stays, without sample 0, which is the variance. An even number of samples has one
-    # in the middle that belongs to both halves: half of it stays.
+    # The causal half of the cepstrum is kept, without sample 0, which is the log variance. With an even number of
+    # samples, the one in the middle belongs to both halves: half of it is kept.
     cepstrum[:, 0] = 0.0
     first_anticausal = samples // 2 + 1
     cepstrum[:, first_anticausal:] = 0.0

@@ -157,8 +157,8 @@ class WindTorqueSmoother(NamedTuple):
         for command in deviation.T:
             lagged_columns.append(scalar_recursion(decay, (1 - decay) * command, start=0.0))
         lagged_inputs = np.column_stack(lagged_columns)
-        # The torque of the motors approaches the commanded one at this rate, rad/s³. A longer lag and a longer delay
-        # act alike.
+        # The torque of the motors approaches the commanded one at this rate, rad/s³. A lag that is longer by a little
+        # reduces their torque by this rate times the difference, and so does a longer delay, approximately.
         torque_change = (commanded_torque - motor_torque) / lag
         return np.column_stack(
             [self.trim_torque_gradient - lagged_inputs, rate, torque_change, torque_change]
@@ -166,10 +166,10 @@ class WindTorqueSmoother(NamedTuple):
 
 
 def is_torque_resolved(physical: Physical, half_width_of_band: float) -> bool:
-    """Returns whether an estimate of the wind torque may be shown as that of the wind, by the rule for logs.
+    """Returns whether an online estimate of the wind torque may be shown as the wind's, by the same rule as for logs.
 
-    The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE`` of
-    that of the estimate, which is the variance of the modelled wind torque less that of the error.
+    The effectiveness of the motors must be identifiable, and the variance of the error at most ``MAX_ERROR_SHARE``
+    times that of the estimate, which is the variance of the modelled wind torque minus that of the error.
 
     Args:
         physical: physical parameters of the axis.
@@ -273,9 +273,9 @@ class OnlineWindTorque:
         self._next_fit = round(FIRST_FIT_SECONDS / self._dt)
 
     def update(self, inputs: Array, weak_since: float | None = None) -> EstimateWithHalfWidth:
-        """Takes the inputs of the stream's next sample, and returns the wind torque ``delay`` seconds before it.
+        """Processes the inputs of the stream's next sample, and returns the wind torque ``delay`` seconds before it.
 
-        While a motor is weak there is no estimate, and the samples since its loss of thrust are fitted to nothing.
+        While a motor is weak there is no estimate, and the samples since its loss of thrust are not used in any fit.
 
         Args:
             inputs: inputs of the sample (r,).
@@ -302,10 +302,10 @@ class OnlineWindTorque:
         self._inputs.clear()
 
     def add(self, block: MemoryBlock, fits: bool = True) -> None:
-        """Takes a complete block of samples, and brings the estimates up to date.
+        """Adds a complete block of samples, and updates the estimates.
 
-        A fit that has ended meanwhile is adopted, another is started when it is due, and the wind torque of the latest
-        samples is smoothed with the newest fit.
+        The result of a fit that has ended meanwhile is adopted, another fit is started if it is due, and the wind
+        torque of the latest samples is smoothed with the newest fit.
 
         Args:
             block: the block of samples that the memory has just completed.
@@ -313,8 +313,8 @@ class OnlineWindTorque:
         """
         follows_gap = False
         if self._blocks:
-            # Blocks may have been dropped in between. Then more time has passed than this block lasts, with one step of
-            # tolerance for rounded stamps.
+            # If blocks were dropped in between, more time has passed than this block lasts. One step of tolerance is
+            # for rounded stamps.
             elapsed_time = block.end_time - self._blocks[-1].end_time
             follows_gap = elapsed_time > (len(block.outputs) + 1) * self._dt
         starts_segment = block.starts_segment or bool(follows_gap)
@@ -329,7 +329,7 @@ class OnlineWindTorque:
         self._smooth_latest()
 
     def drop_blocks_since(self, time: float) -> None:
-        """Forgets the samples since a time, which turned out not to be of a sound vehicle in flight, and a fit to them.
+        """Removes the samples since a time, and cancels a fit to them: the vehicle was not sound, or not in flight.
 
         Args:
             time: the time, s on the stream's clock.
@@ -341,8 +341,8 @@ class OnlineWindTorque:
     def _start_fit(self) -> None:
         """Starts a fit of the physical parameters to all remembered blocks, and schedules the next one.
 
-        With an executor the fit runs beside the stream: :meth:`add` adopts its result when it has ended. Without one it
-        runs here, and its result is adopted at once.
+        With an executor the fit runs in the background: :meth:`add` adopts its result when it has ended. Without one it
+        runs in this call, and its result is adopted at once.
         """
         # The number of samples between fits doubles, up to the longest pause: early fits gain most by more samples.
         pause = min(self._sample_count, round(MAX_FIT_PAUSE_SECONDS / self._dt))
@@ -358,7 +358,7 @@ class OnlineWindTorque:
             return
 
     def _adopt(self, fit_result: Callable[[], WindTorqueSmoother]) -> None:
-        """Adopts the result of a fit, unless it failed, or does not identify the effect as an earlier fit did.
+        """Adopts the result of a fit, unless it failed, or does not identify the effect although an earlier fit did.
 
         Args:
             fit_result: function that returns the smoother, or raises the error of the fit.
@@ -372,9 +372,9 @@ class OnlineWindTorque:
     def _smooth_latest(self) -> None:
         """Estimates the wind torque in the latest samples, and queues the estimates for the next samples of the stream.
 
-        The smoother is slow, so it runs once for each block of samples, and queues as many torques as the next block
-        has samples. Each call of :meth:`update` then takes one from the queue. Every torque that is returned is
-        ``delay`` seconds old: the smoother needs samples after a torque to estimate it well.
+        As the smoother is slow, it runs once for each block of samples, and queues as many torques as the next block
+        has samples. Each call of :meth:`update` then returns one from the queue. Each returned torque is ``delay``
+        seconds old, because the smoother needs samples after a torque to estimate it well.
 
         Nothing is queued if the control effectiveness is not identifiable, or while the segment is too short.
         """

@@ -1,4 +1,4 @@
-"""Physical parameters of one axis by parts of a flight: whether they stayed as they were while it flew."""
+"""Physical parameters of one axis, estimated from each part of a flight alone: they show changes during the flight."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -29,8 +29,8 @@ class ParametersOfPart(NamedTuple):
 def parameter_history(flights: Flights) -> list[ParametersOfPart]:
     """Estimates the physical parameters of each part of a flight, from this part alone.
 
-    Parts are at least ``PART_SECONDS`` long, unless a segment is shorter, and at most ``MAX_PARTS`` in all where the
-    flight has no more segments. Parts without an estimate, such as those in which no motor moves, are left out.
+    Parts are at least ``PART_SECONDS`` long, unless a segment is shorter. There are at most ``MAX_PARTS``, unless the
+    flight has more segments. Parts without an estimate, such as those in which no motor moves, are left out.
 
     Args:
         flights: segments of one flight, in order of time.

@@ -139,14 +139,14 @@ class Physical(NamedTuple):
     def mean_effect(self, level: float = CONFIDENCE_LEVEL) -> EstimateWithHalfWidth:
         """Returns the mean magnitude of the motors' effects, and the half width of its interval.
 
-        The half width is NaN where the effect is not identifiable. Errors common to all motors are part of it, and
-        errors of single motors average out, so relative to the mean it is smaller than those of the motors.
+        The half width contains the common errors of all motors, while errors of single motors average out. So it is
+        smaller, relative to the mean, than the half widths of single motors.
 
         Args:
             level: probability of the interval.
 
         Returns:
-            The mean, rad/s² per unit of the inputs.
+            Mean and half width, rad/s² per unit of the inputs; the half width is NaN if the effect is not identifiable.
         """
         r = len(self.effect)
         # The mean magnitude is a linear function of the effects.
@@ -164,7 +164,7 @@ class Physical(NamedTuple):
 
     @property
     def caution(self) -> Fact | None:
-        """Why the effect is not identifiable; ``None`` where it is."""
+        """Why the effect is not identifiable; ``None`` if it is."""
         if self.identifiable:
             return None
         return Fact(NoPhysical.EFFECT_NOT_IDENTIFIABLE, because=self.reasons["effect"])
@@ -172,8 +172,8 @@ class Physical(NamedTuple):
     def draws(self, number: int, seed: int = 0) -> Array:
         """Draws samples of the parameters from their normal posterior.
 
-        They carry the uncertainty of the parameters through calculations that are not linear in them. Lag and delay are
-        bounded below, because a normal distribution has negative values too, which no vehicle has.
+        They propagate the uncertainty of the parameters through calculations that are not linear in them. Lag and delay
+        are clipped at ``MIN_DRAWN_SHARE`` of their estimates, because a normal distribution also has negative values.
 
         Args:
             number: number N of samples.
@@ -192,8 +192,8 @@ class Physical(NamedTuple):
     def interval(self, level: float = CONFIDENCE_LEVEL) -> PhysicalInterval:
         """Returns the half widths of the symmetric intervals of all parameters about their estimates.
 
-        They come from the diagonal of the covariance. A parameter that is not identifiable has no interval, only NaN.
-        The delay has no status of its own: it is identified together with the lag.
+        They follow from the diagonal of the covariance. The delay has the status of the lag, with which it is
+        identified.
 
         Args:
             level: probability with which each interval contains the true value, for example 0.9.
@@ -253,7 +253,7 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
     Args:
         function: function of a parameter vector (k,), with values (…) of any shape.
         theta: (k,) parameters at which it is differentiated.
-        value: (…) value of the function at ``theta``, which the caller has already.
+        value: (…) value of the function at ``theta``, which callers have computed before.
 
     Returns:
         Derivatives (k, …).
@@ -332,8 +332,8 @@ def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
         prior: physical parameters by the earlier flight.
 
     Returns:
-        By parameter name ("effect", "damping", "lag"): the reason why the earlier flight did not identify it; or, where
-        it did, the fact that it is known from an earlier flight.
+        By parameter name ("effect", "damping", "lag"): the fact that it is known from an earlier flight; or, if that
+        did not identify it, the reason why.
     """
     reasons = dict[str, Fact | None]()
     for name in PARAMETERS:

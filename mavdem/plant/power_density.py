@@ -32,7 +32,7 @@ def power_density(
         values: (N,) samples, at least ``window_samples``.
         rate: their rate, Hz.
         window_samples: number of samples of a window, at least 2.
-        without_trend: whether each window is taken about its linear trend, and not only about its mean.
+        without_trend: whether the linear trend of each window is removed too, and not only its mean.
 
     Returns:
         The frequencies (F,), Hz, and the one-sided densities (F,), in the square of the values' unit per Hz.
@@ -64,7 +64,8 @@ def window_densities(
     windows = windows[..., ::step, :]
     deviations = windows - windows.mean(axis=-1, keepdims=True)
     if without_trend:
-        # Time about the middle of the window is orthogonal to a constant, so the slope can be fitted separately.
+        # Time relative to the middle of the window is orthogonal to a constant, so that the slope of the regression
+        # does not depend on the mean.
         time = np.arange(window_samples) - (window_samples - 1) / 2
         slopes = deviations @ time / (time @ time)
         deviations = deviations - slopes[..., None] * time

@@ -63,7 +63,7 @@ class WindComponent(NamedTuple):
 
 
 def process_covariance(A: Array, Q: Array, dt: float) -> Array:
-    """Returns the covariance that white noise of intensity Q adds to dx/dt = A x within dt seconds.
+    """Returns the covariance that white noise of intensity Q adds to the states of dx/dt = A x within a time step.
 
     It is computed by the matrix exponential of a block matrix (C. F. Van Loan, "Computing integrals involving the
     matrix exponential", IEEE Transactions on Automatic Control 23(3), 1978).
@@ -83,11 +83,11 @@ def process_covariance(A: Array, Q: Array, dt: float) -> Array:
 
 
 def _autoregressive_noise(denominator: Array) -> ColouredNoise:
-    """Returns the noise of variance 1 that white noise through an all-pole filter makes.
+    """Returns noise of variance 1: white noise that is filtered by an all-pole filter.
 
-    The noise is x with D(d/dt) x = white noise, D being the denominator. The states are x and its derivatives. Their
-    stationary covariance follows from the Lyapunov equation; each is divided by its standard deviation, so that time
-    and size of the noise can be chosen freely later.
+    With the denominator D of the filter, the noise x follows D(d/dt) x = white noise. The states are x and its
+    derivatives. Their stationary covariance P solves the Lyapunov equation A P + P Aᵀ = −Q. Each state is divided by
+    its standard deviation, so that all have variance 1.
 
     Args:
         denominator: coefficients (k + 1,) of the filter's denominator in s, highest power first, which is 1.
@@ -101,7 +101,7 @@ def _autoregressive_noise(denominator: Array) -> ColouredNoise:
     A[-1] = -denominator[:0:-1]
     Q = np.zeros((order, order))
     Q[-1, -1] = 1.0
-    # The equation A P + P Aᵀ = −Q for the covariance P, as linear equations for its rows one after the other.
+    # The Lyapunov equation as linear equations for the entries of P, row by row.
     identity = np.eye(order)
     equations = np.kron(A, identity) + np.kron(identity, A)
     covariance = np.linalg.solve(equations, -Q.ravel()).reshape(order, order)
@@ -116,18 +116,18 @@ def _autoregressive_noise(denominator: Array) -> ColouredNoise:
 def gaussian_kernel_noise(order: int) -> ColouredNoise:
     """Returns noise with nearly the Gaussian autocorrelation exp(−τ²/4), whose spectrum is proportional to exp(−ω²).
 
-    The spectrum is approximated as 1 / (Taylor series of exp(ω²)), and the stable half of its poles makes the filter
+    The spectrum is approximated by 1 / (Taylor series of exp(ω²)), and the filter has the stable half of its poles
     (J. Hartikainen and S. Särkkä, "Kalman filtering and smoothing solutions to temporal Gaussian process regression
     models", MLSP 2010, sec. 3.3).
 
     Args:
-        order: number of states, and of terms of the series beyond the first.
+        order: number of states, and order of the series in ω².
 
     Returns:
         The noise, of variance 1.
     """
     series = np.zeros(2 * order + 1)
-    # With ω² = −s², the series of exp(ω²) has the coefficients (−1)^i / i! of s^(2i).
+    # With ω² = −s², the series of exp(ω²) has the coefficients (−1)^i / i! of s^(2i), here the highest power first.
     series[::2] = [(-1) ** power / factorial(power) for power in range(order, -1, -1)]
     roots = np.roots(series)
     stable = roots[roots.real < 0]
@@ -147,11 +147,11 @@ Four states are enough for the part of the spectrum that has power.
 def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
     """Advances the jumps of sampled inputs by a fraction of a sampling step.
 
-    An input may change at once, somewhere between two samples. Linear interpolation makes a ramp of that jump, which
-    acts as if the jump came in the middle of the sampling step. The inputs are changed so that their interpolation acts
-    like jumps that come earlier. An advance by a fraction a of a step adds an impulse, of a · jump · step. The same
-    impulse is added by raising the sample at the end of the step by a · jump, since the interpolation of one raised
-    sample is a triangle two steps wide.
+    An input may jump somewhere between two samples. Linear interpolation turns the jump into a ramp, which acts as if
+    the jump were in the middle of the sampling step. The inputs are changed so that their interpolation acts like
+    earlier jumps. A jump that is earlier by a fraction a of a step adds the integral a · jump · step. The same integral
+    is added by raising the sample at the end of the step by a · jump, since the interpolation of one raised sample is a
+    triangle two steps wide.
 
     A jump is the part of a change between two samples that exceeds the change before it in the same direction; where
     the direction reverses, all of the change is a jump.
@@ -165,7 +165,7 @@ def with_advanced_jumps(inputs: Array, jump_advance: float) -> Array:
     """
     changes = np.diff(inputs, axis=1, prepend=inputs[:, :1])
     previous = np.concatenate([np.zeros_like(changes[:, :1]), changes[:, :-1]], axis=1)
-    # What continues the change before is the part of that change between 0 and the change now; the rest is a jump.
+    # The part of a change that continues the previous one is at most as large as that. The rest is a jump.
     lower = np.minimum(changes, 0.0)
     upper = np.maximum(changes, 0.0)
     jumps = changes - np.clip(previous, lower, upper)
@@ -177,10 +177,10 @@ def delayed_inputs(inputs: Array, delay_steps: float) -> ArrayPair:
 
     Args:
         inputs: samples (T, r).
-        delay_steps: delay in steps; a negative one counts as 0. Before the first sample, the inputs are constant.
+        delay_steps: delay in steps; a negative one is treated as 0. Before the first sample, the inputs are constant.
 
     Returns:
-        Two arrays (T − 1, r): inputs at the beginnings, and at the ends.
+        Two arrays (T − 1, r): delayed inputs at the beginning, and at the end, of each step.
     """
     delay = max(0.0, delay_steps)
     whole_steps = int(min(delay, len(inputs)))
@@ -211,14 +211,14 @@ class SampledPlant(NamedTuple):
     """Time by which jumps of commands come before the middle of a step, as a fraction of the step."""
 
     def input_contributions(self, commanded_torque: Array, delay_steps: float) -> Array:
-        """Computes the part of each next state that a commanded torque adds: Γ₀ c + Γ₁ c⁺.
+        """Computes what the commanded torque adds to the states in each step: Γ₀ c + Γ₁ c⁺.
 
         Args:
             commanded_torque: commanded torque (T,), rad/s².
             delay_steps: its delay, in steps.
 
         Returns:
-            Additions to the n states at the second sample and those after it (T − 1, n).
+            (T − 1, n) contributions to the n states, from the second sample on.
         """
         # The torque as one window (1, T, 1) of one input.
         window = commanded_torque.reshape(1, -1, 1)
@@ -253,11 +253,11 @@ class SampledPlant(NamedTuple):
     ) -> SmoothedSignal:
         """Returns the smoothed wind torque of one segment from all of its rates.
 
-        At the first sample the motors have settled at the commanded torque, and the wind torque is 0.
+        At the first sample, the torque of the motors is assumed to be the commanded one, and the wind torque to be 0.
 
         Args:
             rate_filter: the filter of this plant.
-            commanded_torque: commanded torque with all that is constant in it (T,), rad/s².
+            commanded_torque: commanded torque, including any constant torque (T,), rad/s².
             delay_steps: delay of the commands, in steps.
             rate: measured rate (T,), rad/s.
 

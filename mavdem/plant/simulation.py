@@ -24,8 +24,8 @@ WIND_STATES = 3
 def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> Forecast:
     """Simulates an angle and its rate under commanded inputs, from the end of the training data on.
 
-    The simulation begins with the last measured sample, and with the torque that the last commands left in the motors.
-    The steady disturbance of the training data stays, because it balances the mean inputs.
+    The simulation begins with the last measured sample, and with the torque of the motors by the last commands. The
+    mean disturbance of the training data is assumed to persist, because it balances the mean inputs.
 
     Args:
         physical: physical parameters of the axis.
@@ -33,8 +33,8 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
         inputs: commanded inputs (H, r) after it.
 
     Returns:
-        Mean and variance (H, 2) in the order of the record's outputs. The variance is that of the wind torque, of which
-        nothing else is known, and of effect, damping and lag, to first order.
+        Mean and variance (H, 2) in the order of the record's outputs. The variance is caused by the future wind torque,
+        and by the errors of effect, damping and lag, to first order.
 
     Raises:
         ValueError: the outputs are not an angle and its rate, or the inputs are larger than may be learned from.
@@ -47,7 +47,7 @@ def simulate_response(physical: Physical, record: Record, inputs: ArrayLike) -> 
             "a simulation needs two outputs, an angle and its rate: the plant has no others"
         )
     angle_and_rate = list(pairs[0])
-    # The delay is held at its estimate: its uncertainty is not in the variance.
+    # The delay, the last parameter, is fixed at its estimate: its uncertainty is not in the variance.
     theta = parameter_vector(physical)[:-1]
     mean_at = partial(
         _simulated_mean,
@@ -137,8 +137,8 @@ def _wind_variance(physical: Physical, dt: float, steps: int) -> Array:
     plant_with_angle = _with_angle(plant, dt)
     transition = plant_with_angle.transition
     Q = plant_with_angle.input_map @ plant.Q @ plant_with_angle.input_map.T
-    # The wind torque's states begin with their stationary covariance: the wind has been blowing before. Angle, rate and
-    # motors' torque are known at the beginning.
+    # The states of the wind torque begin with their stationary covariance, since they are not known. Angle, rate and
+    # motors' torque are known at the beginning, with variance 0.
     P = np.zeros_like(Q)
     wind = slice(WIND_STATES, None)
     P[wind, wind] = scipy.linalg.solve_discrete_lyapunov(transition[wind, wind], Q[wind, wind])
@@ -163,7 +163,7 @@ def _with_angle(plant: SampledPlant, dt: float) -> _AngleAugmented:
     """Adds the angle as the first state of a sampled plant, by integrating the rate with the trapezoidal rule.
 
     In one step the angle grows by (dt/2) (p + p⁺), with the rate p at the sample and p⁺ at the next. So an increment of
-    p⁺, by inputs or noise, also adds dt/2 times that increment to the angle. The input map states this.
+    p⁺, by inputs or noise, adds dt/2 times that increment to the angle, as the input map states.
 
     Args:
         plant: the sampled axis with n states, of which the rate (rad/s) is the first.

@@ -98,7 +98,7 @@ class WindTorque(ImmutableResult):
         false_gusts_per_minute: number of false gusts to expect of Gaussian turbulence with the same spectrum.
         spectrum: spectral densities of the estimate and of the model.
         resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
-        reason: why it is not to be taken for the wind's; ``None`` where it is resolved.
+        reason: why it is not to be taken for the wind's; ``None`` if it is resolved.
         left_out: time that is left out because a motor had lost thrust, s.
     """
 
@@ -240,7 +240,7 @@ def _reason_against_wind(
         power: mean square of the torque about its means, (rad/s²)².
 
     Returns:
-        The reason, as a fact; None if it is.
+        The reason, as a fact; None if it is the wind's.
     """
     if duration < MIN_WIND_SECONDS:
         return Fact(NoPhysical.WIND_TORQUE_TOO_SHORT, least_duration=MIN_WIND_SECONDS)
@@ -284,12 +284,12 @@ def resolved_wind_torque(
 
 
 def _variance_by_parameters(gradient: Array, covariance: Array) -> Array:
-    """Returns the variance of each sample of a course that uncertain parameters cause, to first order.
+    """Returns the variance of each sample of a time series that uncertain parameters cause, to first order.
 
     With the gradient g of a sample by the parameters and their covariance P, it is gᵀ P g.
 
     Args:
-        gradient: derivatives of the course by the k parameters (k, T).
+        gradient: derivatives of the T samples by the k parameters (k, T).
         covariance: covariance of the parameters (k, k).
 
     Returns:
@@ -325,15 +325,15 @@ def _torque_errors(
     power = float(np.mean(deviation**2))
     proportional = gradient @ deviation / (samples * power)
 
-    # θ · effect_scales is the relative change of the course where all effects grow in proportion. It is 1 where the
-    # motors only balance the wind torque. If they do more, as in steering, it could exceed 1, and is limited to it.
+    # θ · effect_scales is the relative change of the torque if all effects grow by the same factor. It is 1 if the
+    # motors only balance the wind torque. If they also steer the vehicle, it could exceed 1, and is limited to 1.
     effect_scales = np.append(proportional[EFFECTS], np.zeros(3))
     effect_scales /= max(1.0, abs(float(theta @ effect_scales)))
     unscaled_gradient = gradient - np.outer(effect_scales, deviation)
     variance_without_scale = other_variance + _variance_by_parameters(unscaled_gradient, covariance)
 
-    # An error of the parameters changes the standard deviation in proportion to its part that is like the course, and
-    # by the square of the rest.
+    # An error of the parameters has a part that is proportional to the torque, and a rest. The standard deviation of
+    # the torque changes linearly with the first, and with the square of the second.
     remaining_gradient = gradient - np.outer(proportional, deviation)
     quadratic = np.sum((remaining_gradient @ remaining_gradient.T) * covariance) / (
         2 * samples * power
@@ -369,20 +369,20 @@ def _step(torque: Array, dt: float) -> tuple[int, float] | None:
     change happens within ``STEP_EDGE_SECONDS``: a slow drift of the wind can be split in two as well, but is not sharp.
 
     Args:
-        torque: course of the torque (T,), with mean 0, rad/s².
+        torque: torque over time (T,), with mean 0, rad/s².
         dt: time step, s.
 
     Returns:
-        First sample after the step, and the step's size in rad/s²; or ``None``. It is no nearer to the ends than
-        ``RUNNING_LEVEL_SECONDS``.
+        First sample after the step, which is at least ``RUNNING_LEVEL_SECONDS`` from both ends, and the size of the
+        step, rad/s²; None if there is no step.
     """
     count = len(torque)
     margin = round(RUNNING_LEVEL_SECONDS / dt)
     candidates = np.arange(margin, count - margin)
     if not len(candidates):
         return None
-    # With mean 0, N samples, and the sum S of the n samples before, the split explains S² N / (n (N − n)) of the sum of
-    # squares. The sum of the n samples before a candidate n is the cumulative sum at n - 1.
+    # With N samples of mean 0, a split after n samples with the sum S explains S² N / (n (N − n)) of the sum of
+    # squares. That sum is the cumulative sum at sample n − 1.
     sums_before = np.cumsum(torque)[candidates - 1]
     explained_squares = sums_before**2 * count / (candidates * (count - candidates))
     sample = int(candidates[np.argmax(explained_squares)])
@@ -404,12 +404,12 @@ def _smoothed_torque(
     record: Record,
     column: int,
 ) -> Array:
-    """Returns the wind torque in all segments, smoothed for given physical parameters, and with its mean.
+    """Returns the smoothed wind torque in all segments, including its mean, for given physical parameters.
 
-    The derivatives by the parameters are computed by calling this with changed ones.
+    They are passed as a vector, so that derivatives can be computed by calls with changed parameters.
 
     Args:
-        theta: effects, damping, lag and delay (r + 3,), in the place of those of ``physical``.
+        theta: effects, damping, lag and delay (r + 3,), which replace those of ``physical``.
         physical: the other parameters: components of the wind torque, noise and refinements.
         record: inputs and outputs, with the segments one after the other.
         column: column of the rate in the outputs.
@@ -427,7 +427,8 @@ def _smoothed_torque(
     for inputs, outputs in record.segments:
         rate = outputs[:, column]
         commanded_torque = (inputs - trim) @ effect
-        # A steady torque acts like a steady command; about it the wind torque has mean 0.
+        # The smoother models a wind torque of mean 0. A constant torque acts like a constant command, and is added to
+        # it.
         constant = mean_external_torque(rate, commanded_torque, damping, record.dt)
         smoothed_wind = plant.smooth_wind_torque(
             rate_filter, commanded_torque + constant, delay / record.dt, rate
@@ -440,7 +441,7 @@ def _smoother_variance(physical: Physical, record: Record) -> Array:
     """Returns the variance of the smoother's error in all segments.
 
     Args:
-        physical: physical parameters, which are taken for exact here.
+        physical: physical parameters, whose errors are not part of this variance.
         record: inputs and outputs.
 
     Returns:
@@ -466,7 +467,7 @@ def mean_external_torque(
     damping: float,
     dt: float,
 ) -> float:
-    """Returns the mean torque per inertia that acts in a segment besides the motors.
+    """Returns the mean torque per inertia that acts in a segment in addition to that of the motors.
 
     It is the mean of dp/dt + damping · p − motor torque.
 
@@ -489,8 +490,9 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
     Args:
         effect: effect of each input (r,), rad/s² per unit.
         trim: mean inputs (r,).
-        directions: relative effect of each input by the mixer (r,). If they are not known, what all inputs have in
-            common is left out, since that lifts the vehicle. A single input commands the torque itself.
+        directions: relative effect of each input by the mixer (r,). If they are None, the mean of the effects of all
+            inputs is subtracted instead, since a common input only lifts the vehicle. A single input is the commanded
+            torque itself.
 
     Returns:
         The steady wind torque, rad/s².
@@ -505,9 +507,9 @@ def torque_balanced_by_trim(effect: Array, trim: Array, directions: Array | None
 def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical) -> WindSpectrum:
     """Estimates the spectral density of the wind torque by Welch's method, for comparison with the model's.
 
-    Each window is taken less its linear trend. Windows last ``SPECTRUM_SECONDS``, or as long as the
-    longest part; shorter parts are left out, and the others weighted by their number of windows. A part is a segment,
-    or what remains of one without the samples that are not of the wind.
+    A part is a segment, or what remains of one without the samples in which the torque is not the wind's. Windows last
+    ``SPECTRUM_SECONDS``, or as long as the longest part. Shorter parts are left out, and the densities of the others
+    are averaged with their numbers of windows as weights. The linear trend of each window is removed.
 
     Args:
         torque: wind torque (T,), rad/s².
@@ -521,7 +523,7 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     parts = []
     for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
-        # A part is of the wind from its first to its last sample, or not at all.
+        # The cuts are where the flag changes, so that it is the same at all samples of a part.
         if part_is_wind[0]:
             parts.append(part)
     length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))

@@ -94,6 +94,9 @@ class FlightWindows(NamedTuple):
     ) -> FlightWindows:
         """Transforms windows of samples to frequencies, and computes the channels of the inputs.
 
+        The channels are the inputs without the controller's immediate responses, these responses, and one for each of
+        the ``REFINEMENTS``: what the refinement adds to the inputs.
+
         Args:
             inputs: (W, N, r) deviations of the inputs from their trim, in ``unit``.
             rate: (W, N) body rate, rad/s.
@@ -104,17 +107,17 @@ class FlightWindows(NamedTuple):
         Returns:
             Transforms of W windows.
         """
-        refined = {
+        additions = {
             Refinement.JUMPS: with_advanced_jumps(inputs, 1.0) - inputs,
             # If the effect grows in proportion to the input, the torque grows with the integral, half of the square.
             Refinement.THRUST_CURVE: inputs**2 / 2,
         }
         channels = [inputs - responses, responses]
         for name in REFINEMENTS:
-            channels.append(refined[name])
+            channels.append(additions[name])
         input_transforms = scipy.fft.rfft(np.moveaxis(np.array(channels), 3, 1))
         rate_transforms = scipy.fft.rfft(rate)
-        # The frequency 0 has the mean of each window. That is its trim, which the model does not explain.
+        # The value at frequency 0 is the mean of each window: its trim, which is not part of the model.
         input_transforms[..., 0] = 0.0
         rate_transforms[..., 0] = 0.0
         return cls(rate_transforms, input_transforms, rate.shape[1], dt, unit)
@@ -137,9 +140,9 @@ class FlightWindows(NamedTuple):
 def cut_windows(record: Record) -> FlightWindows:
     """Cuts a record into windows of one length and transforms them, ready for the fit of the gray-box model.
 
-    The inputs are stated as deviations from their mean over all windows (the trim), in units of their common standard
-    deviation, so that the priors of the model hold for any kind of input. Samples much faster than ``MAX_RATE`` are
-    thinned.
+    The inputs are converted to deviations from their mean over all windows (the trim), in units of their common
+    standard deviation, so that the priors of the model fit any kind of input. Samples at twice ``MAX_RATE`` or faster
+    are thinned.
 
     Args:
         record: inputs and outputs of a flight; one of the outputs is the body rate.
@@ -174,10 +177,10 @@ def cut_windows(record: Record) -> FlightWindows:
 def responses_to_innovations(inputs: Array, rate: Array) -> Array:
     """Separates the part of the inputs that is the controller's immediate response to the rate at the same sample.
 
-    A controller may answer a gyro sample before the motors' outputs of that sample are logged. That part of the inputs
-    must not be used to predict the sample, since it is its consequence. It follows from two regressions. The first, of
-    rate and inputs on the samples before, leaves their innovations: what cannot be predicted. The second, of the
-    inputs' innovations on those of the rate, gives the gain of the response.
+    A controller may respond to a gyro sample before the motors' outputs are logged with that sample. This response must
+    not be used to predict the sample, since it is its consequence. It follows from two regressions. The residuals of
+    the first one, of rate and inputs on the samples before, are the innovations: what cannot be predicted. The second
+    one, of the inputs' innovations on those of the rate, gives the gain of the response.
 
     Args:
         inputs: inputs (W, N, r) in W windows of N samples.
@@ -204,13 +207,14 @@ def _innovations(inputs: Array, rate: Array) -> ArrayPair:
         rate: body rate (W, N), rad/s.
 
     Returns:
-        Innovations of the rate (n,) and of the inputs (n, r), at all n samples that have so many before them.
+        Innovations of the rate (n,) and of the inputs (n, r), at the n samples of all windows that have that many
+        samples before them.
     """
     # The rate comes first, the r inputs follow.
     signals = np.concatenate([rate[:, :, None], inputs], axis=2)
     count = rate.shape[1]
-    # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side. There is a row for
-    # each sample of each window that has so many before it.
+    # A row of the regression has the signals of the REGRESSION_LAGS samples before, side by side. There is one row for
+    # each sample of each window that has that many before it.
     lagged_signals = [
         signals[:, lag : count - REGRESSION_LAGS + lag] for lag in range(REGRESSION_LAGS)
     ]
@@ -245,8 +249,9 @@ def rate_column(record: Record) -> int:
 def _window_samples(record: Record) -> Indices:
     """Divides the segments of a record into windows of equal length that do not overlap.
 
-    Windows lie inside one segment, since the time between segments is unknown. What remains at the end of a segment is
-    unused. If samples are faster than twice ``MAX_RATE``, only every stride-th one is used.
+    Each window is in one segment, since the time between segments is unknown. The remainder of a segment is not used.
+    If the sampling rate is twice ``MAX_RATE`` or more, only every n-th sample is used, with n the whole part of their
+    ratio.
 
     Args:
         record: inputs and outputs of a flight.
@@ -287,11 +292,12 @@ def _window_length(record: Record) -> int:
     Returns:
         Length in samples of the record.
     """
-    usual = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
-    longest = min(int(MAX_WINDOW_STRETCH * usual), record.longest_segment)
+    shortest = min(round(WINDOW_SECONDS / record.dt), record.longest_segment)
+    longest = min(int(MAX_WINDOW_STRETCH * shortest), record.longest_segment)
 
     def used_samples(length: int) -> int:
         """Returns the number of samples that windows of this length cover."""
         return sum(segment_length // length for segment_length in record.lengths) * length
 
-    return max(range(usual, longest + 1, max(1, usual // LENGTH_STEPS)), key=used_samples)
+    step = max(1, shortest // LENGTH_STEPS)
+    return max(range(shortest, longest + 1, step), key=used_samples)

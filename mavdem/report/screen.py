@@ -14,7 +14,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.assessment import Assessment
-from mavdem.assessment.axis import AxisFigures, LogAnalysis
+from mavdem.assessment.axis import AxisEstimates, LogAnalysis
 from mavdem.assessment.axis.findings import (
     MAX_RELATIVE_HALF_WIDTHS,
     Findings,
@@ -438,7 +438,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     return [Table([first_header, *output_headers, "error ratio"], rows), *sentences]
 
 
-def vehicle_blocks(axes: Mapping[str, AxisFigures], *, is_doubtful: bool) -> Blocks:
+def vehicle_blocks(axes: Mapping[str, AxisEstimates], *, is_doubtful: bool) -> Blocks:
     """Returns a table with a row for each axis of a vehicle, and the reasons why figures are missing in it.
 
     Args:
@@ -468,7 +468,7 @@ def vehicle_blocks(axes: Mapping[str, AxisFigures], *, is_doubtful: bool) -> Blo
     return blocks + sentences_by_axes(refusals, _text_of_reason(is_doubtful=is_doubtful))
 
 
-def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
+def _axis_header(axes: Mapping[str, AxisEstimates]) -> list[str]:
     """Returns the header of the table of physical parameters, which has a row for each axis.
 
     Control effectiveness is an angular acceleration per unit of the model's inputs. All rows share this header, so its
@@ -492,7 +492,7 @@ def _axis_header(axes: Mapping[str, AxisFigures]) -> list[str]:
     ]
 
 
-def _axis_cells(figures: AxisFigures) -> list[str]:
+def _axis_cells(figures: AxisEstimates) -> list[str]:
     """Makes the table cells of an axis: mean effectiveness, damping, motor time constant and wind torque.
 
     Estimates have the half widths of their 90 % intervals, and a remark where closed-loop control biases them. The wind

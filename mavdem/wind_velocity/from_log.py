@@ -134,13 +134,13 @@ class WindEvidence(NamedTuple):
     """What a log shows of the wind in m/s."""
 
     estimate: WindVelocity | None
-    """The wind estimated from attitude and velocity; ``None`` where it cannot be."""
+    """The wind estimated from attitude and velocity; ``None`` if it cannot be."""
 
     autopilot_estimate: TimeSeries | None
-    """The autopilot's own estimate, north and east in m/s; ``None`` where it was not logged."""
+    """The autopilot's own estimate, north and east in m/s; ``None`` if it was not logged."""
 
     obstacle: Fact | None
-    """Why there is no estimate; ``None`` where there is one."""
+    """Why there is no estimate; ``None`` if there is one."""
 
 
 UNKNOWN_WIND = WindEvidence(None, None, None)
@@ -377,7 +377,7 @@ def _free_flight(
         boot: number of the boot.
 
     Returns:
-        The motion; ``None`` where the boot has no attitude or velocity.
+        The motion; ``None`` if the boot has no attitude or velocity.
     """
     motion_in_boot = ground_motion.of_boot(boot)
     velocity_time, ground_values = motion_in_boot.time, motion_in_boot.values

@@ -33,7 +33,7 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
         torque: wind torque (N,), rad/s².
 
     Returns:
-        A fact with the ``share``, at least 0; it is ``None`` where the velocity relative to the air hardly changes.
+        A fact with the ``share``, at least 0; it is ``None`` if the velocity relative to the air hardly changes.
     """
     interval = np.floor(time / GUST_SECONDS)
     interval_numbers, interval_of_sample = np.unique(interval, return_inverse=True)

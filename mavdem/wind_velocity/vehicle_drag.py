@@ -210,7 +210,7 @@ class Drag(ImmutableResult):
         """Checks a drag that a caller has given, and replaces ``None`` by the drag of the population.
 
         Args:
-            drag: drag of the vehicle, as of an earlier flight; ``None`` where it is not known.
+            drag: drag of the vehicle, as of an earlier flight; ``None`` if it is not known.
 
         Returns:
             The drag itself, or that of the population: typical multirotors.

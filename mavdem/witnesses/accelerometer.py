@@ -62,13 +62,13 @@ class ForcePeak(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class AccelerometerWitness:
+class AccelerometerRecord:
     """What one accelerometer shows in one boot."""
 
     number: int
     """Number of its IMU, from 1; ``SELECTED_IMU`` for that which PX4 selects."""
     is_used: bool | None
-    """Whether the parameters of the autopilot use it; None where they do not say it."""
+    """Whether the parameters of the autopilot use it; None if they do not say so."""
     time: Array
     """(N,) s since boot."""
     magnitude: Array
@@ -98,7 +98,14 @@ class AccelerometerWitness:
         return self.rate >= MIN_PEAK_RATE
 
     def peak(self, interval: TimeInterval) -> ForcePeak | None:
-        """Returns the largest specific force in an interval; None without samples there."""
+        """Returns the largest specific force in an interval, and when it was measured.
+
+        Args:
+            interval: start and end, s since boot, both included.
+
+        Returns:
+            Its time, s since boot, and size, m/s²; None if the interval has no samples.
+        """
         start, end = interval
         rows = np.flatnonzero((self.time >= start) & (self.time <= end))
         if not len(rows):
@@ -113,7 +120,7 @@ class AccelerometerWitness:
 
 
 @cached_per_vehicle()
-def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerWitness, ...]:
+def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRecord, ...]:
     """Measures every accelerometer of a boot: its rate, its peaks, and gravity at rest.
 
     Args:
@@ -129,13 +136,13 @@ def accelerometer_witnesses(signals: Signals, boot: int) -> tuple[AccelerometerW
         # PX4 logs all IMUs by number, and besides them the one that it selects at each time.
         number = SELECTED_IMU if 1 in forces else 1
         forces[number] = first
-    witnesses = []
+    records = []
     for number, force in sorted(forces.items()):
         is_used = _is_used(signals.telemetry.parameters, number)
-        witness = _measured_accelerometer(signals, boot, number, is_used, force)
-        if witness is not None:
-            witnesses.append(witness)
-    return tuple(witnesses)
+        record = _measured_accelerometer(signals, boot, number, is_used, force)
+        if record is not None:
+            records.append(record)
+    return tuple(records)
 
 
 def _is_used(parameters: Parameters, number: int) -> bool | None:
@@ -146,7 +153,7 @@ def _is_used(parameters: Parameters, number: int) -> bool | None:
         number: number of the IMU.
 
     Returns:
-        Whether it is used; None if the parameters do not contain it.
+        Whether it is used; None if the parameters do not say on which IMUs the EKF runs.
     """
     if parameters.get(USE_PARAMETERS.get(number, ""), 1) == 0:
         return False
@@ -168,14 +175,14 @@ def _imu_mask(parameters: Parameters) -> int | None:
 
 def _measured_accelerometer(
     signals: Signals, boot: int, number: int, is_used: bool | None, specific_forces: TimeSeries
-) -> AccelerometerWitness | None:
+) -> AccelerometerRecord | None:
     """Measures one accelerometer in a boot.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         number: number of the IMU.
-        is_used: whether the parameters use it; None if they do not say it.
+        is_used: whether the parameters use it; None if they do not say so.
         specific_forces: specific force (N, 3) of all boots, m/s².
 
     Returns:
@@ -188,7 +195,7 @@ def _measured_accelerometer(
     duration = force.time[-1] - force.time[0]
     rest_spans = rest_intervals(signals, boot)
     magnitude_at_rest = magnitude[in_intervals(force.time, rest_spans)]
-    return AccelerometerWitness(
+    return AccelerometerRecord(
         number=number,
         is_used=is_used,
         time=force.time,
@@ -202,11 +209,11 @@ def _measured_accelerometer(
 
 
 @cached_per_vehicle()
-def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | None:
+def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | None:
     """Returns the accelerometer that is used for a boot.
 
-    It is that of the estimator's primary core, where the log names it; otherwise the first that the parameters do not
-    exclude.
+    It is that of the estimator's primary core, where the log names it; otherwise the first one that the parameters do
+    not exclude, or the first of all if they exclude each.
 
     Args:
         signals: signals of the vehicle.
@@ -215,44 +222,44 @@ def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerWitness | 
     Returns:
         The accelerometer; None if none was recorded.
     """
-    witnesses = accelerometer_witnesses(signals, boot)
+    records = accelerometer_records(signals, boot)
     primary = _imu_of_primary_core(signals, boot)
-    for witness in witnesses:
-        if witness.number == primary:
-            return witness
-    used = [witness for witness in witnesses if witness.is_used is not False]
-    return next(iter(used or witnesses), None)
+    for record in records:
+        if record.number == primary:
+            return record
+    used = [record for record in records if record.is_used is not False]
+    return next(iter(used or records), None)
 
 
 def _imu_of_primary_core(signals: Signals, boot: int) -> int | None:
-    """Returns the number of the IMU, from 1, of the core that flies for most of a boot.
+    """Returns the number of the IMU whose core of the estimator was the primary one for most of a boot.
 
     ArduPilot runs one instance ("core") of its estimator for each IMU in its mask: the first core has the IMU of the
-    lowest bit.
+    lowest bit. The primary core is the one whose estimate the controllers use.
 
     Args:
         signals: signals of the vehicle, with the log of the core in use and the parameters.
         boot: number of the boot.
 
     Returns:
-        The number; None if it is not known.
+        The number, from 1; None if it is not known, or the autopilot is PX4, which numbers its instances otherwise.
     """
     mask = _imu_mask(signals.telemetry.parameters)
     cores = recorded_series(signals.telemetry, "estimator_selector_status", "primary_instance")
     cores = series_of_boot(cores, boot)
     if cores is None or mask is None or signals.telemetry.autopilot == "PX4":
         return None
-    imus = [1 + bit for bit in range(len(USE_PARAMETERS)) if mask >> bit & 1]
+    imu_of_core = [1 + bit for bit in range(len(USE_PARAMETERS)) if mask >> bit & 1]
     core = int(np.median(cores.values))
-    return imus[core] if 0 <= core < len(imus) else None
+    return imu_of_core[core] if 0 <= core < len(imu_of_core) else None
 
 
 @cached_per_vehicle()
 def rest_intervals(signals: Signals, boot: int) -> Intervals:
     """Returns the intervals in which the vehicle rested on the ground.
 
-    It rests in windows of ``REST_SECONDS`` in which it is still while the motors idle or are off. Neighbouring windows
-    are one interval.
+    It rests in windows of ``REST_SECONDS`` in which it is still while the motors idle or are off; where their outputs
+    were not recorded, being still is enough. Neighbouring windows are joined to one interval.
 
     Args:
         signals: signals of the vehicle.
@@ -314,7 +321,7 @@ def still_windows(signals: Signals, boot: int) -> StillWindows | None:
     force = series_of_boot(specific_force(signals), boot)
     if force is not None:
         ranges = window_ranges(force.time, np.linalg.norm(force.values, axis=1), windows)
-        # NaN, a window without samples, contradicts nothing.
+        # A window without samples of the force has the range NaN: there only the body rates decide.
         is_still &= ~(ranges > REST_FORCE_RANGE)
     return StillWindows(windows, is_still)
 
@@ -351,7 +358,7 @@ def window_ranges(time: Array, values: Array, windows: Array) -> Array:
 
 
 def is_powered(signals: Signals, boot: int, time: Array) -> Flags | None:
-    """Returns whether the motors are fast enough to carry the vehicle at some times, by their mean output.
+    """Returns at which times the mean output of the motors is high enough to carry the vehicle.
 
     Args:
         signals: signals of the vehicle.

@@ -24,7 +24,7 @@ from mavdem.facts.witnesses import HeightSource, WitnessFact
 from mavdem.physical_constants import GRAVITY
 from mavdem.witnesses.accelerometer import (
     REST_SECONDS,
-    AccelerometerWitness,
+    AccelerometerRecord,
     accelerometer_in_use,
     is_powered,
     still_windows,
@@ -33,7 +33,7 @@ from mavdem.witnesses.height import (
     MAX_CLIMB_DIFFERENCE,
     MEAN_SECONDS,
     SLOPE_SECONDS,
-    HeightWitnesses,
+    HeightComparison,
     TrustedHeight,
     trusted_height,
 )
@@ -89,7 +89,7 @@ class _Descent(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """The fastest rotation in an interval; its fields are the figures of the witness ``ROTATED``."""
+    """The fastest rotation in an interval; its fields are the figures of the statement ``ROTATED``."""
 
     time: float
     """When the vehicle rotated so fast, s since boot."""
@@ -115,10 +115,10 @@ class Rest:
 
     @property
     def statements(self) -> tuple[Fact, ...]:
-        """The rest, and the pose in it, as witnesses of a crash.
+        """Statements that the vehicle rested, and in which pose, for or against a crash.
 
-        A vehicle on its side supports a crash, one that stands upright contradicts it. Without a known angle there is
-        no statement on the pose.
+        A vehicle on its side supports a crash, one that stands upright contradicts it. If its angle is not known there
+        is no statement on the pose.
         """
         rested = supporting_statement(WitnessFact.RESTED, time=self.time)
         if self.angle is None:
@@ -151,7 +151,7 @@ class BootSensors:
         return sensor_trust(self.signals, self.boot)
 
     @property
-    def height(self) -> HeightWitnesses:
+    def height(self) -> HeightComparison:
         """Barometer and estimated climb."""
         return self.trust.height
 
@@ -187,16 +187,16 @@ class BootSensors:
         height = self.height_above_take_off
         return None if height is None else float(np.interp(time, height.time, height.values))
 
-    def sources_above(self, height: float, time: float) -> tuple[Fact, ...]:
-        """Returns a witness for each height sensor: whether the vehicle was above a height at some time.
+    def height_statements(self, height: float, time: float) -> tuple[Fact, ...]:
+        """Returns a statement of each height sensor on whether the vehicle was above a height at some time.
 
         Args:
             height: m above the take-off.
             time: s since boot.
 
         Returns:
-            Statements of barometer and estimate, as far as they were recorded, for or against a flight; empty if the
-            take-off was before the log, since then the height above it is not known.
+            Statements for or against a flight, of the barometer and of the autopilot's estimate if they were recorded.
+            Empty if the take-off was before the log, since then the height above it is not known.
         """
         if isinf(self.take_off):
             return ()
@@ -217,7 +217,7 @@ class BootSensors:
         return tuple(statements)
 
     @property
-    def accelerometer(self) -> AccelerometerWitness | None:
+    def accelerometer(self) -> AccelerometerRecord | None:
         """The accelerometer that counts; None if none was recorded."""
         return self.trust.accelerometer
 
@@ -228,14 +228,18 @@ class BootSensors:
             return ""
         return self.accelerometer.name
 
-    def knock(self, interval: TimeInterval) -> Fact | None:
-        """Returns the largest acceleration of an interval as a witness for or against an impact.
+    def knock_statement(self, interval: TimeInterval) -> Fact | None:
+        """Returns the statement of the accelerometer on whether something knocked against the vehicle in an interval.
+
+        A knock is a specific force of at least ``AccelerometerRecord.knock_size``. Slow accelerometers miss most
+        knocks, so that only a fast one shows that there was none.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            A statement; None if the accelerometer is too slow to show a knock, or has no samples in the interval.
+            The statement for or against an impact, with the largest specific force, m/s². None if the accelerometer has
+            no samples in the interval, or measured no knock but is too slow to show one.
         """
         accelerometer = self.accelerometer
         if accelerometer is None:
@@ -261,14 +265,14 @@ class BootSensors:
             name=self.name_of_accelerometer,
         )
 
-    def fast_rotation(self, interval: TimeInterval) -> Fact | None:
-        """Returns the witness that the vehicle tumbled in an interval.
+    def rotation_statement(self, interval: TimeInterval) -> Fact | None:
+        """Returns the statement that the vehicle tumbled in an interval.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            The statement; None if its body rates were below ``FAST_RATE``.
+            The statement, with the largest body rate, rad/s; None if it did not exceed ``FAST_RATE``.
         """
         fastest = self.fastest_rotation(self.signals.attitudes, interval)
         if fastest.body_rate <= FAST_RATE:
@@ -279,11 +283,12 @@ class BootSensors:
         """Returns the largest body rate in an interval.
 
         Args:
-            attitudes: motion about each axis that counts.
+            attitudes: motion about each of the axes to compare, such as all three, or roll and pitch only.
             interval: start and end, s since boot.
 
         Returns:
-            The largest rate of any axis; 0 at the start of the interval if no rate was recorded in it.
+            The largest absolute rate of any axis, rad/s, and its time; 0 at the start of the interval if no rate was
+            recorded in it.
         """
         start, _ = interval
         fastest = Rotation(time=start, body_rate=0.0)
@@ -302,9 +307,9 @@ class BootSensors:
     def climb_estimate(self) -> TimeSeries | None:
         """Climb by the autopilot's estimate (N,), m/s upward; None if it was not recorded.
 
-        After an impact the estimate often runs away. A barometer shows that (:meth:`sink_rate` compares the two). Where
-        none was recorded, samples at which the estimated height is more than ``MAX_GROUND_HEIGHT`` below the take-off
-        are left out instead: the vehicle cannot be there.
+        After an impact the estimate often diverges. A barometer shows that (:meth:`sink_rate` compares the two). Where
+        none was recorded, samples are left out at which the estimated height is more than ``MAX_GROUND_HEIGHT`` below
+        the take-off, where the vehicle cannot be.
         """
         climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
         height = series_of_boot(self.signals.height, self.boot)
@@ -322,7 +327,8 @@ class BootSensors:
             interval: start and end, s since boot.
 
         Returns:
-            Speed, m/s, by the name of the sensor.
+            Speed downward, m/s, by the name of the sensor, "barometer" or "estimate"; negative if the vehicle climbed
+            throughout.
         """
         descents = self._fastest_descents(interval)
         return {source: descent.speed for source, descent in descents.items()}
@@ -358,10 +364,10 @@ class BootSensors:
         return descents
 
     def _fall_speed_limit(self, end: float) -> float:
-        """Returns the speed downward that the vehicle cannot have exceeded until a time, s since boot.
+        """Returns the speed downward that the vehicle cannot have exceeded before a time.
 
         A free fall from the greatest height of the flight to the lowest one ends at √(2 g h), and no multirotor exceeds
-        ``MAX_FALL_SPEED``. A faster estimate has diverged, as they do after an impact.
+        ``MAX_FALL_SPEED``. A faster estimate has diverged, as often happens after an impact.
 
         Args:
             end: the time, s since boot.
@@ -384,15 +390,15 @@ class BootSensors:
     def sink_rate(self, interval: TimeInterval) -> float | None:
         """Returns the largest speed downward in an interval, m/s, that the height sensors do not contradict.
 
-        The estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If the two
-        contradict each other, and not only by that lag, either may be wrong, and the smaller speed is the one that both
-        confirm.
+        The autopilot's estimate is preferred, since the slope of the barometer's averages lags behind a short fall. If
+        the two contradict each other, and not only by that lag, either may be wrong: then the result is the smaller
+        speed, which both confirm.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            Speed, m/s, 0 for a climb throughout; None if neither was recorded.
+            Speed, m/s, at least 0; None if neither sensor has a possible speed in the interval.
         """
         rates = self.sink_rates(interval)
         if not rates:
@@ -401,15 +407,15 @@ class BootSensors:
             start, end = interval
             search = [(start, end + CONTRADICTION_MARGIN)]
             is_contradicted = bool(intersection(self.height.contradictions, search))
-            if not is_contradicted or self._sank_as_far(end):
+            if not is_contradicted or self._barometer_sank_as_far(end):
                 return max(0.0, rates["estimate"])
         return max(0.0, min(rates.values()))
 
-    def _sank_as_far(self, end: float) -> bool:
-        """Returns whether the barometer sank as far as the estimate in the ``SLOPE_SECONDS`` before a time, s.
+    def _barometer_sank_as_far(self, end: float) -> bool:
+        """Returns whether the barometer lost as much height as the estimate in the ``SLOPE_SECONDS`` before a time.
 
-        A fall of a second or two is too short for the slope of the barometer, which then seems to contradict the
-        estimate. The lost height does not lag: it is known once the averages are over.
+        In a fall of a second or two the barometer's climb rate, a slope over ``SLOPE_SECONDS``, lags behind and seems
+        to contradict the estimate. The lost height does not lag: the averages show it ``MEAN_SECONDS / 2`` later.
 
         Args:
             end: the time, s since boot.
@@ -426,7 +432,9 @@ class BootSensors:
             return False
         return change - estimated_change <= MAX_CLIMB_DIFFERENCE * SLOPE_SECONDS
 
-    def sinking(self, interval: TimeInterval, least: float = MIN_SINK_RATE) -> tuple[Fact, ...]:
+    def sink_statements(
+        self, interval: TimeInterval, least: float = MIN_SINK_RATE
+    ) -> tuple[Fact, ...]:
         """Returns a statement of each height sensor, barometer and estimate, on whether the vehicle sank fast.
 
         A sensor whose descent is faster than the other one confirms, by more than ``MAX_CLIMB_DIFFERENCE``, makes no
@@ -458,12 +466,12 @@ class BootSensors:
                 )
         return tuple(statements)
 
-    def throttle_closed(self, interval: TimeInterval) -> Fact | None:
-        """Returns a witness if the pilot moved the throttle stick from open to closed in an interval.
+    def throttle_closed_statement(self, interval: TimeInterval) -> Fact | None:
+        """Returns the statement that the pilot moved the throttle stick from open to closed in an interval.
 
         Args:
             interval: start and end, s since boot. The stick must have been open in it, or in the
-                ``OPEN_BEFORE_SECONDS`` before it: one that was closed all the time says nothing.
+                ``OPEN_BEFORE_SECONDS`` before it: a stick that was closed all the time was not moved.
 
         Returns:
             A statement with the time of the first closed sample; None if the stick was not recorded, was not closed in
@@ -474,7 +482,7 @@ class BootSensors:
             return None
         is_closed = stick.values <= CLOSED_STICK
         start, end = interval
-        # The largest travel of the stick so far, at each sample; what it did long before the interval does not count.
+        # The largest travel of the stick up to each sample, from shortly before the interval on.
         is_recent = stick.time >= start - OPEN_BEFORE_SECONDS
         largest_travel = np.maximum.accumulate(np.where(is_recent, stick.values, 0.0))
         is_inside = (stick.time >= start) & (stick.time <= end)
@@ -484,25 +492,25 @@ class BootSensors:
         return supporting_statement(WitnessFact.THROTTLE_CLOSED, time=stick.time[rows[0]])
 
     def rest_after(self, time: float, latest: float) -> Rest | None:
-        """Returns the rest of the vehicle on the ground between two times.
+        """Finds when the vehicle first rested on the ground between two times, and in which pose.
 
-        The vehicle rests if it does not rotate for ``MIN_REST_SECONDS`` and the motors do not carry it, or if it lies
-        on its side, which no motor can hold in the air. The record of rest has windows of ``REST_SECONDS``; the first
-        run of neighbouring windows that is long enough is the rest.
+        The vehicle rests if it is still for ``MIN_REST_SECONDS`` while the motors do not carry it, or while it lies on
+        its side, in which no vehicle can hover. The record of rest has windows of ``REST_SECONDS``, so that a rest is a
+        run of neighbouring windows.
 
         Args:
             time: earliest beginning of the rest, s since boot.
             latest: end of the search, s since boot; windows that start later are ignored.
 
         Returns:
-            Beginning and angle of the rest; None if the vehicle did not rest.
+            Beginning of the rest and angle from upright, rad; None if the vehicle did not rest.
         """
         record = _rest_record(self.signals, self.boot)
         if record is None:
             return None
         needed_windows = round(MIN_REST_SECONDS / REST_SECONDS)
         is_candidate = (record.start >= time) & (record.start <= latest) & record.is_rest
-        # The number of windows of rest that follow each other up to this one.
+        # The number of windows of rest in a row, up to and including the present one.
         run_length = 0
         for row in np.flatnonzero(is_candidate).tolist():
             continues_run = run_length > 0 and bool(is_candidate[row - 1])
@@ -533,8 +541,8 @@ class _RestRecord:
 def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
     """Judges in each window of a boot whether the vehicle rests on the ground, and how far it is from upright.
 
-    A still vehicle rests if its motors are too slow to carry it. If it is tilted by more than ``SIDE_ANGLE`` it rests
-    whatever the motors do, since nothing hovers on its side.
+    A still vehicle rests if the outputs of its motors are too low to carry it. If it is tilted by more than
+    ``SIDE_ANGLE`` it rests whatever the motors do, since nothing hovers on its side.
 
     Args:
         signals: signals of the vehicle.
@@ -559,16 +567,17 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
 def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     """Returns the angle of the vehicle from upright at some times.
 
-    The direction of gravity in the body shows it while the vehicle is still, however wrong the attitude is after a
-    crash: upright, the specific force points against body z. Without an accelerometer, roll and pitch show the angle.
+    The accelerometer is preferred, because the estimated attitude may be wrong after a crash: while the vehicle stands
+    upright and still, the specific force points against body z. Without one the angle follows from roll and pitch, by
+    cos(angle) = cos(roll) cos(pitch).
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        time: (W,) s since boot.
+        time: (W,) s since boot. The angle means something only where the vehicle is still.
 
     Returns:
-        The angle (W,), rad; NaN where no sensor shows it.
+        The angle (W,), rad; NaN if neither was recorded.
     """
     accelerometer = accelerometer_in_use(signals, boot)
     if accelerometer is not None:

@@ -1,4 +1,4 @@
-"""Did the vehicle fly? Height, attitude and motion answer, and two of them must agree.
+"""Did the vehicle fly? Height, attitude and body rates are evidence for or against it, and two of them must agree.
 
 On a bench the motors run, the land detector counts throttle as flight, and an estimate without a position fix drifts
 by metres. So a boot in which the motors ran counts as flown, or as not flown, only by two witnesses of the motion.
@@ -16,8 +16,8 @@ from mavdem.dataset.vehicle_cache import cached_per_vehicle
 from mavdem.facts import Facts
 from mavdem.facts.witnesses import WitnessFact
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
-from mavdem.witnesses.height import height_witnesses, windowed_mean
-from mavdem.witnesses.rotation import rotation_witness
+from mavdem.witnesses.height import height_comparison, windowed_mean
+from mavdem.witnesses.rotation import rotation_under_power
 from mavdem.witnesses.statements import (
     MIN_SUPPORT,
     contradicting_statement,
@@ -64,24 +64,24 @@ class FlightVerdict:
 def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
     """Judges whether a vehicle flew while its motors could carry it.
 
-    A witness is a sensor, or a comparison of sensors, that supports or contradicts a flight: the rise of the height,
-    roll and pitch that follow their setpoints or do not, and rotation. A rise above ``MIN_CERTAIN_RISE`` is enough for
-    a flight. Otherwise ``MIN_SUPPORT`` witnesses must agree, for a flight as well as against one, and a barometer that
-    stays level rules a flight out.
+    A witness is the statement of a sensor, or of a comparison of sensors, that supports or contradicts a flight. There
+    are three: the rise of the height, whether roll and pitch follow their setpoints, and rotation. A rise above
+    ``MIN_CERTAIN_RISE`` is enough for a flight. Otherwise ``MIN_SUPPORT`` witnesses must agree, for a flight as well as
+    against one, and a barometer that stays level rules a flight out.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
 
     Returns:
-        The answer with its witnesses: that the vehicle flew, that it did not, or None if that is not known. If the
-        motors were not recorded or never ran it is not known, and has no witnesses.
+        Whether the vehicle flew, None if that is not known, with the witnesses. If the motors were not recorded or
+        never ran, it is not known and there are no witnesses.
     """
     powered_spans = powered_intervals(signals, boot)
     if not powered_spans:
         return FlightVerdict(None, (), had_power=False)
     # The height is that of the barometer or, without a usable one, of the estimate, which may drift.
-    barometer = height_witnesses(signals, boot).barometer
+    barometer = height_comparison(signals, boot).barometer
     height = barometer
     source = "barometer"
     if height is None:
@@ -107,14 +107,14 @@ def flight_verdict(signals: Signals, boot: int) -> FlightVerdict:
 
 
 def _rise_statements(rise: float | None, source: str) -> Facts:
-    """Returns the statement of the vehicle's rise on a flight.
+    """Returns the statement of the vehicle's rise for or against a flight.
 
     Args:
         rise: height gained under power, m; None if it is not known.
         source: "barometer" or "estimate".
 
     Returns:
-        The statement; empty if it is not known, or neither large nor small.
+        One statement; none if the rise is not known, or is neither large nor small.
     """
     if rise is None:
         return ()
@@ -126,22 +126,25 @@ def _rise_statements(rise: float | None, source: str) -> Facts:
 
 
 def _rotation_statements(signals: Signals, boot: int) -> Facts:
-    """Returns the statements of roll, pitch and the body rates on a flight.
+    """Returns the statements of roll, pitch and the body rates for or against a flight.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
+
+    Returns:
+        At most one statement on how the attitude follows its setpoint, and one if the vehicle did not rotate at all.
     """
-    rotation = rotation_witness(signals, boot)
+    rotation = rotation_under_power(signals, boot)
     if rotation is None:
         return ()
     statements = []
-    if rotation.answers is True:
+    if rotation.follows_setpoint is True:
         correlation = rotation.correlation
         statements.append(
             supporting_statement(WitnessFact.ATTITUDE_ANSWERED, correlation=correlation)
         )
-    elif rotation.answers is False:
+    elif rotation.follows_setpoint is False:
         error = rotation.median_error
         statements.append(contradicting_statement(WitnessFact.ATTITUDE_IGNORED, angle=error))
     if rotation.is_held:

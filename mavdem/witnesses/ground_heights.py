@@ -96,7 +96,7 @@ def ground_heights(
 
 
 def _horizontal_distance(start: Array, end: Array) -> float:
-    """Returns the horizontal distance between two nearby places on a plane that touches the sphere.
+    """Returns the horizontal distance between two nearby places, in the plane that is tangent to the sphere there.
 
     Args:
         start, end: latitude and longitude, degrees, and altitude, m (3,).

@@ -1,4 +1,4 @@
-"""Height and climb by two witnesses: the barometer, and the autopilot's estimate, which may run away.
+"""Height and climb by two sources: the barometer, and the autopilot's estimate, which may diverge.
 
 The estimator integrates the accelerometer. A bias of that, or vibration that it rectifies, lets the estimated height
 fall or rise without end while the vehicle hovers, and in automatic height modes the vehicle then follows the error. The
@@ -57,7 +57,7 @@ NORMAL_MAD_RATIO = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
-class HeightWitnesses:
+class HeightComparison:
     """What barometer and estimate show of height and climb in one boot; time is s since boot."""
 
     barometer: TimeSeries | None
@@ -71,7 +71,7 @@ class HeightWitnesses:
     contradictions: Intervals
     """When both climbs were known and differed by more than ``MAX_CLIMB_DIFFERENCE``, s."""
     climb_difference: float | None
-    """Median of the size of that difference, m/s; None where not both climbs are known."""
+    """Median of the size of that difference, m/s; None if not both climbs are known."""
 
     def barometer_change(self, start: float, end: float) -> float | None:
         """Returns the rise of the barometer's height from one time to another, m; None without a usable barometer."""
@@ -82,7 +82,7 @@ class HeightWitnesses:
 
 
 @cached_per_vehicle()
-def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
+def height_comparison(signals: Signals, boot: int) -> HeightComparison:
     """Compares the climb rate of the barometer with that of the autopilot's estimate in a boot.
 
     Args:
@@ -91,7 +91,7 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
 
     Returns:
         Both climb rates, averaged, with the intervals in which they contradict each other. A barometer that is too
-        noisy, or too slow to tell, is left out.
+        noisy, or too slow for its noise to be estimated, is left out.
     """
     altitude = series_of_boot(barometer_altitude(signals), boot)
     noise = None if altitude is None else barometer_noise(altitude)
@@ -109,7 +109,7 @@ def height_witnesses(signals: Signals, boot: int) -> HeightWitnesses:
     if climb_rate is not None:
         mean_climb = windowed_mean(climb_rate.time, climb_rate.values, SLOPE_SECONDS)
         estimated_climb = TimeSeries(climb_rate.time, climb_rate.boot, mean_climb)
-    return HeightWitnesses(
+    return HeightComparison(
         barometer=barometer,
         barometer_noise=noise,
         barometer_climb=barometer_climb,
@@ -127,9 +127,9 @@ def is_usable_barometer(noise: float | None) -> bool:
 def barometer_noise(altitude: TimeSeries) -> float | None:
     """Returns the noise of a barometer: the robust RMS of the second differences of its means over 1 s.
 
-    The second difference of an altitude over 1 s steps is a vertical acceleration. No multirotor keeps up an
-    acceleration beyond ``MAX_BAROMETER_NOISE``, so that a larger figure is of the sensor and not of the flight. Robust
-    means by the median absolute deviation, which a few outliers do not change.
+    The second difference of an altitude over steps of 1 s is a vertical acceleration. No multirotor keeps up an
+    acceleration above ``MAX_BAROMETER_NOISE``, so that a larger value is noise of the sensor. The RMS is robust because
+    it is computed from the median absolute deviation, which a few outliers do not change.
 
     Args:
         altitude: (N,) m, of one boot.
@@ -193,7 +193,7 @@ def _climb_by_barometer(barometer: TimeSeries) -> TimeSeries | None:
 def _contradictions(
     barometer_climb: TimeSeries | None, estimated_climb: TimeSeries | None
 ) -> Intervals:
-    """Returns the intervals in which the climb rates of estimate and barometer differ by more than a limit for long.
+    """Returns the intervals in which estimate and barometer differ by more than ``MAX_CLIMB_DIFFERENCE`` for long.
 
     Args:
         barometer_climb: (M,) climb rate by the barometer, m/s upward, at ``GRID_RATE``; None without a usable
@@ -277,21 +277,22 @@ def _recorded_height(signals: Signals, boot: int, source: HeightSource) -> TimeS
     """Returns the height by a source (N,), m, from wherever the source counts; None if it was not recorded."""
     if source is HeightSource.ESTIMATE:
         return series_of_boot(signals.height, boot)
-    return height_witnesses(signals, boot).barometer
+    return height_comparison(signals, boot).barometer
 
 
 # The source alone is cached: a log of hours has a take-off for each of many flights, and their heights would take its
 # size in memory.
 @cached_per_vehicle()
 def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSource | None:
-    """Returns the sensor whose height :func:`trusted_height` returns.
+    """Chooses the source whose height :func:`trusted_height` returns.
 
-    The barometer is trusted if the autopilot's estimate is ever further than ``MAX_HEIGHT_DIFFERENCE`` from it.
+    That is the barometer if the autopilot's estimate is ever further than ``MAX_HEIGHT_DIFFERENCE`` from it.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot.
+        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Both heights are
+            compared above the take-off, so that then only the estimate, which is above home, can be used.
 
     Returns:
         The source; None if neither was recorded.

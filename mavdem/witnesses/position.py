@@ -90,19 +90,19 @@ def position_fix(signals: Signals) -> TimeSeries | None:
 
 
 @dataclass(frozen=True, eq=False)
-class PositionWitness:
+class PositionRecord:
     """What is known of the horizontal position in one boot."""
 
     fix: TimeSeries | None
     """Whether any GPS receiver had a fix (N,), 1 or 0; None if no receiver was recorded."""
     validity: TimeSeries | None
-    """Whether the estimator reports a position (M,), 1 or 0; None where nothing reports it."""
+    """Whether the estimator reports a position (M,), 1 or 0; None if nothing reports it."""
     fix_share: float | None
     """Share of the time under power with a fix of GPS; None if no receiver was recorded."""
 
 
 @cached_per_vehicle()
-def position_witness(signals: Signals, boot: int) -> PositionWitness:
+def position_record(signals: Signals, boot: int) -> PositionRecord:
     """Collects what receivers and estimator report on the position during one boot.
 
     Args:
@@ -113,7 +113,7 @@ def position_witness(signals: Signals, boot: int) -> PositionWitness:
         The fixes, the validity of the position estimate, and the share of the powered time with a fix.
     """
     fix = series_of_boot(position_fix(signals), boot)
-    return PositionWitness(
+    return PositionRecord(
         fix=fix,
         validity=series_of_boot(position_validity(signals), boot),
         fix_share=None if fix is None else _share_under_power(signals, boot, fix),

@@ -1,4 +1,4 @@
-"""Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
+"""Whether roll and pitch follow their setpoints, and whether the integrated gyro agrees with the attitude."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,17 +14,17 @@ from mavdem.dataset.steady_flight import attitude_tracking
 from mavdem.dataset.time_series import moving_average, series_of_boot
 from mavdem.dataset.vehicle_cache import cached_per_vehicle
 
-ANSWER_RATE = 10.0
+RESPONSE_RATE = 10.0
 """Rate, Hz, at which setpoint and angle are compared; all loops of attitude are slower."""
 
 MIN_SETPOINT_RANGE = np.radians(2.0)
-"""Standard deviation, rad, of a setpoint, above which an answer can be seen."""
+"""Standard deviation, rad, of a setpoint, above which its response can be judged."""
 
 MIN_CORRELATION = 0.5
-"""Correlation of setpoint and angle from which on the vehicle answers."""
+"""Correlation of setpoint and angle from which on the vehicle follows its setpoint."""
 
 MIN_SLOPE = 0.3
-"""Slope of the regression of the angle on its setpoint, rad/rad, from which on the vehicle answers; 1 is perfect."""
+"""Slope of the regression of the angle on its setpoint, rad/rad, from which on the vehicle follows it; 1 is perfect."""
 
 MAX_IGNORED_CORRELATION = 0.2
 """Correlation of setpoint and angle up to which the vehicle ignores a setpoint that varies much."""
@@ -42,7 +42,7 @@ MAX_HELD_RANGE = np.radians(15.0)
 """Range of roll or pitch, rad, under power, above which nothing holds the vehicle; estimates on a bench drift less."""
 
 DELAY_SECONDS = 1.0
-"""Longest delay, s, of the answer that is tried."""
+"""Longest delay, s, from setpoint to response that is tried."""
 
 MIN_SECONDS = 2.0
 """Seconds under power that are needed for a judgement."""
@@ -69,12 +69,12 @@ MIN_RATE_CORRELATION = 0.5
 
 
 @dataclass(frozen=True)
-class RotationWitness:
+class RotationUnderPower:
     """How the vehicle rotated under power in one boot."""
 
     powered_seconds: float
     """Time with motors that could carry the vehicle, s."""
-    answers: bool | None
+    follows_setpoint: bool | None
     """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
     correlation: float | None
     """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
@@ -83,7 +83,7 @@ class RotationWitness:
     largest_rate: float
     """Largest body rate under power, rad/s."""
     gyro_agrees: bool | None
-    """Whether the integral of the gyro is the change of the attitude; None where that cannot be compared."""
+    """Whether the integral of the gyro is the change of the attitude; None if that cannot be compared."""
 
     @property
     def is_held(self) -> bool:
@@ -92,7 +92,7 @@ class RotationWitness:
 
 
 @cached_per_vehicle()
-def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
+def rotation_under_power(signals: Signals, boot: int) -> RotationUnderPower | None:
     """Measures how a vehicle rotated under power: whether it followed its setpoints, its largest rate, and its gyro.
 
     Under power means that the motors were fast enough to carry the vehicle.
@@ -122,21 +122,23 @@ def rotation_witness(signals: Signals, boot: int) -> RotationWitness | None:
             rates.append(np.interp(time, rate.time, abs(rate.values)))
     # A median over three samples removes single damaged ones, and keeps the moment in which a vehicle tips over.
     largest_rate = float(scipy.ndimage.median_filter(np.max(rates, axis=0), 3)[is_powered].max())
-    answer = _answer(time, tracking.angles[:, TILT_COLUMNS], tracking.setpoints, is_powered)
-    return RotationWitness(
+    response = _setpoint_response(
+        time, tracking.angles[:, TILT_COLUMNS], tracking.setpoints, is_powered
+    )
+    return RotationUnderPower(
         powered_seconds=powered_seconds,
-        answers=answer.is_given,
-        correlation=answer.correlation,
-        median_error=answer.median_error,
+        follows_setpoint=response.follows_setpoint,
+        correlation=response.correlation,
+        median_error=response.median_error,
         largest_rate=largest_rate,
         gyro_agrees=_gyro_agrees(signals, boot, time[is_powered]),
     )
 
 
-class _Answer(NamedTuple):
+class _SetpointResponse(NamedTuple):
     """How roll and pitch follow their setpoints."""
 
-    is_given: bool | None = None
+    follows_setpoint: bool | None = None
     """Whether they do; None if the setpoints ask for too little to tell."""
     correlation: float | None = None
     """Largest correlation of a setpoint with its angle; None if no setpoint varies enough."""
@@ -144,25 +146,27 @@ class _Answer(NamedTuple):
     """Larger median error of both axes, rad; None without setpoints."""
 
 
-def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> _Answer:
+def _setpoint_response(
+    time: Array, angles: Array, setpoints: Array, is_powered: Flags
+) -> _SetpointResponse:
     """Compares roll and pitch with their setpoints under power.
 
     The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation counts. The vehicle
-    answers if roll or pitch follows well: nothing holds it then. It does not answer if nothing follows, although the
-    setpoints vary much or are far from the angles, and it hardly moves: so a vehicle on a bench behaves.
+    follows its setpoint if one of the two axes does: then nothing holds it. It does not follow it, as on a bench, if
+    neither axis does although the setpoints vary much or are far from the angles, and the angles hardly change.
 
     Args:
-        time: (N,) s.
+        time: (N,) s, ascending.
         angles: (N, 2) roll and pitch, rad.
         setpoints: (N, 2) their setpoints, rad; NaN where there is none.
         is_powered: (N,) whether the motors could carry the vehicle.
 
     Returns:
-        Whether the vehicle answers, None if that is not known; the correlation by which it does; and the larger of the
-        median errors of roll and pitch, rad.
+        Whether the vehicle follows its setpoint, None if that is not known; the largest correlation; and the larger one
+        of the median errors of roll and pitch, rad.
     """
     # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
-    grid = np.arange(time[0], time[-1], 1 / ANSWER_RATE)
+    grid = np.arange(time[0], time[-1], 1 / RESPONSE_RATE)
     on_grid = np.searchsorted(time, grid, side="right") - 1
     # One entry for each axis with enough samples (errors) and whose setpoint varies enough (the others).
     correlations = []
@@ -171,11 +175,11 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
     is_ignored = []
     for angle, setpoint in zip(angles[on_grid].T, setpoints[on_grid].T, strict=True):
         is_known = np.isfinite(setpoint) & np.isfinite(angle) & is_powered[on_grid]
-        if np.count_nonzero(is_known) < MIN_SECONDS * ANSWER_RATE:
+        if np.count_nonzero(is_known) < MIN_SECONDS * RESPONSE_RATE:
             continue
         errors.append(float(np.median(abs(angle - setpoint)[is_known])))
         deviation = float(np.std(setpoint[is_known]))
-        # A setpoint that hardly varies cannot show an answer.
+        # The correlation with a setpoint that hardly varies means nothing.
         if deviation < MIN_SETPOINT_RANGE:
             continue
         correlation, slope = _best_fit(angle, setpoint, is_known)
@@ -185,22 +189,22 @@ def _answer(time: Array, angles: Array, setpoints: Array, is_powered: Flags) -> 
             deviation > IGNORED_SETPOINT_RANGE and correlation < MAX_IGNORED_CORRELATION
         )
     if not errors:
-        return _Answer()
+        return _SetpointResponse()
     median_error = max(errors)
     # A vehicle that tips over, or that fails in flight, does not follow its setpoint either, but it moves.
     has_moved = bool((np.ptp(angles[is_powered], axis=0) > MAX_HELD_RANGE).any())
     if not correlations:
         is_held = median_error > MAX_MEDIAN_ERROR and not has_moved
-        return _Answer(False if is_held else None, None, median_error)
+        return _SetpointResponse(False if is_held else None, None, median_error)
     best = int(np.argmax(correlations))
     correlation = correlations[best]
-    is_given = None
-    # An axis that answers shows that nothing holds the vehicle, whatever the other one does.
+    follows_setpoint = None
+    # One axis that follows shows that nothing holds the vehicle, whatever the other axis does.
     if correlation > MIN_CORRELATION and slopes[best] > MIN_SLOPE:
-        is_given = True
+        follows_setpoint = True
     elif (all(is_ignored) or median_error > MAX_MEDIAN_ERROR) and not has_moved:
-        is_given = False
-    return _Answer(is_given, correlation, median_error)
+        follows_setpoint = False
+    return _SetpointResponse(follows_setpoint, correlation, median_error)
 
 
 class _Fit(NamedTuple):
@@ -213,20 +217,21 @@ class _Fit(NamedTuple):
 
 
 def _best_fit(angle: Array, setpoint: Array, is_known: Flags) -> _Fit:
-    """Fits an angle by its delayed setpoint: linear regression at each delay up to ``DELAY_SECONDS``.
+    """Regresses an angle linearly on its delayed setpoint, at each delay up to ``DELAY_SECONDS``.
 
-    The delay with the highest correlation is chosen. Delays at which angle or setpoint are constant are skipped.
+    The fit at the delay with the highest correlation is the best one. Delays are skipped at which angle or setpoint is
+    constant, so that there is no correlation.
 
     Args:
-        angle: (M,) angle, rad, at ``ANSWER_RATE``.
+        angle: (M,) angle, rad, at ``RESPONSE_RATE``.
         setpoint: (M,) setpoint, rad; NaN where none is known.
         is_known: (M,) whether a sample enters the regression.
 
     Returns:
-        Correlation and slope of the best fit; −1 and 0 if all delays were skipped.
+        Correlation and slope, rad/rad, of the best fit; −1 and 0 if all delays were skipped.
     """
     best = _Fit(-1.0, 0.0)
-    for delay in range(round(DELAY_SECONDS * ANSWER_RATE) + 1):
+    for delay in range(round(DELAY_SECONDS * RESPONSE_RATE) + 1):
         rows = np.flatnonzero(is_known[delay:])
         later_angle = angle[delay:][rows]
         earlier_setpoint = setpoint[: len(setpoint) - delay][rows]

@@ -1,6 +1,6 @@
 """Sensors as they measured, before any estimator: barometer, accelerometer and throttle stick.
 
-Each is a time series over all boots, or None where no message has it.
+Each is a time series over all boots, or None if no message has it.
 """
 
 import numpy as np
@@ -88,7 +88,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
         signals: signals of the vehicle.
 
     Returns:
-        The altitude (N,); None if no barometer was recorded that works.
+        The altitude (N,), m; None if no barometer that works was recorded.
     """
     telemetry = signals.telemetry
     barometer_in_use = BAROMETERS[primary_barometer(telemetry)]
@@ -137,8 +137,8 @@ def compass_fields(signals: Signals) -> dict[int, TimeSeries]:
         signals: signals of the vehicle.
 
     Returns:
-        Fields (N, 3), mGauss along the axes of the body; compasses that were not recorded, or measure nothing, are
-        left out. Of several messages of one compass the first is taken.
+        Fields (N, 3), mGauss along the axes of the body. Compasses that were not recorded, or report only zeros, are
+        left out. If several messages have the field of one compass, the first in ``COMPASSES`` is used.
     """
     fields: dict[int, TimeSeries] = {}
     for number, messages in COMPASSES.items():
@@ -246,7 +246,7 @@ def _recorded_specific_force(
 
 @cached_per_vehicle()
 def throttle_stick(signals: Signals) -> TimeSeries | None:
-    """Returns the position of the pilot's throttle stick, as it was received, not what the autopilot makes of it.
+    """Returns the position of the pilot's throttle stick as it was received, before the autopilot processes it.
 
     It comes from the remote control's channel (RC_CHANNELS, DataFlash's RCIN) or from MANUAL_CONTROL (PX4's
     manual_control_setpoint, the ThrIn of older DataFlash logs).

@@ -1,4 +1,4 @@
-"""Statements of witnesses: facts that support or contradict an event, and how they decide the event's level."""
+"""Witnesses: statements of sensors that support or contradict an event, and how they decide the event's level."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -72,19 +72,20 @@ def contradicting_statements(witnesses: Iterable[Fact]) -> Facts:
 def support_count(witnesses: Iterable[Fact]) -> int:
     """Counts the independent witnesses that support an event.
 
-    Witnesses are independent if they rest on different ``SOURCES``.
+    Witnesses are independent if they rest on different ``SOURCES``, such as "gyro" or "height".
 
     Args:
-        witnesses: statements of sensors and other sources that support the event.
+        witnesses: statements of sensors and other sources. Those that contradict the event, or have no source, such as
+            that the log ended, are not counted.
 
     Returns:
-        The number of these sources.
+        The number of different sources.
     """
     sources = set()
     for fact in supporting_statements(witnesses):
         code = WitnessFact(fact.code)
         if code is WitnessFact.LAY_ON_ITS_SIDE and fact.figures["source"] == ATTITUDE:
-            # Without an accelerometer the pose is the attitude once more.
+            # Without an accelerometer the pose was computed from the attitude, which is one source however often.
             sources.add(SOURCES[WitnessFact.ATTITUDE_LEFT_SETPOINT])
         elif code in SOURCES:
             sources.add(SOURCES[code])
@@ -92,17 +93,16 @@ def support_count(witnesses: Iterable[Fact]) -> int:
 
 
 def weighed_event(event: Fact, witnesses: Iterable[Fact]) -> Fact:
-    """Adds the witnesses to an event, and makes it less serious if they do not suffice.
+    """Adds the witnesses to an event, and lowers its level from bad to "watch" if they do not confirm it.
 
-    A bad event needs ``MIN_SUPPORT`` independent witnesses, and more of them than contradict it. Otherwise it is to be
-    watched, and its figure ``is_unconfirmed`` says why.
+    A bad event is confirmed by ``MIN_SUPPORT`` independent witnesses, if they are more than those that contradict it.
 
     Args:
-        event: the event, with the level that it has if it happened.
+        event: the event, with the level that it has if it is confirmed.
         witnesses: statements for and against it.
 
     Returns:
-        The event with witnesses and level.
+        A copy of the event with witnesses and level. One whose level was lowered has the figure ``is_unconfirmed``.
     """
     statements = tuple(witnesses)
     support = support_count(statements)

@@ -1,4 +1,4 @@
-"""The record of what can be trusted in one boot: every sensor checked against another one."""
+"""Which sensors can be trusted in one boot (from a start of the autopilot to the next): each is checked by another."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,18 @@ from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.trust import TrustCheck
 from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.witnesses.accelerometer import (
-    AccelerometerWitness,
+    AccelerometerRecord,
     accelerometer_in_use,
-    accelerometer_witnesses,
+    accelerometer_records,
 )
 from mavdem.witnesses.flight_verdict import FlightVerdict, flight_verdict, powered_intervals
 from mavdem.witnesses.height import (
     MIN_CONTRADICTION_SECONDS,
-    HeightWitnesses,
-    height_witnesses,
+    HeightComparison,
+    height_comparison,
 )
-from mavdem.witnesses.position import PositionWitness, position_witness
-from mavdem.witnesses.rotation import RotationWitness, rotation_witness
+from mavdem.witnesses.position import PositionRecord, position_record
+from mavdem.witnesses.rotation import RotationUnderPower, rotation_under_power
 from mavdem.witnesses.sensors import throttle_stick
 
 MIN_FIX_SHARE = 0.95
@@ -40,15 +40,15 @@ class SensorTrust:
     """Whether the vehicle may be a multirotor: of others the outputs do not show when the motors carry them."""
     powered: Intervals
     """When the motors could carry the vehicle, s since boot; empty too where they were not recorded."""
-    height: HeightWitnesses
+    height: HeightComparison
     """Barometer and estimated climb, and when they contradict each other."""
-    accelerometers: tuple[AccelerometerWitness, ...]
+    accelerometers: tuple[AccelerometerRecord, ...]
     """Gravity at rest, and peaks, of each accelerometer, by number."""
-    accelerometer: AccelerometerWitness | None
+    accelerometer: AccelerometerRecord | None
     """The accelerometer that counts; None if none was recorded."""
-    rotation: RotationWitness | None
-    """Whether roll and pitch answer their setpoints, and whether gyro and attitude agree."""
-    position: PositionWitness
+    rotation: RotationUnderPower | None
+    """Whether roll and pitch follow their setpoints, and whether gyro and attitude agree."""
+    position: PositionRecord
     """Fixes of GPS, and whether the estimator reports a position."""
     stick: TimeSeries | None
     """The pilot's throttle stick (N,), from 0 (closed) to 1 (open); None if it was not recorded."""
@@ -66,7 +66,7 @@ class SensorTrust:
     def is_climb_estimate_sound(self) -> bool | None:
         """Whether the estimated climb never contradicts the barometer for long; None if one of them is not known.
 
-        What the estimate does once the motors are off, such as after an impact, says nothing of the flight.
+        Only the time under power counts: after an impact, with the motors off, the estimate often diverges.
         """
         if self.height.barometer_climb is None or self.height.estimated_climb is None:
             return None
@@ -95,9 +95,9 @@ class SensorTrust:
         return None if self.position.fix_share is None else self.position.fix_share > 0
 
     @property
-    def attitude_answers(self) -> bool | None:
+    def attitude_follows_setpoint(self) -> bool | None:
         """Whether roll and pitch follow their setpoints; None if the setpoints ask for too little to tell."""
-        return None if self.rotation is None else self.rotation.answers
+        return None if self.rotation is None else self.rotation.follows_setpoint
 
     @property
     def gyro_agrees(self) -> bool | None:
@@ -111,9 +111,9 @@ class SensorTrust:
 
     @property
     def checks(self) -> Facts:
-        """The answers as facts, in the order in which they are shown: good, to be watched, or unknown, and why.
+        """The checks as facts, in the order in which they are shown: good, to be watched, or unknown, and why.
 
-        Whether a vehicle flew, and how it answers its setpoints, is asked of multirotors only.
+        Whether the vehicle flew, followed its setpoints, and has a sound gyro is checked of multirotors only.
         """
         sensors = (
             self._barometer_check(),
@@ -124,10 +124,12 @@ class SensorTrust:
         if not self.is_multirotor:
             return sensors
         motion = (self._attitude_check(), self._gyro_check())
-        return (self._flight_check(), *sensors[:-1], *motion, sensors[-1])
+        # The pilot's stick comes last: it is no sensor of the vehicle.
+        *vehicle_sensors, stick = sensors
+        return (self._flight_check(), *vehicle_sensors, *motion, stick)
 
     def _flight_check(self) -> Fact:
-        """Returns the answer to whether the vehicle flew, as a fact with the witnesses that show it."""
+        """Returns the check of whether the vehicle flew as a fact, with the statements of sensors that show it."""
         return Fact(
             TrustCheck.FLIGHT,
             _level(self.flew),
@@ -159,9 +161,10 @@ class SensorTrust:
         )
 
     def _accelerometer_check(self) -> Fact:
-        """Returns whether the accelerometer that counts measures gravity at rest, with the others that do not.
+        """Returns the check of the accelerometers as a fact: whether the one in use measures gravity at rest.
 
-        Others are named unless the parameters exclude them: whether they are spare is not known from every log.
+        The fact has the specific force that it measured at rest as ``acceleration``, m/s², and as ``names`` the other
+        accelerometers that do not measure gravity. Those that the parameters exclude from use are left out.
         """
         accelerometer = self.accelerometer
         unsound_names = []
@@ -195,7 +198,7 @@ class SensorTrust:
         rotation = self.rotation
         return Fact(
             TrustCheck.ATTITUDE_RESPONSE,
-            _level(self.attitude_answers),
+            _level(self.attitude_follows_setpoint),
             correlation=None if rotation is None else rotation.correlation,
             angle=None if rotation is None else rotation.median_error,
             boot=self.boot,
@@ -206,7 +209,10 @@ class SensorTrust:
         return Fact(TrustCheck.GYRO, _level(self.gyro_agrees), boot=self.boot)
 
     def _stick_check(self) -> Fact:
-        """Returns whether the pilot's throttle stick was recorded and moved, so that it can be a cause."""
+        """Returns the check of the pilot's throttle stick as a fact: whether it was recorded, and moved.
+
+        Only a stick that moved can be the cause of an event. ``bounds`` are its lowest and highest position, 0 to 1.
+        """
         if self.stick is None:
             return Fact(TrustCheck.STICK, Level.UNKNOWN, is_recorded=False, boot=self.boot)
         lowest, highest = float(self.stick.values.min()), float(self.stick.values.max())
@@ -216,25 +222,23 @@ class SensorTrust:
         )
 
 
-def _level(answer: bool | None) -> Level:
+def _level(agrees: bool | None) -> Level:
     """Chooses the level of a check of a sensor.
 
     Args:
-        answer: whether the sensor agrees with the others; None if that could not be checked.
+        agrees: whether the sensor agrees with the others; None if that could not be checked.
 
     Returns:
         GOOD if the sensor agrees, WATCH if it does not, UNKNOWN if that could not be checked.
     """
-    if answer is None:
+    if agrees is None:
         return Level.UNKNOWN
-    return Level.GOOD if answer else Level.WATCH
+    return Level.GOOD if agrees else Level.WATCH
 
 
 @cached_per_vehicle()
 def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
     """Checks the sensors of a vehicle against each other in one boot: from a start of the autopilot to the next.
-
-    The result is cached: events, lights and reports all use the same one.
 
     Args:
         signals: signals of the vehicle.
@@ -247,11 +251,11 @@ def sensor_trust(signals: Signals, boot: int) -> SensorTrust:
         boot=boot,
         is_multirotor=signals.telemetry.vehicle in POSSIBLE_MULTIROTORS,
         powered=powered_intervals(signals, boot),
-        height=height_witnesses(signals, boot),
-        accelerometers=accelerometer_witnesses(signals, boot),
+        height=height_comparison(signals, boot),
+        accelerometers=accelerometer_records(signals, boot),
         accelerometer=accelerometer_in_use(signals, boot),
-        rotation=rotation_witness(signals, boot),
-        position=position_witness(signals, boot),
+        rotation=rotation_under_power(signals, boot),
+        position=position_record(signals, boot),
         stick=series_of_boot(throttle_stick(signals), boot),
         verdict=flight_verdict(signals, boot),
     )

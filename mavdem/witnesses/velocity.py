@@ -38,7 +38,7 @@ def velocity(signals: Signals) -> TimeSeries | None:
 
 
 def stopped_at(signals: Signals, boot: int, time: float) -> bool | None:
-    """Returns whether a vehicle lost most of its speed at once around a moment.
+    """Returns whether a vehicle lost most of its speed within ``STOP_SECONDS`` around a moment, as by an impact.
 
     Args:
         signals: signals of the vehicle.

@@ -147,7 +147,7 @@ def test_roll_answers_its_setpoint_or_not(gain, answers):
     wanted = 0.3 * np.sin(0.7 * time)
     made = asking(made, time, 7, None, wanted)
     made = changed(made, "ATTITUDE", roll=gain * 0.3 * np.sin(0.7 * (time - 0.2)))
-    assert trust(made).attitude_answers is answers
+    assert trust(made).attitude_follows_setpoint is answers
 
 
 def test_two_witnesses_against_a_flight_make_a_bench_run():

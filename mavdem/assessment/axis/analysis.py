@@ -12,9 +12,9 @@ import numpy as np
 
 from mavdem.assessment.axis.figures import (
     ALL_AXES,
-    AxisFigures,
+    AxisEstimates,
     LogAnalysis,
-    figures_of_axis,
+    estimates_of_axis,
     motor_changes,
     physical_parameters,
 )
@@ -51,12 +51,12 @@ from mavdem.motors.motor_changes import MotorAlarm, lasting_changes
 from mavdem.motors.trim_pattern import trim_of_signals
 from mavdem.plant.wind_torque import estimate_wind_torque
 
-FiguresOfAxes = Callable[[], Mapping[str, AxisFigures]]
-"""Returns figures of some axes by name, when they are there."""
+EstimatesOfAxes = Callable[[], Mapping[str, AxisEstimates]]
+"""Returns estimates of some axes by name, once they are computed."""
 
 
-def no_figures() -> Mapping[str, AxisFigures]:
-    """Returns the figures of no axis: the default of :func:`analyse`."""
+def no_estimates() -> Mapping[str, AxisEstimates]:
+    """Returns the estimates of no axis: the default of :func:`analyse`."""
     return {}
 
 
@@ -68,7 +68,7 @@ def analyse(
     *,
     progress: ShowStep = show_nothing,
     other_axis: LogAnalysis | None = None,
-    figures_of_other_axes: FiguresOfAxes = no_figures,
+    estimates_of_other_axes: EstimatesOfAxes = no_estimates,
 ) -> LogAnalysis:
     """Returns all that a log shows of one vehicle and axis.
 
@@ -83,7 +83,7 @@ def analyse(
         progress: shows the steps of the work.
         other_axis: an earlier analysis of the vehicle, of another axis or without a model. Its figures of the vehicle
             are not computed again, nor its physical parameters of this axis, if they are of the same flights.
-        figures_of_other_axes: returns figures of pitch and yaw by axis that another process has computed meanwhile;
+        estimates_of_other_axes: returns estimates of pitch and yaw by axis that another process has computed meanwhile;
             those that it does not return are computed here.
 
     Raises:
@@ -120,9 +120,9 @@ def analyse(
         return replace(analysis, reason=error.fact)
     flights = trained.flights
     learned = _with_cautions(trained.learned, flights, is_slow=is_slow)
-    axis_figures = None if other_axis is None else other_axis.axes.get(axis)
+    axis_estimates = None if other_axis is None else other_axis.axes.get(axis)
     learned = _with_physical_parameters(
-        learned, signals, flights, analysis, axis_figures, is_slow=is_slow
+        learned, signals, flights, analysis, axis_estimates, is_slow=is_slow
     )
     learned = with_oscillation_torque_marked(
         learned, vehicle_made_torque=analysis.condition.oscillation is not None
@@ -133,17 +133,18 @@ def analyse(
         truth = truth_of(flights, options.truth)
         analysis = replace(analysis, truth=compare_with_truth(learned, flights, truth))
     if axis == ALL_AXES:
-        analysis = _with_other_axes(analysis, log, signals, progress, figures_of_other_axes)
+        analysis = _with_other_axes(analysis, log, signals, progress, estimates_of_other_axes)
     return analysis
 
 
 def analyse_without_model(
     log: Log, signals: Signals, axis: str = ALL_AXES, options: Options | None = None
 ) -> LogAnalysis:
-    """Returns the analysis of one vehicle's log before a model is learned, which is known sooner than the rest.
+    """Returns the part of the analysis of one vehicle's log that needs no model, which takes little time.
 
     Args:
-        log, signals, axis, options: as for :func:`analyse`, which takes the result as its ``other_axis``.
+        log, signals, axis, options: as for :func:`analyse`, which completes the result if it is given as its
+            ``other_axis``.
 
     Returns:
         The analysis, with what the log allows and the condition of the vehicle; its ``learned`` is None.
@@ -222,16 +223,16 @@ def _motors_are_watched(signals: Signals) -> bool:
 
 
 def _with_slow_model_obstacle(analysis: LogAnalysis, slow_model_obstacle: Fact) -> LogAnalysis:
-    """Adds to an analysis without a model the reason why the slow motion allows no model either.
+    """Adds to an analysis without a model the reason why there is no model of the slow motion either.
 
     A log whose messages are too slow for a full model may still allow a model of the slow motion. If that cannot be
     learned either, the user reads two sentences: what prevents the full model, and what prevents the slow one.
 
     Args:
-        analysis: the analysis, whose ``reason`` says why there is no full model. Without a reason it is returned
-            unchanged.
-        slow_model_obstacle: reason why there is no model of the slow motion. If it equals the former reason, nothing is
-            added.
+        analysis: the analysis, whose ``reason`` says why there is no full model. If it has none, the analysis is
+            returned unchanged.
+        slow_model_obstacle: reason why there is no model of the slow motion. If it equals that of the full model,
+            nothing is added.
 
     Returns:
         A copy of the analysis whose ``reason`` contains both.
@@ -271,7 +272,7 @@ def _with_physical_parameters(
     signals: Signals,
     flights: Flights,
     analysis: LogAnalysis,
-    axis_figures: AxisFigures | None,
+    axis_estimates: AxisEstimates | None,
     *,
     is_slow: bool,
 ) -> Learned:
@@ -291,18 +292,18 @@ def _with_physical_parameters(
         signals: signals of the vehicle, for the axis of the model.
         flights: the flights that the model was trained on.
         analysis: analysis of the vehicle, for the changes of its motors in flight.
-        axis_figures: figures of the axis from an earlier analysis; None without one.
+        axis_estimates: figures of the axis from an earlier analysis; None without one.
         is_slow: whether the model is one of the slow motion.
 
     Returns:
         A copy of the model with both.
     """
-    if axis_figures is not None and axis_figures.physical:
+    if axis_estimates is not None and axis_estimates.physical:
         # Flights with the same numbers of samples are the same flights: both are of this vehicle and axis.
-        lengths = tuple(len(flight) for flight in axis_figures.flights)
+        lengths = tuple(len(flight) for flight in axis_estimates.flights)
         if lengths == learned.record.lengths:
-            learned = learned.with_physical(axis_figures.physical)
-            return learned.with_wind_torque(axis_figures.wind)
+            learned = learned.with_physical(axis_estimates.physical)
+            return learned.with_wind_torque(axis_estimates.wind)
     if not is_slow:
         learned = learned.with_physical(physical_parameters(signals, flights))
     # The wind torque that comes with the parameters assumes that no motor changed during the flight.
@@ -319,7 +320,7 @@ def _with_other_axes(
     log: Log,
     signals: Signals,
     progress: ShowStep,
-    figures_of_other_axes: FiguresOfAxes,
+    estimates_of_other_axes: EstimatesOfAxes,
 ) -> LogAnalysis:
     """Adds the physical parameters of pitch and yaw to the analysis of roll.
 
@@ -328,33 +329,32 @@ def _with_other_axes(
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
         progress: shows the share of the axes that are done.
-        figures_of_other_axes: returns the figures that need not be computed here.
+        estimates_of_other_axes: returns the estimates that need not be computed here.
 
     Returns:
         A copy of the analysis with all three axes.
     """
-    figures_by_axis = {**analysis.figures_by_axis}
+    estimates_by_axis = {**analysis.estimates_by_axis}
     with progress("Estimating the physical parameters") as show_share:
-        computed_figures = figures_of_other_axes()
+        computed_estimates = estimates_of_other_axes()
         for axis in AXES[1:]:
-            if axis in computed_figures:
-                figures_by_axis[axis] = computed_figures[axis]
+            if axis in computed_estimates:
+                estimates_by_axis[axis] = computed_estimates[axis]
             else:
                 axis_signals = signals.for_axis(axis, signals.inputs)
-                figures_by_axis[axis] = figures_of_axis(
+                estimates_by_axis[axis] = estimates_of_axis(
                     axis_signals, log.components, analysis.alarms
                 )
-            show_share(len(figures_by_axis) / len(AXES))
-    return replace(analysis, axes=ReadOnlyDict(figures_by_axis))
+            show_share(len(estimates_by_axis) / len(AXES))
+    return replace(analysis, axes=ReadOnlyDict(estimates_by_axis))
 
 
 def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     """Returns the alarms on motors that a live session would have raised, boot by boot.
 
-    The samples of settled flight run one by one through the detector that live sessions use. A live session knows the
-    end of the climb-out half a second late, and a landing when it has happened, so that its times differ by as much. If
-    it would have raised none in a run of settled flight, the run is searched as a whole for a motor that lost thrust
-    slowly.
+    The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
+    the end of the climb-out half a second late, and a landing only after it, so that its times differ by as much. An
+    interval of settled flight without such an alarm is also searched as a whole for a motor that lost thrust slowly.
 
     Args:
         signals: signals of the vehicle.
@@ -381,7 +381,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
         changes = lasting_changes(detector.alarms)
-        # A vehicle that does not reach its attitude may miss it for any reason: its motors' balance names no motor.
+        # Headings are NaN while the attitude does not follow its setpoint. For whatever reason that is, the balance of
+        # the motors then does not show which of them lost thrust.
         tracked = commands.select(np.isfinite(headings))
         alarms += changes + _gradual_losses(motors, tracked, boot, settled, changes)
     return tuple(alarms)

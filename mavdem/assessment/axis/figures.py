@@ -49,7 +49,7 @@ ALL_AXES = "all"
 """Name that stands for roll, pitch and yaw together, where the name of one axis is expected."""
 
 
-class AxisFigures(NamedTuple):
+class AxisEstimates(NamedTuple):
     """Physical parameters and wind torque of one axis."""
 
     flights: Flights
@@ -79,8 +79,8 @@ class MotorChanges(NamedTuple):
 def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChanges:
     """Finds the samples at which a motor lost or recovered thrust, and those in which a motor was weak.
 
-    A loss lasts until the same motor recovers. Its interval is extended by ``MAX_ONSET_ERROR`` at both ends, the error
-    of its times. Alarms of other boots are ignored.
+    A loss lasts until the same motor recovers. Its interval is extended at both ends by ``MAX_ONSET_ERROR``, by which
+    the times of alarms may be wrong. Alarms of other boots than the flights' are ignored.
 
     Args:
         alarms: changes of the motors' thrust, each with the boot on whose clock its times are.
@@ -96,7 +96,8 @@ def motor_changes(alarms: Sequence[MotorAlarm], flights: Flights) -> MotorChange
         flight_alarms = [alarm for alarm in alarms if alarm.boot == boot_number(flight)]
         for alarm in flight_alarms:
             sample = round((alarm.since - flight.time[0]) / flight.dt)
-            # A change at the first sample divides nothing. One that names no motor is of the balance only.
+            # A change at the first sample does not divide the flight. An alarm without a motor reports a change of the
+            # balance that may have other causes than the motors.
             if alarm.motor is not None and 0 < sample < len(flight):
                 samples.append(first_sample + sample)
         has_weak_motor = np.zeros(len(flight), bool)
@@ -143,7 +144,7 @@ class LogAnalysis:
     """Which vehicle it is, and when it flew."""
     reason: Fact | None = None
     """Why there is no full model; None if there is one."""
-    axes: Mapping[str, AxisFigures] = field(default_factory=dict)
+    axes: Mapping[str, AxisEstimates] = field(default_factory=dict)
     """Physical parameters of roll, pitch and yaw, if all axes were analysed; otherwise empty."""
     flights: Flights = ()
     """What the model was trained on."""
@@ -161,7 +162,7 @@ class LogAnalysis:
     """Whether a motor that weakens in flight would have been detected."""
 
     @property
-    def figures_by_axis(self) -> Mapping[str, AxisFigures]:
+    def estimates_by_axis(self) -> Mapping[str, AxisEstimates]:
         """Physical parameters by axis, for the axes of which they were estimated.
 
         These are roll, pitch and yaw if all axes were analysed, and otherwise only the axis of the model. The mapping
@@ -170,10 +171,10 @@ class LogAnalysis:
         if self.axes or self.learned is None:
             return self.axes
         learned = self.learned
-        figures = AxisFigures(
+        estimates = AxisEstimates(
             self.flights, learned.physical, learned.wind_torque, learned.physical_reason
         )
-        return {self.learnability.axis: figures}
+        return {self.learnability.axis: estimates}
 
     @property
     def model(self) -> str | None:
@@ -295,9 +296,10 @@ def _simulation_fit_figures(learned: Learned) -> JsonValues | None:
         learned: the learned model.
 
     Returns:
-        ``samples`` is how many samples ahead the fit simulates, ``numbers`` the effective number of residuals,
-        ``parameters`` the number of free parameters, ``turning`` the weights of the inputs in the command of the axis,
-        and ``terms`` are the terms of the objective at the last iteration. None for a model without such a fit.
+        A dictionary: ``samples`` is how many samples ahead the fit simulates, ``converged`` whether it converged,
+        ``numbers`` the effective number of residuals, ``parameters`` the number of free parameters, ``turning`` the
+        weights of the inputs in the command of the axis, and ``terms`` has the terms of the objective at the last
+        iteration. None for a model without such a fit.
     """
     fit = learned.simulation_fit
     if fit is None:
@@ -345,8 +347,8 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
     narrower intervals, but it may be biased where the controller reacts to the wind. The closed-loop one models the
     controller too, so it needs flights with one known set of gains, and setpoints that excite the axis.
 
-    The open-loop estimate is returned if it is unbiased and the closed loop does not contradict it; otherwise the
-    closed-loop estimate, if there is one.
+    The open-loop estimate is returned if it is identifiable and unbiased, and the closed-loop one does not doubt the
+    effectiveness; otherwise the closed-loop estimate, if there is one.
 
     Args:
         signals: signals of the vehicle and the axis.
@@ -364,16 +366,17 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
         closed_loop = identify_plant_in_loop(signals, flights_of_gains)
     except NotLearnable as error:
         return open_loop if is_reliable else open_loop._replace(refusal=error.fact)
-    # An effect that is not reported, as in a loop that rings, is doubtful in the open-loop estimate too.
+    # The closed loop may not determine the effectiveness, as when it rings. Then the open-loop estimate of it is
+    # doubtful too.
     loop_confirms_effect = closed_loop.status["effect"] is Status.REPORTED
     return open_loop if is_reliable and loop_confirms_effect else closed_loop
 
 
-def figures_of_axis(
+def estimates_of_axis(
     signals: Signals,
     components: tuple[Component, ...],
     alarms: Sequence[MotorAlarm],
-) -> AxisFigures:
+) -> AxisEstimates:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 
     The wind torque is the total torque less the torque of the motors, so it needs the parameters.
@@ -389,14 +392,14 @@ def figures_of_axis(
     """
     flights, learnability = usable_segments(signals, components)
     if not flights:
-        return AxisFigures((), None, None, learnability.reason)
+        return AxisEstimates((), None, None, learnability.reason)
     record = Record.from_flights(flights)
     parameters = physical_parameters(signals, flights)
     if isinstance(parameters, NotIdentifiable):
-        return AxisFigures(flights, None, None, parameters.reason)
+        return AxisEstimates(flights, None, None, parameters.reason)
     try:
         wind_torque = estimate_wind_torque(parameters, record, *motor_changes(alarms, flights))
     except ValueError:
         # NumPy's LinAlgError is a ValueError.
         wind_torque = None
-    return AxisFigures(flights, parameters, wind_torque, None)
+    return AxisEstimates(flights, parameters, wind_torque, None)

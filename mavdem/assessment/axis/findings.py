@@ -115,8 +115,11 @@ def findings_of(
         held_out: forecasts of windows that no model was trained on.
         condition: condition of the vehicle.
         alarms: lasting changes of the motors' balance.
-        consistency: share of the angle's changes that the recorded rates explain.
-        trim: deviations of the motors' commands from their mean.
+        consistency: share of the angle's changes that the recorded rates explain, 0 to 1.
+        trim: fact on the deviations of the motors' commands from their mean.
+
+    Returns:
+        The overrides, which make the flight doubtful; the grades; and the warnings, both empty without a model.
     """
     if learned is None:
         # Whether rates and angles agree matters to a model only.
@@ -129,16 +132,18 @@ def findings_of(
 
 
 def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: bool) -> Learned:
-    """Returns a model whose wind torque is not taken for the wind's if the vehicle itself made it.
+    """Marks the wind torque of a model as not caused by the wind, if the vehicle itself caused it.
 
-    In a limit cycle, or with a weak motor, the torque that the motors do not explain is the vehicle's own.
+    The wind torque is the torque that the motors' commands do not explain. In a limit cycle, or with a weak motor, the
+    vehicle itself causes most of it.
 
     Args:
         learned: the learned model.
-        vehicle_made_torque: whether one of the two is the case. If not, the model is returned as it is.
+        vehicle_made_torque: whether the vehicle was in a limit cycle or had a weak motor.
 
     Returns:
-        The model, whose wind torque then has the ``reason`` why it is not that of the wind.
+        A copy of the model whose wind torque has the ``reason`` why it is not that of the wind; the same model if the
+        vehicle did not cause it, or there is no wind torque.
     """
     wind_torque = learned.wind_torque
     if not vehicle_made_torque or wind_torque is None:
@@ -147,18 +152,18 @@ def with_oscillation_torque_marked(learned: Learned, *, vehicle_made_torque: boo
 
 
 def _overridden(finding: Finding, override: Fact) -> Finding:
-    """Returns a finding of a flight that is itself doubtful: it cannot be GOOD, and its reason names the doubt.
+    """Returns a finding with its grade lowered from GOOD to LIMITED, because the flight itself is doubtful.
 
-    A GOOD finding becomes LIMITED, and any other keeps its grade.
+    Any other grade is kept. The reason of the finding names the doubt.
 
     Args:
         finding: the finding by the figures of the model alone.
         override: the fact that makes the flight doubtful.
 
     Returns:
-        The finding with a reason of the code ``FLIGHT_DOUBTED``, which has two others as figures. ``because`` is the
-        former reason, left out in an oscillation, in which the figures mean nothing. ``override`` is the doubt on the
-        flight, left out if the grade is low by the figures alone and the vehicle does not oscillate.
+        The finding. Its reason has the code ``FLIGHT_DOUBTED`` and two facts as figures. ``because`` is the reason by
+        the figures of the model, None if the vehicle oscillates, since those mean nothing then. ``override`` is the
+        doubt on the flight, None if the grade was low without it and the vehicle does not oscillate.
     """
     is_lowered = finding.grade is Grade.GOOD
     oscillates = override.code is Override.OSCILLATION
@@ -226,13 +231,11 @@ def _grade(parameter: str, relative_half_width: float, status: Status = Status.R
 
 
 def _first_reason(reason: Fact | None) -> Fact:
-    """Chooses the one reason to show for an estimate that is not reported.
+    """Returns the first of the doubts because of which an estimate is not reported.
 
     Args:
-        reason: reason of an estimate that is not reported, which always has one: a doubt, or a list of several.
-
-    Returns:
-        The first of its doubts.
+        reason: why the estimate is not reported: one doubt, or a fact with several as its figure ``because``. Such an
+            estimate always has a reason, so that None is a bug.
     """
     assert reason is not None
     if reason.code is ParameterDoubt.SEVERAL_DOUBTS:
@@ -248,8 +251,9 @@ def _effectiveness_finding(physical: Physical) -> Finding:
         physical: physical parameters of the axis.
 
     Returns:
-        The finding. Its grade follows from the half width of the 90 % interval, relative to the mean, and from the
-        status. Its reason has that width (``share``) or, where the effectiveness is doubted, why.
+        The finding. Its grade follows from the status of the estimate, and from the half width of its 90 % interval
+        relative to the mean. Its reason states that relative width as ``share`` or, if the effectiveness is not
+        reported, why.
     """
     mean, half_width = physical.mean_effect()
     relative_half_width = half_width / mean
@@ -325,16 +329,18 @@ def _wind_finding(wind_torque: WindTorque | None, physical: Physical) -> Finding
         The grade, with its reason.
     """
     grade = Grade.NOT_IDENTIFIABLE
-    doubted = [name for name, status in physical.status.items() if status != Status.REPORTED]
+    doubtful_parameters = [
+        name for name, status in physical.status.items() if status != Status.REPORTED
+    ]
     if not physical.identifiable:
         reason = Fact(GradeReason.EFFECT_UNKNOWN)
     elif wind_torque is None:
         reason = Fact(GradeReason.WIND_NOT_ESTIMATED)
     elif wind_torque.reason is not None:
         reason = wind_torque.reason
-    elif doubted:
+    elif doubtful_parameters:
         grade = Grade.LIMITED
-        reason = Fact(GradeReason.FOLLOWS_FROM_DOUBTED, names=doubted)
+        reason = Fact(GradeReason.FOLLOWS_FROM_DOUBTED, names=doubtful_parameters)
     else:
         relative_half_width = coverage_factor() * wind_torque.scale_error
         grade = _grade("wind", relative_half_width)
@@ -357,7 +363,7 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
     """
     limits = PREDICTION_LIMITS
     baseline = held_out.best_baseline
-    # Both error ratios are relative to the constant mean, whose error cancels.
+    # Both error ratios are relative to the error of the constant mean, which cancels.
     ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
     worse_shares = held_out.worse_shares
     worse_than_mean = worse_shares[CONSTANT_MEAN]
@@ -389,8 +395,8 @@ def _prediction_finding(held_out: HeldOut) -> Finding:
 def _residual_finding(learned: Learned) -> Finding:
     """Judges a model by the residuals of its one-step predictions.
 
-    A model that has all dynamics leaves residuals that are white and not correlated with the command (L. Ljung, System
-    Identification, 2nd ed., sec. 16.6). If they fail the tests, the grade is LIMITED, and otherwise GOOD.
+    The residuals of a model without missing dynamics are white, and not correlated with the command (L. Ljung, System
+    Identification, 2nd ed., sec. 16.6). If they fail a test of that, the grade is LIMITED, and otherwise GOOD.
 
     Args:
         learned: the learned model.

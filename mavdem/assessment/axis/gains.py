@@ -70,19 +70,21 @@ class OneGainSetParts(NamedTuple):
 
 @cached_per_vehicle("axis", "inputs")
 def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetParts:
-    """Returns the parts of ``flights`` with the set of gains of the axis that was flown longest.
+    """Selects the parts of flights with the one set of gains of the axis that was flown longest.
 
     A control loop can be identified only while its gains do not change. So each flight is cut where the gains of the
-    axis change, the parts are grouped by their gains, and the set with the most samples is kept. Parts in ArduPilot's
-    AutoTune are left out: it flies gains that no parameter has. So are parts too short to learn from.
+    axis change, the parts are grouped by their gains, and the group with the most samples is selected. Parts in
+    ArduPilot's AutoTune are left out, since the gains that it tries are not logged as parameters. So are parts too
+    short to learn from.
 
     Args:
         signals: signals of the vehicle and axis, with the parameters of the log.
         flights: settled flight of the axis.
 
     Returns:
-        The parts, and a caution if other gains were flown. That has their durations, the longest first, and which gains
-        differ in each.
+        The parts, and a caution if anything was left out. Its figure ``parts`` has, for each other set of gains that
+        was flown, the duration, s, and the gains that differ, the longest first. Its ``ratings`` are empty until
+        :func:`mavdem.assessment.axis.loops.loop_of_axis` adds the margins with those gains.
 
     Raises:
         NotLearnable: no part is left.
@@ -99,12 +101,14 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
         return OneGainSetParts(parts_with_gains, caution=None)
     # Each other set of gains has the time for which it was flown, and the gains that differ.
     other_sets = []
+    changed_names = set[str]()
     for gains, parts in parts_by_gains.items():
         changes = sorted(set(gains) - set(longest_flown_gains))
         other_sets.append((sum(part.duration for part in parts), changes))
+        changed_names.update(name for name, _ in changes)
     caution = Fact(
         LoopFact.GAINS_OF_PART,
-        names=sorted({name for _, changes in other_sets for name, _ in changes}),
+        names=sorted(changed_names),
         parts=sorted(other_sets, reverse=True),
         ratings=(),
         duration=sum(part.duration for part in parts_with_gains),
@@ -191,7 +195,7 @@ class _GainReport(NamedTuple):
 
 
 def gain_history(signals: Signals) -> list[GainSet]:
-    """Returns the changes of the controller's gains of one axis in a log.
+    """Returns the sets of gains that the controller of one axis had in a log, one after another.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -247,15 +251,16 @@ def _is_gain_of_axis(name: str, axis: str) -> bool:
 def gains_since(signals: Signals, controller: Controller) -> Fact | None:
     """Returns the fact that a log ends with other gains of an axis than a control loop was identified with.
 
-    A pilot, or AutoTune, may have changed them after the part of the flight that the loop is identified from. Then the
-    vehicle has those of the end.
+    A pilot, or AutoTune, may have changed them after the part of the flight that the loop is identified from. The gains
+    at the end of the log are those that the vehicle still has.
 
     Args:
         signals: signals of the vehicle, for the axis.
         controller: controller of the loop, with the parameters that it was identified with.
 
     Returns:
-        The fact, with the name, the value of the loop and that of the log's end of each gain; None if all are the same.
+        The fact; None if no gain differs. Its ``changes`` are, for each gain that does, its name, its value in the loop
+        and its value at the end of the log.
     """
     last_gains = gain_history(signals)[-1].values
     changes = []
@@ -367,7 +372,7 @@ def _autotune_texts(signals: Signals) -> list[StatusText]:
 
 
 def _excitation_moments(signals: Signals) -> list[BootTime]:
-    """Returns the times of all samples in which the autopilot injected a signal into the axis of ``signals``.
+    """Returns the times of all samples at which the autopilot injected a signal into the axis of ``signals``.
 
     PX4's AutoTune excites the axis by such a signal to identify it. The recorded signal is 0 at all other times.
 
@@ -418,7 +423,7 @@ def margin_ratings(loop: Loop, gain_sets: Iterable[Parameters]) -> Facts:
         gain_sets: parameters to change, by the autopilot's names.
 
     Returns:
-        A rating for each set; nothing if one of the sets makes no complete controller.
+        A rating for each set; empty if any of the sets makes no complete controller.
     """
     try:
         return tuple(margin_rating(loop.with_parameters(gains)) for gains in gain_sets)

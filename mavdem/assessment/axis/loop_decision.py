@@ -166,7 +166,7 @@ def _decision_on_oscillation(
         verdict = LoopVerdict.OSCILLATES
     else:
         verdict = LoopVerdict.UNKNOWN
-    # To lower gains at once is also the reason why `mavdem tune` must not compute others.
+    # The advice to lower gains at once is also a doubt, which keeps `mavdem tune` from computing other gains.
     doubts = observations.vehicle_doubts
     if gain_reduction is not None:
         doubts = (*doubts, gain_reduction)
@@ -204,7 +204,8 @@ def _decision_by_margins(observations: LoopObservations) -> LoopDecision | None:
     resonance = facts_by_code.get(MarginsLight.RESONATES)
     if resonance is not None:
         return _decision_by_measurement(observations, resonance)
-    # How the axis follows its setpoint was measured too, and needs no model.
+    # A loop that a measurement contradicts does not decide if the tracking error, measured too, shows what is wrong:
+    # then the decision by tracking follows.
     is_explained_by_tracking = margins.contradiction is not None and observations.tracking.warns
     if loop_fact is not None and loop_fact.warns and not is_explained_by_tracking:
         action = _advice_to_fly_doublets(margins.axis, loop_fact)
@@ -262,10 +263,10 @@ def _decision_by_identified_loop(
 
 
 def _decision_by_tracking(observations: LoopObservations) -> LoopDecision | None:
-    """Returns the decision on an axis that follows its setpoint badly.
+    """Returns the decision on an axis that follows its setpoint badly, although its margins are not below the goal.
 
-    Its margins are not below the goal, as far as they are known. So an identified loop does not explain the flight,
-    unless the axis is just slow: no gains are computed from it.
+    An identified loop with enough margin does not explain that, so that no gains are computed from it, unless the axis
+    is only too slow.
 
     Args:
         observations: margins, tracking and doubts that the flight shows of the axis.
@@ -373,7 +374,7 @@ def _reason_for_no_margins(observations: LoopObservations) -> Fact:
     """
     margins = observations.margins
     if margins.facts:
-        # It comes before the reason for no loop, because its remedy takes into account what was logged.
+        # This fact is preferred to the reason why there is no loop, because its remedy depends on what was logged.
         return margins.facts[0]
     if isinstance(margins.loop, Fact):
         return margins.loop
@@ -405,9 +406,9 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     """
     axis = observations.margins.axis
     changes = []
-    # Without a known controller the sentence names the gains by what they are.
+    # If the controller is not known, ``changes`` stays empty, and the sentence says "P and D" instead of names.
     with suppress(NotLearnable):
-        # Only gains are of interest, so the mixer of one motor stands for any.
+        # The mixer does not matter, since only the names of the gains are used: that of a single motor will do.
         controller = controller_from_parameters(observations.parameters, axis, (1.0,))
         for field in CONTROLLER_GAINS[loop_name]:
             name = controller.parameter_names[field]

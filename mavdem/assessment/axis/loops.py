@@ -5,7 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from mavdem.assessment.axis.figures import AxisFigures, figures_of_axis
+from mavdem.assessment.axis.figures import AxisEstimates, estimates_of_axis
 from mavdem.assessment.axis.gains import (
     autotune_fact,
     gains_since,
@@ -45,7 +45,7 @@ def loops_of_axes(
     log: Log,
     signals: Signals,
     start: float = 0.0,
-    figures: Mapping[str, AxisFigures] = MappingProxyType({}),
+    estimates: Mapping[str, AxisEstimates] = MappingProxyType({}),
     known_loops: Mapping[str, Loop | Fact] = MappingProxyType({}),
 ) -> LogLoops:
     """Identifies the control loops of roll, pitch and yaw.
@@ -53,8 +53,8 @@ def loops_of_axes(
     Args:
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
-        start: time at the beginning of the settled flight that is left out, s.
-        figures: physical parameters by axis, if they were estimated before.
+        start: duration at the beginning of the settled flight that is left out, s.
+        estimates: physical parameters by axis, if they were estimated before.
         known_loops: loops by axis, or why they are not known, if they were identified before.
 
     Returns:
@@ -67,7 +67,7 @@ def loops_of_axes(
         if axis in known_loops:
             loop = known_loops[axis]
         else:
-            loop = identified_loop_or_reason(axis_signals, log, start, figures.get(axis))
+            loop = identified_loop_or_reason(axis_signals, log, start, estimates.get(axis))
         loops[axis] = loop
         if isinstance(loop, Loop):
             # The identification of a loop has added the fact about AutoTune to its cautions.
@@ -82,9 +82,9 @@ def loops_of_axes(
 
 
 class AxisResults(NamedTuple):
-    """What is computed of one axis without a model."""
+    """What is estimated of one axis without a learned model."""
 
-    figures: AxisFigures
+    estimates: AxisEstimates
     """Physical parameters and wind torque, or why there are none."""
     loop: Loop | Fact
     """The control loops, or why they are not known."""
@@ -100,58 +100,61 @@ def results_of_axis(
         log: the log.
         signals: signals of the vehicle, with the inputs to use.
         alarms: changes of the motors in flight.
-        start: time at the beginning of the settled flight that is left out of the loops, s.
+        start: duration at the beginning of the settled flight that is left out of the loops, s.
+
+    Returns:
+        The estimates, or why there are none, and the loops, or why they are not known.
     """
     axis_signals = signals.for_axis(axis, signals.inputs)
-    figures = figures_of_axis(axis_signals, log.components, alarms)
-    return AxisResults(figures, identified_loop_or_reason(axis_signals, log, start, figures))
+    estimates = estimates_of_axis(axis_signals, log.components, alarms)
+    return AxisResults(estimates, identified_loop_or_reason(axis_signals, log, start, estimates))
 
 
 def identified_loop_or_reason(
-    signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
+    signals: Signals, log: Log, start: float = 0.0, estimates: AxisEstimates | None = None
 ) -> Loop | Fact:
     """Identifies the control loops of the axis of ``signals``, as :func:`loop_of_axis` does, but without raising.
 
     Args:
-        signals, log, start, figures: as for :func:`loop_of_axis`.
+        signals, log, start, estimates: as for :func:`loop_of_axis`.
 
     Returns:
         The loops, or why they are not known.
     """
     try:
-        return loop_of_axis(signals, log, start, figures)
+        return loop_of_axis(signals, log, start, estimates)
     except NotLearnable as error:
         return error.fact
 
 
 def loop_of_axis(
-    signals: Signals, log: Log, start: float = 0.0, figures: AxisFigures | None = None
+    signals: Signals, log: Log, start: float = 0.0, estimates: AxisEstimates | None = None
 ) -> Loop:
     """Identifies the control loops of the axis of ``signals``, with cautions on changes of the gains.
 
     Args:
         signals: signals of the vehicle, for the axis.
         log: the log.
-        start: time at the beginning of the settled flight that is left out, s.
-        figures: physical parameters of the axis, if they were estimated before.
+        start: duration at the beginning of the settled flight that is left out, s.
+        estimates: physical parameters of the axis, if they were estimated before.
 
     Returns:
-        The loops.
+        The loops. They are identified from the parts of the flight with the gains that were flown longest.
 
     Raises:
-        NotLearnable: the loops are not known, and why.
+        NotLearnable: the loops cannot be identified; the error says why.
     """
     segments, learnability = usable_segments(signals, log.components)
     if not segments:
-        # The slow motion shows loops too, if not well.
+        # Streams that only show the slow motion may still identify the loops, with wider intervals.
         segments, learnability = usable_segments(signals, log.components, MIN_SLOW_MOTION_RATE)
     if not segments:
         raise NotLearnable(learnability.reason)
     flights, gains_changed = parts_with_one_gain_set(signals, flights_after_start(segments, start))
-    # Figures of all flights hold only if all of them have the same gains.
+    # The estimates are of all flights: they are those of these parts only if no gains changed.
     fitted = None
-    if figures is not None and gains_changed is None:
-        fitted = figures.physical
+    if estimates is not None and gains_changed is None:
+        fitted = estimates.physical
     loop = loop_from_plant(_plant(signals, flights, fitted), Record.from_flights(flights))
     if gains_changed is not None:
         # The parts of the flight with other gains are rated as the identified plant would fly with those.
@@ -173,18 +176,18 @@ Inputs and outputs alone show the plant worse, so that the fit by these does not
 """
 
 
-def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physical:
+def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) -> Physical:
     """Identifies the plant of an axis, in its closed loop if possible.
 
     Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
-    that of the gray-box fit, which uses inputs and outputs alone; it then has the reason for this as its ``refusal``.
-    The gray-box fit is not used where the closed loop was identified, but too poorly for margins: its own margins would
-    be worse.
+    that of the gray-box fit, which uses inputs and outputs alone. Its ``refusal`` then says why the closed loop could
+    not be used. Where the closed loop was identified, but too poorly for margins, there is no result: margins by the
+    gray-box fit would be even worse.
 
     Args:
         signals: signals of the vehicle, for the axis.
         flights: flights to identify the plant from.
-        fitted: result of the gray-box fit, if that was made already.
+        gray_box_fit: result of the gray-box fit; None if it must still be computed.
 
     Returns:
         The plant: angular acceleration of the axis per command of the motors.
@@ -197,33 +200,34 @@ def _plant(signals: Signals, flights: Flights, fitted: Physical | None) -> Physi
     except NotLearnable as error:
         if error.fact.code in MARGIN_REFUSALS:
             raise
-        plant = (fitted or physical(flights))._replace(refusal=error.fact)
+        plant = (gray_box_fit or physical(flights))._replace(refusal=error.fact)
     if isinstance(plant, Physical) and plant.identifiable:
         return plant
     assert plant.refusal is not None
     unidentified = plant.caution if isinstance(plant, Physical) else plant.reason
     if plant.refusal.code is LoopFact.NO_RATE_SETPOINT and unidentified is not None:
-        # Without that setpoint inputs and outputs alone may show the plant, as they do on other axes of the same log.
+        # Both reasons are reported. The missing setpoint alone would mislead: on other axes of the same log, without it
+        # too, inputs and outputs may suffice.
         raise NotLearnable(LoopFact.NO_LOOP, reasons=(plant.refusal, unidentified))
     raise NotLearnable(plant.refusal)
 
 
-def loop_of_parameters_or_reason(figures: AxisFigures, record: Record | None) -> Loop | Fact:
+def loop_of_parameters_or_reason(estimates: AxisEstimates, record: Record | None) -> Loop | Fact:
     """Returns the control loops of an axis that follow from its physical parameters, or why they are not known.
 
-    Nothing is identified in the closed loop: in flight there is no whole log for that.
+    It serves live sessions: there the closed loop is not identified, since that needs a whole log.
 
     Args:
-        figures: figures of the axis, with its physical parameters or the reason why there are none.
+        estimates: estimates of the axis, with its physical parameters or the reason why there are none.
         record: the data from which these parameters were learned; None if there are no parameters.
 
     Returns:
         The loops of rate and attitude; or the fact that says why they are not known.
     """
-    plant = figures.physical
+    plant = estimates.physical
     if plant is None or record is None:
-        assert figures.reason is not None
-        return figures.reason
+        assert estimates.reason is not None
+        return estimates.reason
     try:
         return loop_from_plant(plant, record)
     except NotLearnable as error:

@@ -149,7 +149,7 @@ def axes_with_doubtful_loop(
 def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segments) -> Fact | None:
     """Returns the fact that the measured response of the rate differs from the one that a loop predicts.
 
-    It is sought where the comparison over all frequencies (:attr:`Loop.agrees`) could not decide.
+    The two are compared here only where the comparison over all frequencies (:attr:`Loop.agrees`) was undecided.
 
     Args:
         loop: the identified loop of the axis, or why it is not known.
@@ -178,13 +178,11 @@ def response_comparison(
 ) -> Fact | None:
     """Returns the fact that a measured and a predicted response agree, or which of the two is doubtful.
 
-    Lights and pages must not call the loops of an axis right in one place and wrong in another. So this comparison, of
-    the gain |T| at some frequencies, is left out if it contradicts the comparison over all frequencies
-    (:attr:`Loop.agrees`).
+    This comparison, of the gain |T| at some frequencies, is left out if it contradicts the comparison over all
+    frequencies (:attr:`Loop.agrees`), so that no report calls the same loop right in one place and wrong in another.
 
-    A difference is no reason to doubt the loop in two cases: if a motor was at a limit too often, since the rate does
-    not respond as a linear loop there, and if gains changed in flight, since the measured response then mixes two
-    loops.
+    A difference does not cast doubt on the loop in two cases: if a motor was at a limit too often, since the response
+    is not linear then, and if gains changed in flight, since the measured response then mixes two loops.
 
     Args:
         measured: the measured response.
@@ -239,14 +237,13 @@ def _confirmed_loop(axis: str, loops: Mapping[str, Loop | Fact]) -> Loop | Fact 
 def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
     """Judges the stability margins of an identified loop, as a fact.
 
-    The goal is met, and the level good, if 95 % of the plants that agree with the flight have the usual margins, as in
-    :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. The margins are
-    those of the thrust of the flight; that they also hold with 20 % more or less is asked of advised gains only.
+    The level is good if 95 % of the plants that agree with the flight have the usual margins, as in
+    :func:`mavdem.loops.axis_loops.margin_rating`: then the lower end of the 90 % interval has them. It is bad if at
+    most 10 % of the plants have the least margins to fly with, and otherwise "watch". The margins are those at the
+    thrust of the flight; only advised gains must keep them with 20 % more or less.
 
-    A measured response that contradicts the model makes the level "watch", however sure the model is of its margins,
-    good or bad: its draws do not contain the error that the measurement shows.
-
-    Otherwise the level is bad if at most 10 % of the plants have the least margins to fly with, and else "watch".
+    If a measured response contradicts the model, the level is "watch" in any case: the spread of the plants does not
+    contain the error that the measurement shows.
 
     Args:
         loop: the identified loop.
@@ -269,6 +266,7 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
         subject=rating.subject,
         axis=loop.axis,
         rating=rating.level,
+        # Only too low an effectiveness is reported: the true margins are then smaller than the estimated ones.
         is_biased=loop.plant.bias < 0,
         because=contradiction,
         **rating.figures,
@@ -278,8 +276,8 @@ def _loop_fact(loop: Loop, contradiction: Fact | None) -> Fact:
 def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
     """Judges the stability margins of a rate loop that was measured by an injected signal, without a model.
 
-    Each margin is compared by its ratio to the one to have. All of the usual ones make the level good; one that is less
-    than the least to fly with makes it bad.
+    The level is good if all usual margins are met, bad if any of the least margins to fly with is missed, and otherwise
+    "watch".
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -289,7 +287,7 @@ def _injected_fact(axis: str, loop: OpenLoop) -> Fact:
         A fact with the crossover ``frequency``, Hz, phase and gain margin, and the peak of the sensitivity ``ms``. The
         gain margin is None if the phase never crosses −180°.
     """
-    # A ratio below 1 is that of a margin that is smaller than the one to have.
+    # Each ratio is a measured margin over the required one, so that 1 just meets it.
     level = Level.GOOD
     if min(margin_ratios(LEAST_MARGINS, loop).values()) < 1:
         level = Level.BAD

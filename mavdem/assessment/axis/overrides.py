@@ -108,7 +108,7 @@ def _oscillation_override(oscillation: Oscillation) -> Fact:
 
 
 def _loss_override(loss: Fact) -> Fact:
-    """Returns the fact that a motor lost thrust in flight, which outranks what the axis's loops would say.
+    """Returns the fact that a motor lost thrust in flight, which overrides the grades of any model of the flight.
 
     Args:
         loss: the loss of one motor, from :func:`mavdem.motors.motor_changes.thrust_losses`; it is stated as the reason.
@@ -146,8 +146,8 @@ def limited_motors(hover: HoverFigures) -> LimitedMotors | None:
 def equally_loaded_motors(hover: HoverFigures, limited: Names) -> Names:
     """Returns the motors whose mean command in hover is about as high as that of the motors at their limit.
 
-    A weak motor needs a higher command than every other throughout the hover, not only in gusts. If others need as
-    much, the load, a twisted arm or the yaw trim explains the limit, and gusts decide which motor reaches it.
+    A weak motor needs a higher command than every other one throughout the hover. If others need as much, the cause of
+    the limit is the load, a twisted arm or the yaw trim, and it is chance which motor a gust drives to its limit.
 
     Args:
         hover: figures of the motors in the hover.

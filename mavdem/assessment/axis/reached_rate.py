@@ -39,7 +39,7 @@ class ReachedRate(NamedTuple):
     rate: float
     """Largest rate, rad/s."""
     at_limit_share: float | None
-    """Fraction of the turns' time with a motor at a limit; None where no motor outputs were recorded in them."""
+    """Fraction of the turns' time with a motor at a limit; None if no motor outputs were recorded in them."""
 
     @property
     def share(self) -> float:
@@ -72,7 +72,7 @@ def reached_rate(signals: Signals, segments: Segments) -> ReachedRate | None:
         segments: parts of the flight to judge.
 
     Returns:
-        The rates of the turn whose share is the median one; None without turns, or if messages are too slow.
+        The rates of the turn with the median share; None without turns, or if messages are too slow.
     """
     if signals.rate_and_setpoint is None:
         return None

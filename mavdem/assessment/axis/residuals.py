@@ -71,12 +71,15 @@ class Residuals(NamedTuple):
 def residuals(learned: Learned, output: int = -1) -> Residuals:
     """Returns the residuals of an output of the training data, with their correlations.
 
-    Residuals of a model without faults are white: they do not correlate with each other, nor with past commands. The
-    test of both is that of L. Ljung, System Identification, 2nd ed., sec. 16.6.
+    Residuals of a model without missing dynamics are white: they do not correlate with each other, nor with past
+    commands. The test of both is that of L. Ljung, System Identification, 2nd ed., sec. 16.6.
 
     Args:
         learned: the learned model.
-        output: index of the output; the last one, the rate, unless given.
+        output: index of the output; by default the last one, the rate.
+
+    Returns:
+        The T residuals, and their correlations at the lags from 0 to ``MAX_LAG`` seconds, with the bounds of the test.
     """
     record = learned.record
     # The inputs of all motors, combined to one command of the axis.
@@ -125,10 +128,10 @@ def lagged_correlation(earlier: Array, later: Array, max_lag: int) -> Array:
 
 
 def input_directions(learned: Learned) -> Array:
-    """Returns the direction in which each input of a model turns the vehicle, relative to the others.
+    """Returns how strongly, and in which direction, each input of a model turns the vehicle, relative to the others.
 
-    The inputs weighted by it give one command, with which the residuals are correlated. The weights are those of the
-    mixer if it is known, otherwise the estimated effects, and all 1 if these are 0.
+    They are the weights of the mixer if it is known, otherwise the estimated effects, and all 1 if these are 0. The
+    inputs with such weights make the one command with which the residuals are correlated (:func:`command_weights`).
 
     Args:
         learned: the model, with r inputs.

@@ -100,8 +100,8 @@ def responses_of(evidence: Evidence) -> Responses:
 def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsByLoop:
     """Predicts the step responses with the advised gains, at the times of the measured responses.
 
-    A chart shows them beside the measured ones. So they too contain the feedforward of the attitude's setpoint, where
-    the autopilot adds one.
+    They are plotted together with the measured ones, so that they contain the feedforward of the attitude's setpoint
+    too, where the autopilot adds one.
 
     Args:
         responses: the measured responses.
@@ -135,9 +135,9 @@ def advised_steps(responses: Responses, advice_by_axis: AdviceByAxis) -> StepsBy
 def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex:
     """Returns the frequency response of the attitude to its setpoint at F frequencies, as the loop predicts it.
 
-    The attitude controller sets the rate to K (setpoint − angle), with the angle gain K; T is the response of the angle
-    to its setpoint then. Feedforward adds the setpoint's derivative, jω setpoint, to the rate's setpoint. This acts as
-    if the setpoint were (1 + jω/K) times as large, so that the response becomes T (1 + jω/K).
+    The attitude controller demands the rate K (setpoint − angle), with the angle gain K, 1/s; the response of the angle
+    to its setpoint is then T. Feedforward adds the derivative of the setpoint, jω setpoint, to the demanded rate. This
+    acts as if the setpoint were (1 + jω/K) times as large, so that the response becomes T (1 + jω/K).
 
     Args:
         loop: the identified loops of the axis.
@@ -156,7 +156,7 @@ def predicted_attitude_response(loop: Loop, *, has_feedforward: bool) -> Complex
 def _compared_response(
     measured: StepResponse | Fact, loop: Loop, open_loop: OpenLoop, closed_loop: Complex
 ) -> LoopResponse:
-    """Puts the response that an identified loop predicts beside the measured one, and compares the two.
+    """Predicts the response that was measured by the identified loop, and compares the two.
 
     The step response is predicted from the frequency response of the closed loop by a Fourier transform, and the gain
     |T| is interpolated at the measured frequencies.

@@ -124,7 +124,7 @@ class _TrackingRating(NamedTuple):
     level: Level
     """How serious that is."""
     overshoot: float | None = None
-    """Overshoot of a step as a share of it; None where it was not measured."""
+    """Overshoot of a step as a share of it; None if it was not measured."""
 
 
 def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
@@ -150,7 +150,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
 
     Returns:
         A fact with ``angle_error``, the ``error_limit`` from which it is bad, the mean error ``offset_angle`` (all
-        rad), ``delay`` (s; None where the least error is at an end of the ``DELAYS``, so that the flight does not show
+        rad), ``delay`` (s; None if the least error is at an end of the ``DELAYS``, so that the flight does not show
         it), ``rate_error`` (rad/s);
         of the largest response of the angle to its setpoint the ``ratio`` and ``frequency`` (Hz), and the ``overshoot``
         of a step as a share of it where that was measured; of turns ``rate_setpoint``, ``reached_rate`` (rad/s) and
@@ -215,12 +215,15 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
 def _error_limits(movement: float, least_limits: Limits) -> Limits:
     """Returns the limits of the RMS error of an angle, which grow with the movement of its setpoint.
 
-    A vehicle that did not move at all would have an error as large as the movement, which is bad. Half of that is to be
-    watched.
+    A vehicle that ignores its setpoint has an error as large as the movement: from there on the error is bad, from half
+    of it on it is to be watched.
 
     Args:
         movement: RMS movement of the setpoint, rad.
         least_limits: limits for a setpoint that hardly moves, rad.
+
+    Returns:
+        The limits, rad.
     """
     return Limits(watch=max(least_limits.watch, movement / 2), bad=max(least_limits.bad, movement))
 
@@ -313,7 +316,7 @@ def _yaw_movement(setpoint: TimeSeries, segments: Segments) -> float:
     Returns:
         The movement, rad.
     """
-    # The one zero keeps the mean finite where no segment has a setpoint.
+    # This zero makes the result 0, and not NaN, if no segment has a setpoint.
     changes = [np.zeros(1)]
     for segment in segments:
         is_in_segment = in_segments(setpoint, segment, slack=0)
@@ -332,7 +335,7 @@ def _rate_error(signals: Signals, segments: Segments) -> float | None:
 
     Args:
         signals: signals of the vehicle, for one axis.
-        segments: the time that counts.
+        segments: parts of the flight to judge.
 
     Returns:
         RMS difference, rad/s; None if rate or setpoint was not recorded in these segments.
@@ -351,9 +354,9 @@ def _setpoint_errors(
 ) -> SetpointErrors:
     """Returns the errors of a response that follows its setpoint after some delay, for each of several delays.
 
-    Setpoint and response are compared at the samples of the slower one, and the other is interpolated; where both have
-    the same rate, the setpoint is. Between samples of the response interpolation averages, so that an oscillation at
-    half of its sampling rate would vanish.
+    Setpoint and response are compared at the samples of the slower one, and the other is interpolated. If both have the
+    same rate, the setpoint is interpolated: interpolating the response would average neighbouring samples, and hide an
+    oscillation at half of its sampling rate.
 
     Args:
         setpoint: setpoint in the unit of the response.
@@ -397,8 +400,8 @@ def _response_peak(
 ) -> ResponsePeak | None:
     """Returns the largest response of the angle to its setpoint by frequency, from Welch spectra.
 
-    A frequency counts if the setpoint has at least ``MIN_PEAK_DRIVER_SHARE`` of its largest power there, and the angle
-    is coherent with it (``MIN_COMPARED_COHERENCE``). At other frequencies wind and noise decide the ratio.
+    Only frequencies are used at which the setpoint has at least ``MIN_PEAK_DRIVER_SHARE`` of its largest power, and the
+    angle is coherent with it (``MIN_COMPARED_COHERENCE``). At others the ratio is that of wind and noise.
 
     Args:
         setpoint: setpoint of the angle, rad.

@@ -94,13 +94,13 @@ def train_and_test(
 
 @contextmanager
 def _learning_step(progress: ShowStep) -> Iterator[None]:
-    """Returns a context in which a model is learned: it shows the step, and turns a failure into a refusal.
+    """Returns a context in which a model is learned: it shows the step, and converts errors of learning.
 
     Args:
         progress: shows the name of a step while it runs.
 
     Raises:
-        NotLearnable: learning raised a ``ValueError``, whose reason becomes that of the refusal.
+        NotLearnable: the body of the context raised a ``ValueError``, which becomes its reason.
     """
     try:
         with progress("Learning", measured=False):
@@ -126,7 +126,7 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
     """
     for baseline in BASELINES:
         error_ratio = held_out.error_ratio() / held_out.error_ratio(baseline)
-        # The ratios of each window are compared with 1, that of a forecast which is no better than the baseline.
+        # The ratios of the windows are compared with 1, which is that of a forecast as good as the baseline.
         significance_test = paired(held_out.error_ratios(baseline), np.ones(len(held_out)))
         # The ratio may be NaN, which is no improvement.
         is_better = error_ratio <= MAX_SLOW_ERROR_RATIO

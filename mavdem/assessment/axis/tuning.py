@@ -244,10 +244,10 @@ def _step_with_gains(
 
     Args:
         judgement: the judgement of the flight.
-        advice_on_loops: advice on the loops of the axes that were asked for.
-        other_axes: axes that were not asked for, and whose gains are to be changed.
-        arguments: words after ``mavdem tune`` that repeat this run, but for its axes.
-        is_written: whether a file will have the gains.
+        advice_on_loops: advice on the loops of the requested axes.
+        other_axes: axes that were not requested, but whose gains should change too.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        is_written: whether the gains are written to a file.
 
     Returns:
         The fact, with the ``share`` of models that agree with the flight and have the margins: the lowest of all loops.
@@ -272,22 +272,32 @@ def _step_with_gains(
 
 
 def _advice_to_load(advice_on_loops: Sequence[Advice]) -> list[Advice]:
-    """Returns the advice on the loops that new parameters change: how sure it is decides if they are loaded on trial.
+    """Selects the advice on the loops that new parameters change.
+
+    How sure this advice is (``Advice.sure``) decides whether the parameters are loaded only on trial.
 
     Args:
-        advice_on_loops: advice on all loops. Those that keep their gains count only where no gain changes at all, but a
-            notch filter is set.
+        advice_on_loops: advice on all loops.
+
+    Returns:
+        The advice on loops with new gains. If no gain changes, only a notch filter is new: then the advice on all
+        identified loops, since the filter changes each.
     """
     changed_loops = [advice for advice in advice_on_loops if advice.parameters]
     return changed_loops or [advice for advice in advice_on_loops if advice.gains]
 
 
 def _unknown_of_motors(judgement: Judgement, new_gains: Sequence[Advice]) -> tuple[str, ...]:
-    """Returns the lights on what higher gains strain, motors and vibration, that are unknown; none if no gain rises.
+    """Returns the lights of motors and vibration that are unknown, if a gain is to be raised.
+
+    Higher gains strain the motors and amplify vibration, so that both should be known before.
 
     Args:
         judgement: the judgement of the flight.
         new_gains: advice on the axes whose gains change.
+
+    Returns:
+        The names of these lights; empty if no gain rises.
     """
     rises = any(gain.set > gain.now for advice in new_gains for gain in advice.gains.values())
     if not rises:
@@ -310,15 +320,15 @@ def _advises_to_tune(next_step: Fact) -> bool:
 def _step_without_gains(
     advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
-    """Returns the next step where no gains of the axes that were asked for change, though a loop lacks something.
+    """Returns the next step where no gains of the requested axes change, although a loop lacks something.
 
     Args:
-        advice_on_loops: advice on the axes that were asked for, none of which has new gains.
-        other_axes: axes that were not asked for, and whose gains are to be changed.
-        arguments: words after ``mavdem tune`` that repeat this run, but for its axes.
+        advice_on_loops: advice on the requested axes, at least one, none of which has new gains.
+        other_axes: axes that were not requested, but whose gains should change.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
 
     Returns:
-        To tune the other axes; without any, the first advice on the axes that were asked for.
+        To tune the other axes; if there are none, the first conclusion on the requested axes that has a remedy.
     """
     conclusions = [advice.conclusion for advice in advice_on_loops]
     if other_axes:
@@ -370,7 +380,7 @@ def _advice_on_loop(
         raises_gains = False
         advice = advise(loop, margins, doubts)
     if notch_parameters and not advice.refusals:
-        # Nothing was refused, so there are no doubts to pass on.
+        # The advice refused nothing, so that there are no doubts to pass on.
         loop_with_notch = loop.with_parameters(notch_parameters)
         advice = advise(loop_with_notch, margins, raises_sound_gains=raises_gains)
     return advice
@@ -393,9 +403,8 @@ def _gains_come_next(headline: Fact) -> bool:
 def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
     """Returns the reasons why no gains of any axis may be raised.
 
-    Reasons are that the vehicle must be repaired; and an oscillation, which asks for lower gains. Of an oscillation the
-    decision on the loops is the reason: it names the gains to lower, which the override and the advice to lower gains
-    would ask for twice.
+    A vehicle that must be repaired is one, a limit cycle is another. Several facts report a limit cycle: only that of
+    the decision on the loops is returned, which also names the gains to lower.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -422,15 +431,15 @@ def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
 def _each_reason_once(reason_by_axis: Mapping[str, Fact]) -> list[Fact]:
     """Returns the reasons why the loops of several axes are not known, with axes of the same reason joined.
 
-    Reasons are the same if they advise the same text (``Fact.advised``): their figures, such as intervals, differ from
-    axis to axis.
+    Reasons count as the same if their text with its advice (``Fact.advised``) is the same. Facts cannot be compared as
+    such: their figures, such as intervals, differ from axis to axis.
 
     Args:
         reason_by_axis: the reason of each axis, at least one.
 
     Returns:
-        The first axis' fact of each reason, with the ``names`` of all axes that share it; without names if all axes
-        have one reason.
+        One fact for each reason, that of the first axis which has it, with the ``names`` of all axes that share it. It
+        has no names if all axes share it.
     """
     axes_by_advice = group_by(reason_by_axis, lambda axis: reason_by_axis[axis].advised)
     reasons = []

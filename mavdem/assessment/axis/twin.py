@@ -116,17 +116,18 @@ class GainTrial(NamedTuple):
 
 
 def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) -> GainTrial | Fact:
-    """Flies the twin with the present gains and with others, on the same setpoints, in the same wind and noise.
+    """Simulates flights of the twin with the present gains and with other gains, in the same wind and noise.
 
-    The part of the recorded flight that is repeated is the one in which the setpoints move most.
+    Both fly the same setpoints: those of the part of the recorded flight in which they move most.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         gains: gains to set, by the autopilot's names.
-        in_wind: whether the twin hovers in wind too, for a second pair of flights.
+        in_wind: whether a second pair of flights is simulated, which hover in wind, with setpoints of 0.
 
     Returns:
-        The flights, without axes whose setpoints were not recorded; or why the twin cannot fly.
+        The motion of both flights by axis, "roll" and "pitch", without axes whose setpoints were not recorded; or the
+        reason why the twin cannot fly.
     """
     loops = evidence.identified_loops
     recorded_segments = replay_segments(loops) if "roll" in loops else {}
@@ -152,10 +153,10 @@ def try_gains(evidence: Evidence, gains: Parameters, *, in_wind: bool = True) ->
 
 
 def samples_of_most_movement(segments: Mapping[str, ReplaySegment], dt: float) -> slice:
-    """Returns the samples of a recorded flight that are repeated: those in which the setpoints of angles move most.
+    """Returns the part of a recorded flight to simulate: the window in which the setpoints of angles move most.
 
-    They last ``REPLAY_SECONDS``, after ``SETTLING_SECONDS`` in which the twin settles. Windows that begin at each full
-    second are compared by the variance of their setpoints, added over roll and pitch.
+    It has ``SETTLING_SECONDS``, in which the twin settles, and then ``REPLAY_SECONDS``. Windows that begin at each full
+    second are compared by the variance of their setpoints without the settling, summed over roll and pitch.
 
     Args:
         segments: recorded setpoints of the same T samples by axis.
@@ -198,7 +199,7 @@ def _compared_motions(
     dt = loops["roll"].record.dt
     # The beginning, in which the twin settles, is flown but left out.
     settled_samples = slice(round(SETTLING_SECONDS / dt), None)
-    # True angles show what gains do to the vehicle; the noise of an estimated angle would hide it in calm air.
+    # True angles are compared, since in calm air the noise of estimated ones would hide the effect of the gains.
     present_flight, advised_flight = (
         fly_twin(twin, loops, segments, is_estimated=False) for twin in twins
     )

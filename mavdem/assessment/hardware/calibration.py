@@ -101,9 +101,10 @@ def sensors_of(telemetry: Telemetry) -> Iterator[CalibratedSensor]:
 
 
 def _ardupilot_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
-    """Yields ArduPilot's accelerometers and compasses, compasses in the order of priority, as its log numbers them.
+    """Yields ArduPilot's accelerometers and compasses, each in the order in which its logs number them.
 
-    One whose offsets are not among the parameters is left out.
+    Compasses are numbered by their priority, if parameters define one. Sensors without parameters of their offsets are
+    left out. A sensor counts as calibrated if any of its offsets is not 0.
 
     Args:
         parameters: parameters of the autopilot, by name.
@@ -139,11 +140,12 @@ def _identifiers(
 
     Args:
         parameters: parameters of the autopilot.
-        name: name of the parameter, with a place for the number.
-        is_first_numbered: whether the name of the first has a number too; otherwise it has none.
+        name: format of the parameter's name, with a replacement field for the number.
+        is_first_numbered: whether the name of the first sensor's parameter has a number too.
 
     Returns:
-        By device id, the number in the parameter's name as text; if several have the same id, the first number.
+        The number in the parameter's name, as text ("" for none), by device id; if several parameters have the same id,
+        that of the first one.
     """
     suffixes: dict[int, str] = {}
     for number in range(1, MAX_SENSORS + 1):
@@ -155,7 +157,7 @@ def _identifiers(
 
 
 def _px4_sensors(parameters: Parameters) -> Iterator[CalibratedSensor]:
-    """Yields PX4's accelerometers, gyros and compasses that were calibrated: it has parameters of no others.
+    """Yields PX4's accelerometers, gyros and compasses; all are calibrated, since others have no parameters.
 
     Args:
         parameters: parameters of the autopilot, by name.

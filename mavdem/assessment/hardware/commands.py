@@ -41,13 +41,14 @@ def command_facts(evidence: Evidence) -> NamedFacts:
 
 
 def _targets_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the errors (RMS) of the position in flight.
+    """Returns the fact on how far the position was from its setpoint in flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact; None without a setpoint in flight.
+        The fact, with the RMS error ``horizontal`` and ``vertical``, m, None if that was not recorded. None without
+        any setpoint of position or velocity in flight.
     """
     squared_errors = {axis: _squared_errors(evidence, axis) for axis in "xyz"}
     horizontal_rms = None

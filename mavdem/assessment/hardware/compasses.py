@@ -29,15 +29,16 @@ in twenty by more than 0.63."""
 
 
 def field_fact(evidence: Evidence) -> Fact | None:
-    """Returns the fact on the field at the used compass that changed most: its change in flight, and with the motors.
+    """Returns the fact on the magnetic field at the compass whose field changed most in flight, of those in use.
 
-    It is judged by its change from the ground to the flight; where the ground was not recorded, it is not.
+    Its level is by the change from the ground to the flight, and "unknown" if the ground was not recorded.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact; None if no used compass was recorded in flight.
+        A fact with the strength of the field, mGauss, its relative change, and its correlation with the motors; None if
+        no compass in use was recorded in flight.
     """
     facts = []
     for number, field in compass_fields(evidence.signals).items():

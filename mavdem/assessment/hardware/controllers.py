@@ -14,8 +14,8 @@ from mavdem.facts.hardware import HardwareFact
 def controllers_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact on the speed controllers' measurements in flight: speeds, currents, temperatures and errors.
 
-    The level is "watch" if one of them counted more than ``MAX_ERROR_RATE`` errors per second, "good" if all of them
-    count errors, and "unknown" otherwise.
+    The level is "unknown" unless all of them count errors. Then it is "watch" if one of them counted more than
+    ``MAX_ERROR_RATE`` errors per second in a flight, and "good" otherwise.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -36,7 +36,7 @@ def controllers_fact(evidence: Evidence) -> Fact | None:
         errors = 0
         for controller in controllers:
             for count in evidence.in_flight(controller.error_count):
-                # A counter that was reset in flight shows no error.
+                # The difference is negative if the counter was reset in flight: then it shows no errors.
                 new_errors = max(int(count.values[-1] - count.values[0]), 0)
                 errors += new_errors
                 if new_errors > MAX_ERROR_RATE * np.ptp(count.time):

@@ -29,8 +29,8 @@ LOOP_COUNT_FIELDS = ("NL", "NLoop")
 def processor_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact on load and memory of the autopilot's processor in flight.
 
-    The load is the largest mean over 2 s, the time that PX4 waits before it warns. The level is "watch" from the
-    autopilot's limit on: PX4's parameters, or the full load of ArduPilot's main loop.
+    The load is the largest mean over 2 s, the time that PX4 waits before it warns. The level is "watch" if load or
+    memory reach the limit of the autopilot, which is a parameter of PX4, or the full load of ArduPilot's main loop.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -14,7 +14,7 @@ from mavdem.facts.sources import Repair
 def recording_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact on how evenly the attitude was recorded in flight.
 
-    It is to be watched where the light on the log would be: a gap above ``MAX_GAP``, or messages that the logger lost.
+    As for the light "log", the level is "watch" after a gap above ``MAX_GAP``, or if the logger lost messages.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -53,9 +53,9 @@ def recording_fact(evidence: Evidence) -> Fact | None:
 
 
 def has_stamps_of_body_rates(signals: Signals) -> bool:
-    """Returns whether the attitude that models use has the stamps of the body rates, which were logged more often.
+    """Returns whether the attitude that models use was resampled to the times of the body rates, logged more often.
 
-    Its angles are interpolated between those that were logged (PX4), or integrated (ArduPilot's PID_TUNING).
+    Then its angles were interpolated between the logged ones (PX4), or integrated from rates (ArduPilot's PID_TUNING).
 
     Args:
         signals: signals of the vehicle.

@@ -115,7 +115,7 @@ ESTIMATOR_EVENTS: set[Code] = {
 
 
 def estimator_light(evidence: Evidence) -> Fact:
-    """Judges the state estimator in flight by the worst that the log shows; unknown if it shows nothing.
+    """Judges the state estimator in flight by the worst fact on it; unknown if the log has no measurements of it.
 
     Judged are the innovations of its filter, poor GPS fixes, a disturbed compass, an accelerometer that is wrong at
     rest, reports of the autopilot, a height or position that was lost, and a barometer that drifted.
@@ -137,7 +137,8 @@ def estimator_light(evidence: Evidence) -> Fact:
     lacks_fix = missing_fix is not None
     satellites = 0
     if missing_fix is not None and _has_other_position_source(evidence):
-        # The light may be good, but the pilot should know that GPS could not have taken over.
+        # The position came from elsewhere, so that the light may be good. But the pilot should know that GPS could not
+        # have replaced that source.
         satellites = missing_fix.figures["satellites"] or 0
         filter_facts = [fact.replace(satellites=satellites) for fact in filter_facts]
         missing_fix = None
@@ -192,13 +193,13 @@ class Rejection:
 def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
     """Finds the innovation that exceeded its limit longest, or the largest one if none did.
 
-    An innovation is the difference of a measurement and its prediction by the filter, here divided by the limit of the
-    filter's test. ArduCopter's failsafe (``ekf_check.cpp``) has a limit of its own: it acts if two of velocity,
-    position and compass exceed that limit; a velocity of twice the limit counts as two. It does not check the height.
+    An innovation is a measurement minus its prediction by the filter, here divided by the limit of the filter's test.
+    ArduCopter's failsafe (``ekf_check.cpp``) has another limit: it acts if two of the innovations of velocity, position
+    and compass exceed it; a velocity of twice the limit counts as two. It does not check the height.
 
     Args:
         time: (N,) times of the samples, s since boot.
-        ratios: (N, 4), one column for each of the ``INNOVATIONS``, in units of the limit of the filter's own test.
+        ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
         failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation (:func:`failsafe_limit_of`).
 
     Returns:
@@ -217,14 +218,14 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
     durations = [longest_true_duration(time, is_true) for is_true in is_rejected.T]
     largest_ratios = ratios.max(axis=0)
     failsafe_duration = longest_true_duration(time, exceeding_count >= 2)
-    # Where the failsafe would have acted, one of those that it checks is named.
-    named = [
+    # If the failsafe would have acted, the worst innovation must be one that it checks.
+    candidates = [
         column
         for column, name in enumerate(INNOVATIONS)
         if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
     ]
-    # Of innovations that exceeded it equally long, or not at all, the largest is named.
-    worst = max(named, key=lambda column: (durations[column], largest_ratios[column]))
+    # Of innovations that exceeded the limit equally long, or not at all, the largest is the worst.
+    worst = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
     rejected_intervals = true_intervals(time, is_rejected[:, worst])
     return Rejection(
         INNOVATIONS[worst],
@@ -237,10 +238,10 @@ def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection
 
 
 def failsafe_limit_of(telemetry: Telemetry) -> float:
-    """Looks up the innovation ratio above which the autopilot's failsafe doubts its position filter.
+    """Looks up the innovation ratio from which on the autopilot's failsafe counts an innovation.
 
-    It is the limit of PX4's own test or, for ArduPilot, the parameter FS_EKF_THRESH, whose value 0 disables the
-    failsafe; then, or without the parameter, its default counts.
+    It is the limit of the filter's own test for PX4, and the parameter FS_EKF_THRESH for ArduPilot. If that was not
+    logged, or is 0, which disables the failsafe, its default is used.
 
     Args:
         telemetry: autopilot and parameters of the vehicle.
@@ -254,21 +255,28 @@ def failsafe_limit_of(telemetry: Telemetry) -> float:
 
 
 def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each flight on how large the innovations of the estimator were, of the instance that flew.
+    """Yields a fact for each flight on how large the innovations were, of the estimator instance that was in use.
 
-    The filter is doubted if one innovation exceeds the ``INNOVATION_LIMIT`` for ``FAILSAFE_SECONDS``, and bad where
-    ArduCopter's failsafe would have acted. Its limit may be lower, so that it acts before the filter rejects anything.
-
-    Each fact has the ``name`` of the worst innovation, its largest ``ratio`` to the limit, and for how long, s, it
-    exceeded the limit without a break; the ``total_duration`` too where that is more. Of a filter that only the
-    failsafe doubts, the duration is the failsafe's, and the fact has its ``failsafe_limit``. A height that
-    ArduPilot's filter rejected has ``is_unchecked``, since its failsafe does not check the height. If the log has
-    several instances, the subject is the one that flew. Where only others were logged, one of them stands in for
-    it: the fact then has ``is_spare``, and is never bad. Low-passed ratios, which single samples may have exceeded,
-    have ``is_filtered``.
+    The filter is doubted if one innovation exceeds the ``INNOVATION_LIMIT`` for ``FAILSAFE_SECONDS``. It is bad if
+    ArduCopter's failsafe would have acted, whose limit may be lower, so that it acts before the filter rejects
+    anything.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Yields:
+        Facts with these figures:
+
+        - ``name``: the worst innovation.
+        - ``ratio``: its largest ratio to the limit.
+        - ``duration``: how long it exceeded the limit without a break, s; of a filter that only the failsafe doubts,
+          how long the failsafe's condition held, and then the fact has ``failsafe_limit`` too.
+        - ``total_duration``: how long it exceeded the limit in all, s, if that is more.
+        - ``is_unchecked``: the worst innovation is the height of ArduPilot, which its failsafe does not check.
+        - ``is_spare``: the instance in use was not logged, so that another one is judged, and is never bad.
+        - ``is_filtered``: the ratios are low-passed, so that single samples may have been larger.
+
+        The subject is the name of the instance, if the log has several.
     """
     telemetry = evidence.signals.telemetry
     for flight in evidence.in_flight(innovation_ratios(telemetry)):
@@ -292,7 +300,7 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         level = Level.BAD
     elif rejection.ratio >= WATCHED_RATIO:
         level = Level.WATCH
-    # Figures that a fact has only where they say something.
+    # Figures that only some facts have.
     remarks: dict[str, Any] = {}
     duration = rejection.duration
     if rejection.is_bad and not rejection.is_doubted:
@@ -321,7 +329,7 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
 def _is_filtered(telemetry: Telemetry, name: EstimatorRatio) -> bool:
     """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
 
-    PX4's are, from ``FIRST_FILTERING_VERSION`` on, where the log has no samples of the aiding sources.
+    Those of PX4 are, from ``FIRST_FILTERING_VERSION`` on, if the log lacks the unfiltered ratios of aiding sources.
 
     Args:
         telemetry: autopilot, firmware and messages of the vehicle.
@@ -343,17 +351,19 @@ def instance_name(telemetry: Telemetry, number: int) -> str:
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
-    """Returns the name of the instance that flew most of a flight, or stands in for it.
+    """Returns the name of the estimator instance whose ratios were logged for most of a flight.
+
+    That is the one that the autopilot used; if it was not logged, another one.
 
     Args:
         telemetry: messages of the vehicle, with the table of all instances.
         flight: samples of the flight; only its boot and times are used.
 
     Returns:
-        Such as "core 1"; empty if no instance was logged during the flight.
+        The name, such as "core 1"; empty if no instance was logged during the flight.
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
-    # If the instance that flew was not logged, the ratios are those of another one.
+    # If the instance in use was not logged, the ratios are those of the others.
     is_source = instances["is_primary"] > 0
     if not is_source.any():
         is_source = ~is_source
@@ -364,10 +374,10 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
 
 
 def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
-    """Yields a fact for each spare instance of the estimator that rejected a measurement in flight.
+    """Yields a fact for each spare instance of the estimator that rejected measurements in flight.
 
-    A spare runs beside the primary instance, which flies the vehicle. The flight goes on if a spare fails, but then
-    fewer can take over.
+    Spare instances run in parallel to the primary one, whose estimate the controllers use. A spare that fails does not
+    affect the flight, but can no longer replace the primary one.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -472,19 +482,23 @@ def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight whose GPS fixes were poor: too few satellites, or too much dilution (HDOP).
 
-    Where the log has several flights, the fact has the start and end of its own. Medians over the flight count, so that
-    a short loss is not reported here. GPS_RAW_INT has the dilution as ``eph``, in hundredths. Samples without a fix
-    in three dimensions are left out. Of several receivers the one with most satellites is judged: autopilots switch
-    to it, or weigh it most.
+    Medians over the flight are compared with the limits, so that a short loss is not reported here. Samples without a
+    3D fix are left out. Of several receivers the one with most satellites is judged: autopilots switch to it, or weigh
+    it most.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Yields:
+        Facts with the median number of satellites and the dilution; if there are several flights, with the start and
+        end of the flight, s since boot.
     """
-    flights = [*evidence.in_flight(_best_receiver(evidence))]
+    flights = list(evidence.in_flight(_best_receiver(evidence)))
     for flight in flights:
         has_fix = flight.values[:, FIX_TYPE_COLUMN] >= FIX_3D
         if not has_fix.any():
             continue
+        # GPS_RAW_INT has the dilution in its field ``eph``, in hundredths.
         _, satellites, hundredths_of_dilution = np.median(flight.values[has_fix], axis=0).tolist()
         dilution = None
         if hundredths_of_dilution < UNKNOWN_DILUTION:
@@ -528,7 +542,7 @@ def _has_other_position_source(evidence: Evidence) -> bool:
 
 
 def _best_receiver(evidence: Evidence) -> TimeSeries | None:
-    """Returns the samples of the GPS receiver that had the most satellites in flight, on average with a 3D fix.
+    """Returns the samples of the GPS receiver with the most satellites in flight, on average over its 3D fixes.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -558,8 +572,8 @@ def _best_receiver(evidence: Evidence) -> TimeSeries | None:
 def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact if the motors disturb the compass: the magnetic field differs in strength in flight and before it.
 
-    Currents of the motors make a field of their own, which a compass mounted too near to them feels. The median
-    strength in the first flight is compared with that on the ground before it, if there are enough samples of that.
+    The currents of the motors cause a magnetic field, which a compass that is mounted too near to them measures too.
+    The median strength in the first flight is compared with that on the ground before it, if that has enough samples.
     Only the first compass that the parameters do not exclude is judged.
 
     Args:
@@ -583,8 +597,8 @@ def _compass_disturbances(evidence: Evidence) -> Iterator[Fact]:
 def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each accelerometer in use that did not measure gravity at rest, in each boot with a flight.
 
-    The estimator integrates its error, so the height may run away in flight. The accelerometer that the estimator uses
-    first comes first; another one is judged if an instance of the EKF runs on it.
+    The estimator integrates the error of the accelerometer, so that the height may diverge in flight. The accelerometer
+    of the primary instance comes first; others are judged if an instance of the EKF runs on them.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -596,7 +610,7 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
         if not _has_flown_in(evidence, trust.boot):
             continue
         accelerometers = sorted(
-            trust.accelerometers, key=lambda witness: witness is not trust.accelerometer
+            trust.accelerometers, key=lambda record: record is not trust.accelerometer
         )
         for accelerometer in accelerometers:
             is_spare = accelerometer is not trust.accelerometer

@@ -101,10 +101,10 @@ def log_light(evidence: Evidence) -> Fact:
 
 
 def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
-    """Returns the rate at which the log has measured angles, without those that were computed between them.
+    """Returns the rate at which angles were logged, without those that were computed between them.
 
-    Where body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between
-    the logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).
+    If body rates were logged more often than angles, models use an angle at each stamp of the body rates. Between the
+    logged angles it is interpolated (PX4), or integrated from the body rates (ArduPilot's PID_TUNING).
 
     Args:
         telemetry: messages and repairs of the vehicle.
@@ -125,12 +125,12 @@ def _recorded_attitude_rate(telemetry: Telemetry, attitude: Attitude) -> float:
         if repair.code is Repair.ATTITUDE_INTERPOLATED:
             logged_rate = repair.figures["attitude_rate"]
             rates.append(logged_rate)
-    # Computed angles only come in addition to the logged ones, whose rate is the lowest.
+    # Angles are computed only in addition to the logged ones, so that the lowest rate is that of the logged ones.
     return min(rates)
 
 
 def _damage(telemetry: Telemetry) -> Fact | None:
-    """Returns the fact on how much of a damaged log could not be read; None for a sound one, or one merely cut.
+    """Returns the fact on how much of a damaged log could not be read; None if it is sound, or merely cut at its end.
 
     Args:
         telemetry: repairs of the file that the vehicle was read from.
@@ -153,11 +153,11 @@ def _damage(telemetry: Telemetry) -> Fact | None:
 
 
 def _unread_bytes(repair: Fact) -> int:
-    """Returns the number of bytes of a file that could not be read, by one repair.
+    """Returns the number of damaged bytes that one repair of a file had to skip.
 
     Args:
-        repair: repair that was needed to read the file. A file that was cut within its last message lacks only the rest
-            of that message, which is no damage.
+        repair: repair that was needed to read the file. A file that was cut within its last message is not damaged:
+            only the rest of that message is missing.
 
     Returns:
         The number; 0 if the file was merely cut.
@@ -258,8 +258,8 @@ def _names_simulator(telemetry: Telemetry) -> bool:
 def _is_without_sensor_noise(signals: Signals) -> bool:
     """Returns whether the roll rate before arming has less noise than any real gyroscope: a sign of a simulation.
 
-    Before arming the vehicle stands still, so changes of the rate are noise. Their median over ``RATE_CHANGE_SECONDS``
-    is compared with ``MAX_SIMULATED_RATE_CHANGE``.
+    Before arming the vehicle stands still, so that changes of the rate are noise. The median of the changes within
+    ``RATE_CHANGE_SECONDS`` is compared with ``MAX_SIMULATED_RATE_CHANGE``.
 
     Args:
         signals: signals of the vehicle.
@@ -276,11 +276,11 @@ def _is_without_sensor_noise(signals: Signals) -> bool:
     rows = np.flatnonzero((roll.boot == boot) & (roll.time < arming_time))
     if len(rows) < 2:
         return False
-    # Every n-th sample is taken, so that changes are over the same time at any rate.
+    # Every n-th sample is used, so that each change is over the same time at any rate of the log.
     sample_step = np.median(np.diff(roll.time[rows]))
     stride = max(round(RATE_CHANGE_SECONDS / sample_step), 1)
     changes = abs(np.diff(roll.rate[rows][::stride]))
-    # A value that is sent again is no new measurement.
+    # A repeated value is no new measurement.
     changes = changes[changes > 0]
     has_enough = len(changes) >= MIN_SAMPLES_FOR_STATISTICS
     return has_enough and bool(np.median(changes) < MAX_SIMULATED_RATE_CHANGE)

@@ -13,9 +13,12 @@ from mavdem.facts.margins import MarginsLight
 def margins_light(evidence: Evidence) -> Fact:
     """Judges the stability margins of the control loops.
 
-    A limit cycle shows that there is no margin, and decides alone. Otherwise the worst fact on any axis decides if it
-    is a warning. The light is good if the margins of roll or pitch are good; those of yaw alone do not suffice. In all
-    other cases the margins are unknown.
+    The first of these cases applies:
+
+    1. In a limit cycle there is no margin: the light is that fact.
+    2. The worst fact on any axis warns: the light is that fact.
+    3. The margins of roll or pitch are good, and so is the light; those of yaw alone do not suffice.
+    4. The margins are unknown.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -47,10 +50,10 @@ def margins_light(evidence: Evidence) -> Fact:
 
 
 def _facts_by_margin(evidence: Evidence) -> list[Fact]:
-    """Sorts the facts on the margins of all axes.
+    """Collects the facts on the margins of all axes, the smallest margin first.
 
-    So the axis with the smallest margin is named if several facts have one level. The figure ``share`` of a fact is the
-    margin over the one to have; a fact without it, such as that of a resonance, comes last.
+    In this order the light names the axis with the smallest margin if several facts have the same level. The figure
+    ``share`` of a fact is the margin over the required one; a fact without it, such as that of a resonance, comes last.
 
     Args:
         evidence: signals, events and measurements of the vehicle.

@@ -35,7 +35,7 @@ MIN_TOGETHER_SHARE = 0.5
 def motors_light(evidence: Evidence) -> Fact:
     """Judges the motors by the worst fact about them in a log.
 
-    The facts, of which the first wins among equally bad ones, are: events that name a motor; a limit cycle that drives
+    Of equally bad facts the first one is returned, in this order: events that name a motor; a limit cycle that drives
     motors to their limits; a motor at its limit in the hover; and an uneven trim or a small headroom. If no hover was
     measured, a fact that says so replaces the last two.
 
@@ -57,10 +57,9 @@ def motors_light(evidence: Evidence) -> Fact:
         facts += evidence.restarts_in_flight
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
-        not_measured = MotorsLight.MOTORS_NOT_SEEN
         facts.append(
             Fact(
-                not_measured,
+                MotorsLight.MOTORS_NOT_SEEN,
                 names=names,
                 least_duration=MIN_STEADY_SECONDS,
                 because=None if names else _obstacle_of_recorded_outputs(evidence),
@@ -80,7 +79,7 @@ def motors_light(evidence: Evidence) -> Fact:
 def _has_full_throttle(evidence: Evidence) -> bool:
     """Returns whether the flight had full throttle for a known reason, so that limits say nothing about the motors.
 
-    The reasons are a height estimate that diverged, since the height controller follows it at full throttle, and the
+    The reasons are a diverged height estimate, which the height controller may follow at full throttle, and the
     recovery from a dive.
 
     Args:
@@ -97,8 +96,8 @@ def _has_full_throttle(evidence: Evidence) -> bool:
 def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
     """Returns whether motors were at their limit mostly while all of them gave nearly full throttle.
 
-    A vehicle that hovers well below that was driven up for a moment: that says nothing about single motors. One that
-    hovers there lacks thrust all the time, and does not count.
+    If the vehicle hovers well below full throttle, it only climbed hard for a moment, which says nothing about single
+    motors. If its hover is near full throttle too, it always lacks thrust: then the result is False.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -173,7 +172,7 @@ def _events_of_motors(evidence: Evidence) -> list[Fact]:
     if ending is not None and (ending.subject in names or _is_thrust_spent(ending)):
         facts.insert(0, ending)
     if evidence.condition.hover is None:
-        # A hover would show the share of the time at the limit. Without one, single moments at the limit are reported.
+        # In a hover the share of the time at the limit is judged. Without one, single moments at the limit are.
         facts += _moments_at_limit(evidence, names)
     return facts
 
@@ -185,10 +184,10 @@ def _is_thrust_spent(ending: Fact) -> bool:
 
 
 def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
-    """Returns the fact that a motor was at its upper limit longest in flight, or that several were about as long.
+    """Returns the fact about the motor that was longest at its upper limit in flight, or about several such motors.
 
-    The times at the limit of all events of a motor are added. Motors with at least half of the longest time are named
-    together (:func:`mavdem.motors.saturation.most_limited_motors`): then no single motor is weak.
+    The durations of all events of a motor are added. All motors with at least half of the longest time are named
+    together (:func:`mavdem.motors.saturation.most_limited_motors`), since then no single motor is weak.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -222,29 +221,29 @@ def _trim_or_headroom(evidence: Evidence, hover: HoverFigures) -> Fact:
     """Returns the pattern of the trim, or that the headroom is small.
 
     The trim is the mean output of each motor in the hover; an uneven one shows a weak motor, a shifted load or a
-    crooked arm. The headroom is what is left of a motor's range above the 99th percentile of its output. A trim that is
-    to be watched goes before a small headroom, since it may be the reason for it.
+    crooked arm. The headroom is the part of a motor's range above the 99th percentile of its output. A trim that is to
+    be watched is returned rather than a small headroom, since it may be the reason for that.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
         hover: outputs of its motors in the hover.
 
     Returns:
-        A fact; that of an even trim has the smallest ``headroom`` of a motor, as a share of its range, and so has that
-        of an uneven trim where it is small.
+        A fact. The smallest ``headroom`` of a motor, as a share of its range, is a figure of an even trim (None if it
+        was used up for a known reason), and of an uneven trim if it is small.
     """
     trim = trim_of_signals(evidence.signals) or Fact(TrimFact.TRIM_UNKNOWN)
     headroom = min(hover.headroom)
-    is_little = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
-    if is_little and trim.level is not Level.WATCH:
+    is_headroom_small = headroom < MIN_HEADROOM and not _has_full_throttle(evidence)
+    if is_headroom_small and trim.level is not Level.WATCH:
         highest_trim = max(hover.trim_of_range)
         names = []
         for name, headroom_of_motor in zip(hover.motors, hover.headroom, strict=True):
             if headroom_of_motor - headroom < STOP_MARGIN:
                 names.append(name)
         return Fact(MotorsLight.HEADROOM_LITTLE, names=names, share=headroom, trim=highest_trim)
-    if is_little:
-        # The trim may be the reason for the small headroom, which the pilot has to know all the same.
+    if is_headroom_small:
+        # The trim may be the reason for the small headroom, but the pilot must know of both.
         return trim.replace(headroom=headroom)
     if trim.is_good:
         is_known = not _has_full_throttle(evidence)

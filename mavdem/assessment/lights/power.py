@@ -74,12 +74,13 @@ def power_light(evidence: Evidence) -> Fact:
         *voltages,
         *_battery_charges(evidence, batteries),
         *_board_voltage(evidence),
-        # A battery that was critical first may have been spent later, which is worse.
+        # Of equally bad facts the first is returned: a spent battery is worse than a critical one, which it was before.
         *evidence.warnings_in_flight((ReportedEvent.BATTERY_SPENT,)),
         *evidence.warnings_in_flight(POWER_REPORTS),
     ]
     if not facts:
-        # Without a flight a battery that the autopilot calls empty heads the headline, so that it counts here too.
+        # Without a flight, a battery that the autopilot reports as empty becomes the headline, so that the light must
+        # show it too.
         facts += [
             event for event in evidence.events if event.code in POWER_REPORTS and event.is_bad
         ]
@@ -121,19 +122,23 @@ def _unmeasured_power(evidence: Evidence) -> Fact:
 
 
 def with_batteries_on_ground(evidence: Evidence) -> tuple[Fact, ...]:
-    """Returns the events, where a report on a battery before any flight of its boot has the figure ``is_on_ground``.
+    """Marks the reports on a battery that came before or without a flight by the figure ``is_on_ground``.
 
-    To land earlier is no advice for a vehicle that did not fly.
+    Their usual advice, to land earlier, does not fit a vehicle that did not fly.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
+
+    Returns:
+        All events of the evidence, in the same order.
     """
     events = []
     for event in evidence.events:
-        if event.code in BATTERY_REPORTS and not any(
-            start <= event.start_time for start, _ in evidence.flights(event.figures["boot"])
-        ):
-            event = event.replace(is_on_ground=True)
+        if event.code in BATTERY_REPORTS:
+            flights = evidence.flights(event.figures["boot"])
+            took_off_before = any(start <= event.start_time for start, _ in flights)
+            if not took_off_before:
+                event = event.replace(is_on_ground=True)
         events.append(event)
     return tuple(events)
 
@@ -143,7 +148,7 @@ def _constant_voltages(evidence: Evidence, batteries: Sequence[Battery]) -> Iter
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        batteries: those that were measured in flight, which are left out.
+        batteries: the batteries that were measured in flight, which are left out.
 
     Yields:
         Facts with the number of the ``battery`` and its largest ``voltage``, V.
@@ -252,7 +257,7 @@ def _first_time_below(evidence: Evidence, voltage: TimeSeries, limit: float) -> 
         limit: V.
 
     Returns:
-        The time, s since boot; None if it never was below.
+        The time, s since boot; None if it was never below.
     """
     for part in evidence.in_flight(voltage):
         rows = np.flatnonzero(time_series.moving_average(part) < limit)
@@ -269,7 +274,7 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        batteries: measured in flight, the emptiest first.
+        batteries: batteries that were measured in flight, the emptiest first.
     """
     low_share = evidence.signals.telemetry.parameters.get("BAT_LOW_THR", 0.0)
     has_several = len(evidence.signals.batteries) > 1
@@ -289,8 +294,8 @@ def _battery_charges(evidence: Evidence, batteries: Sequence[Battery]) -> Iterat
 def _board_voltage(evidence: Evidence) -> Iterator[Fact]:
     """Judges the supply voltage of the autopilot's board in flight; yields nothing if it was not measured.
 
-    A supply that falls may reset the autopilot in the air. It is low below ``BOARD_VOLTAGE_LIMITS``, and otherwise it
-    fell if its lowest value is ``MAX_BOARD_VOLTAGE_DROP`` below its median.
+    If the supply falls too far, the autopilot may reset in the air. The supply is low below ``BOARD_VOLTAGE_LIMITS``.
+    If it is not low, it fell if its lowest value is more than ``MAX_BOARD_VOLTAGE_DROP`` below its median.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -367,16 +372,16 @@ class _BatteryLoad(NamedTuple):
 def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
     """Estimates the internal resistance R of a battery by linear regression, from voltage U and current I.
 
-    In U = U₀ − R I the open-circuit voltage U₀ falls slowly as the battery discharges. The moving means over 2 s
-    contain that, and are subtracted from both, so that the slope of what remains is −R: with the deviations u and i it
-    is R = −Σ u i / Σ i². It counts only if the correlation of u and i is at most ``MAX_RESISTANCE_CORRELATION``.
+    In U = U₀ − R I the open-circuit voltage U₀ falls slowly as the battery discharges. To remove that, moving means
+    over 2 s are subtracted from voltage and current. The deviations u and i that remain give R = −Σ u i / Σ i². The
+    result is used only if the correlation of u and i is at most ``MAX_RESISTANCE_CORRELATION``, which is negative.
 
     Args:
         flights: one series (N, 2) for each flight: voltage, V, and current, A.
 
     Returns:
-        Resistance, Ω, and largest moving mean of the current, A. The resistance is left out if voltage and current do
-        not show it, or all is left out if the current was not measured.
+        Resistance, Ω, and largest moving mean of the current, A. The resistance is None if voltage and current do not
+        show it, and both are None if the current was not measured.
     """
     deviations: list[Array] = []
     max_current = 0.0
@@ -397,7 +402,8 @@ def _battery_load(flights: Sequence[TimeSeries]) -> _BatteryLoad:
     if not max_current:
         return _BatteryLoad()
     resistance = _resistance(*np.hstack(deviations))
-    # A voltage that falls for another reason while the current rises shows no resistance.
+    # A drop of the voltage above ``MAX_SAG`` by the resistance alone is not plausible: the voltage fell for another
+    # reason while the current rose.
     if resistance is None or resistance * max_current > MAX_SAG * max_voltage:
         return _BatteryLoad(max_current=max_current)
     return _BatteryLoad(resistance, max_current)
@@ -417,7 +423,7 @@ def _resistance(volt_deviations: Array, ampere_deviations: Array) -> float | Non
     volt_squares = volt_deviations @ volt_deviations
     ampere_squares = ampere_deviations @ ampere_deviations
     products = volt_deviations @ ampere_deviations
-    # The Cauchy-Schwarz inequality gives the largest product; the correlation is ``products`` over it.
+    # The correlation is ``products`` over this largest possible product (Cauchy-Schwarz inequality).
     largest_product = (volt_squares * ampere_squares) ** 0.5
     if largest_product == 0 or products > MAX_RESISTANCE_CORRELATION * largest_product:
         return None

@@ -8,18 +8,19 @@ from mavdem.facts.margins import TrackingLight
 
 
 def tracking_light(evidence: Evidence) -> Fact:
-    """Judges how roll, pitch and yaw follow their setpoints, by the worst; if roll and pitch are unknown, what to log.
+    """Judges how roll, pitch and yaw follow their setpoints, by the worst of the axes.
 
-    Yaw alone says too little. Of axes with the same level the one whose error is nearest to bad is worse: yaw's limit
-    is wider, and all limits grow with the setpoint's movement. A good yaw is not named in the place of roll or pitch,
-    whose errors tilt the vehicle. If an overshoot is the worst, all axes that overshoot are named. A vehicle that
-    oscillates may follow its setpoints well in the mean, but its light is to be watched at least.
+    Of axes with the same level the worst is the one with the largest ratio of its error to its limit, since limits
+    differ between axes and grow with the movement of the setpoint. Yaw is judged only together with roll or pitch,
+    whose errors tilt the vehicle, and only if it warns. If the worst fact is an overshoot, all axes that overshoot are
+    named. A vehicle that oscillates may follow its setpoints well on average, but its light is at least "watch".
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        A fact whose level is the colour of the light: good, watch, bad or unknown.
+        A fact whose level is the colour of the light: good, watch, bad or unknown. If roll and pitch are unknown, it is
+        that of roll, which says what to log.
     """
     if evidence.other_vehicle is not None:
         return evidence.other_vehicle

@@ -20,14 +20,13 @@ MAX_LEAN_SHARE = 0.5
 def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
     """Returns the mean wind with its interval; unknown if the flight does not identify its speed.
 
-    The wind is estimated from how far the vehicle leans to hold against it. It is to be watched if it takes more than
-    ``MAX_LEAN_SHARE`` of the lean that the vehicle may use, or if the light on the estimator is bad: the wind is
-    estimated from the estimator's velocity. It is unknown, with its figures, if an unknown part of the lean may be no
-    wind at all.
+    The wind is estimated from how far the vehicle leans to hold its position. The level is "watch" if that takes more
+    than ``MAX_LEAN_SHARE`` of the largest allowed lean, or if the estimator is bad, whose velocity the estimate needs.
+    It is "unknown", with the figures of the estimate, if part of the lean may have another cause than wind.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        estimator: the fact of the light on the state estimator.
+        estimator: the fact of the light "estimator", which judges the state estimator.
 
     Returns:
         A fact whose level is the colour of the light: good, watch, bad or unknown. It has ``speed``, its interval
@@ -64,10 +63,10 @@ def wind_light(evidence: Evidence, estimator: Fact) -> Fact:
 
 
 def _other_core(telemetry: Telemetry) -> dict[str, Any]:
-    """Returns a further figure of the wind, where the velocity behind it is of another core than the primary one.
+    """Returns a further figure of the wind if the velocity for it is not that of the estimator's primary core.
 
-    ArduPilot runs several instances ("cores") of its estimator. If the log lacks the primary one, another was read, and
-    the reader of the light should know.
+    ArduPilot runs several instances ("cores") of its estimator. If the log lacks the primary one, the velocity of
+    another core was read, which the light then states.
 
     Args:
         telemetry: messages of the vehicle, and the repairs that were made as they were read.

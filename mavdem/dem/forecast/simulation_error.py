@@ -220,7 +220,7 @@ def simulation_horizon(
         record: the training data.
 
     Returns:
-        The number; 0 where even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` where there is to be no
+        The number; 0 where even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be no
         fit, since the settings ask for none, the inputs are unknown, the prior is the paper's, or no parameter is free.
     """
     n, r, m = model.sizes
@@ -437,7 +437,7 @@ def fit_simulation_error(
         record: the training data.
 
     Returns:
-        The fit; ``None`` where there is no horizon (:func:`simulation_horizon`) or the simulations overflow.
+        The fit; ``None`` if there is no horizon (:func:`simulation_horizon`) or the simulations overflow.
     """
     # None and 0 both mean that there is no fit.
     horizon = simulation_horizon(model, settings, scaling, record)

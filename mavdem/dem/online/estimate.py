@@ -24,7 +24,7 @@ class SurpriseMark(NamedTuple):
     """Time of the marked sample, s."""
 
     cause: SurpriseCause | None
-    """What made the free energy drop; ``None`` where that is undecided."""
+    """What made the free energy drop; ``None`` if that is undecided."""
 
 
 class Estimate(NamedTuple):

@@ -113,7 +113,7 @@ class OnlineForecaster:
             dt: Sampling step, s.
             horizons: Steps ahead to predict, increasing.
             outputs: Number of outputs, m.
-            axis_mixer: (r, c) combinations of the inputs that turn the axis, or ``None`` where :meth:`relearn` brings
+            axis_mixer: (r, c) combinations of the inputs that turn the axis, or ``None`` if :meth:`relearn` brings
                 them later.
         """
         self._dt = dt

@@ -475,7 +475,7 @@ class OnlineLearner:
         return cause_of_surprise(command, outputs, self._dt, learned.settings)
 
     def _reason_of_no_model(self) -> Fact | None:
-        """Returns why there is no model yet; ``None`` where there is one."""
+        """Returns why there is no model yet; ``None`` if there is one."""
         if self._monitor is not None:
             return None
         return TOO_FEW_SAMPLES if self._pending_fit is None else FIRST_FIT_RUNNING

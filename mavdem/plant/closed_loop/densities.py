@@ -156,10 +156,10 @@ class DensityModel:
         self._angular_frequency = np.abs(self._s)
 
     def _set_controller(self, controller: KnownController) -> None:
-        """Sets all that the controller determines at all frequencies (J, F).
+        """Sets the frequency responses that depend only on the controller, at all frequencies (J, F).
 
-        These are its responses C_r and C_y, that of the gyro filters, the density of white noise of variance 1 with one
-        value per controller cycle, and the transform of a unit step at a cycle.
+        They are its responses C_r to the reference and C_y to the gyro, that of the gyro filters, the density of white
+        noise of variance 1 with one value per controller cycle, and the transform of a unit step at a cycle.
 
         Args:
             controller: the controller that flew.
@@ -172,16 +172,16 @@ class DensityModel:
         self._step_transform = self._in_range / (1 - np.exp(-self._s * self._cycle_time))
 
     def _set_logged_densities(self, spectra: CrossSpectra, rounding: float) -> None:
-        """Sets the densities that are taken from the log instead of being modelled.
+        """Sets the densities that are estimated from the log instead of being modelled.
 
-        The density of the output (J, F) scales the noise that is in proportion to it. The density of the reference
-        (J, F) is recovered from its folded estimate, because the model knows nothing of the pilot. The error of the log
-        (J, C, C) is diagonal: a fraction of output and setpoint, rounding of the output, and at least the noise of a
-        good gyro.
+        The density of the output (J, F) scales the noise that is proportional to it. The density of the reference
+        (J, F) is recovered from its aliased estimate, because the pilot, who makes it, is not modelled. The error of
+        the log (J, C, C) is diagonal: a fraction of output and setpoint, rounding of the output, and for the rate the
+        noise of a good gyro.
 
         Args:
             spectra: estimated spectra of all four quantities.
-            rounding: resolution of the logged output, as a demand.
+            rounding: resolution of the logged output, in the unit of the demand.
         """
         size = np.abs(self._frequency)
         # Power densities (J, C), the diagonals of the cross-spectral densities.
@@ -202,16 +202,17 @@ class DensityModel:
         reference = unfolded_density(
             densities[:, Quantity.REFERENCE], size, self._alias_numbers == 0, self._in_range
         )
-        # Any positive density will do out of range: it is multiplied by 0 later, and divided by before.
+        # Out of range the density may have any positive value: other densities are divided by it, and the result is
+        # multiplied by 0.
         self._reference_density = np.where(self._in_range, reference, 1.0)
 
     def _set_alias_phases(self, spectra: CrossSpectra) -> None:
         """Sets the phase by which aliases of two quantities differ, because their messages have different time stamps.
 
         If a quantity is sampled t seconds later than another, its content at f + k f_s gets a phase that is larger by
-        2πj k f_s t than that of the content at f. The phase factor exp(2πj k f_s t) between two quantities (C, C, 1, F)
-        is the mean over all messages, since t varies. If it varies much, the magnitude of the mean is below 1, and the
-        alias adds little coherence.
+        2π k f_s t than that of the content at f. As t varies, the phase factor exp(2πj k f_s t) between two quantities
+        (C, C, 1, F) is the mean over all messages. If t varies much, the magnitude of the mean is small, and the alias
+        adds little to the coherence.
 
         Args:
             spectra: estimated spectra, with the stamps of each quantity relative to the first.
@@ -222,8 +223,8 @@ class DensityModel:
         mean_products = phases @ phases.mT.conj() / offsets.shape[1]
         self._alias_phases = mean_products.transpose(1, 2, 0)[:, :, None]
 
-        # The reference is computed as the setpoint plus K times the logged angle. If both are of one controller cycle,
-        # the noise of the angle cancels. If not, it is there twice: that of the logged angle, and that in the setpoint.
+        # The reference is computed as the setpoint plus K times the logged angle. If both are from the same controller
+        # cycle, the noise of the angle cancels. If not, it enters twice: by the logged angle, and by the setpoint.
         distance = np.abs(offsets[Quantity.SETPOINT] - offsets[Quantity.RATE])
         is_other_cycle = distance > self._cycle_time / 2
         self._reference_noise_gain = 2 * is_other_cycle.mean() * self._angle_gain**2
@@ -231,9 +232,10 @@ class DensityModel:
     def density(self, theta: Array, with_reference: bool = True) -> ComplexArray:
         """Returns the modelled cross-spectral density of the C logged quantities at J frequencies.
 
-        It is the sum of three parts. Independent sources (reference, gyro noise, actuation, wind torque) each add their
-        density times the products of the closed loop's responses to them, summed over all aliases of a frequency. Steps
-        of the reference that are synchronous with the messages add coherently instead. Last come errors of the log.
+        It is the sum of three parts. Each of the independent sources (reference, gyro noise, actuation, wind torque)
+        adds its density times the products of the closed loop's responses to it, summed over all aliases of a
+        frequency. Steps of the reference that are synchronous with the messages are added with the phases of their
+        aliases instead. The third part are the errors of the log.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -364,10 +366,10 @@ class DensityModel:
         ]
 
     def _first_order_wind(self, name: str, size: float, time: float) -> DensityComponent:
-        """Computes the spectral density of a turbulent part of the wind torque.
+        """Computes the spectral density of a first-order part of the wind torque, and its derivatives.
 
-        Its autocorrelation is size² exp(−|τ|/time), and its density φ = 2 size² time / (1 + (ω time)²). So d ln φ / d
-        ln size = 2, and d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
+        Its autocorrelation is size² exp(−|τ|/time), and its density φ = 2 size² time / (1 + (ω time)²). So
+        d ln φ / d ln size = 2, and d ln φ / d ln time = (1 − (ω time)²) / (1 + (ω time)²).
 
         Args:
             name: name of the component, "drift" or "eddy", which its two parameters begin with.
@@ -385,10 +387,10 @@ class DensityModel:
         )
 
     def _smooth_wind(self, size: float, time: float) -> DensityComponent:
-        """Computes the spectral density of the smooth part of the wind torque.
+        """Computes the spectral density of the smooth part of the wind torque, and its derivatives.
 
-        Its autocorrelation is size² exp(−τ²/(4 time²)), and its density φ = 2 √π size² time exp(−(ω time)²). So d ln φ
-        / d ln size = 2, and d ln φ / d ln time = 1 − 2 (ω time)².
+        Its autocorrelation is size² exp(−τ²/(4 time²)), and its density φ = 2 √π size² time exp(−(ω time)²). So
+        d ln φ / d ln size = 2, and d ln φ / d ln time = 1 − 2 (ω time)².
 
         Args:
             size: its standard deviation, rad/s².
@@ -406,11 +408,11 @@ class DensityModel:
     def _synchronous_steps(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> SynchronousSteps:
-        """Returns the part of the reference that comes in steps synchronous with the messages.
+        """Returns the part of the reference that changes in steps synchronous with the messages.
 
-        An outer loop that sets a new reference only every few cycles, just as often as messages are sent, makes steps
-        at a fixed time before each message. That time gives each alias of the steps a fixed phase, so aliases add with
-        their phases and not in power.
+        If an outer loop sets a new reference only every few cycles, just as often as messages are sent, the steps are
+        at a fixed time before each message. That time gives each alias of the steps a fixed phase, so that aliases add
+        coherently, with their phases, and not in power.
 
         Args:
             parameters: the parameters of the loop, with the share of such steps and their time.
@@ -423,7 +425,7 @@ class DensityModel:
         share = _share_from_odds(parameters.synchronous_odds)
         step_time_share = _share_from_odds(parameters.step_time_odds)
         delay_phases = np.exp(self._alias_s * step_time_share * self.surplus_interval)
-        # The density is that of the steps as they are sampled, so the shares of all aliases add up to 1.
+        # The density is that of the sampled steps, so that the shares of all aliases sum to 1.
         alias_shares = self._step_transform * delay_phases
         alias_shares /= alias_shares.sum(axis=-1, keepdims=True)
         reference, noise_slope = denoised_density(
@@ -463,10 +465,10 @@ class DensityModel:
     def _folded_products(
         self, weights: NDArray[np.inexact], response: ComplexArray, conjugate_response: ComplexArray
     ) -> ComplexArray:
-        """Sums weighted products of responses over all aliases: Σ_alias weight · left rightᵀ ∘ alias phases.
+        """Sums weighted products of responses over all aliases: Σ_alias weight · r r̄ᵀ ∘ alias phases.
 
-        With the density of a source as weight, and its response and conjugate response as factors, this is the
-        cross-spectral density that the source adds to the sampled quantities. Aliases of it add in power.
+        With the density of a source as weight, its response as r and the conjugate response as r̄, this is the
+        cross-spectral density that the source adds to the sampled quantities. Its aliases add in power.
 
         Args:
             weights: n densities or other weights (n, J, F).
@@ -561,9 +563,10 @@ class DensityModel:
     ) -> ComplexArray:
         """Returns the derivative of the density by the logarithm of ``step_time_odds``, the odds of the steps' time.
 
-        The time of the steps changes the phase of each alias a_k of the steps, and nothing else. With the time as a
-        share p of the surplus interval T, dp / d ln odds = p (1 − p), so the phase of alias k changes by
-        2πj k f_s T p (1 − p). The shares a_k are normalised to a sum of 1, so their mean change is subtracted.
+        The time of the steps only changes the phase of each alias a_k of the steps. With the time as a share p of the
+        surplus interval T (the message interval less one controller cycle), dp / d ln odds = p (1 − p), so that
+        d ln a_k / d ln odds is 2πj k f_s T p (1 − p). As the shares a_k are normalised to a sum of 1, their mean change
+        is subtracted.
 
         Args:
             parameters: the parameters of the loop.

@@ -98,7 +98,7 @@ class LoopData(NamedTuple):
         """Builds the data from the samples of some segments, and subtracts the mean over all of them.
 
         Args:
-            segments: samples (T, 3) of each segment, in physical units.
+            segments: samples (T, 3) of each segment: angle, rad, gyro rate, rad/s, and the combination of the motors.
             dt: sampling step, s.
 
         Returns:
@@ -110,9 +110,12 @@ class LoopData(NamedTuple):
         return cls(centred_segments, dt, center, samples.std(axis=0))
 
     def prediction_errors(self) -> Array:
-        """Returns the standard deviation (3,) of each channel's one-step errors by a short autoregression of all three.
+        """Returns the standard deviation of each channel's one-step errors by a short vector autoregression.
 
-        It gives the size of the noises with which an ascent begins.
+        They are the sizes of the noises from which the maximisation of the posterior starts.
+
+        Returns:
+            (3,) in the units of the channels, at least ``MIN_START_ERROR`` times their standard deviations.
         """
         past = np.concatenate([lagged_rows(segment, START_LAGS) for segment in self.segments])
         samples = np.concatenate([segment[START_LAGS:] for segment in self.segments])
@@ -221,14 +224,15 @@ def steady_likelihood(
 
 
 def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: Array) -> Array:
-    """Runs B steady filters over several series of measurements each, and returns the residuals y − C x̂.
+    """Runs B steady-state Kalman filters over several series of measurements each, and returns the residuals y − C x̂.
 
     Args:
-        L: (B, n, n) transition matrices of the filters.
-        K: (B, n, 3) gains.
+        L: (B, n, n) transition matrices of the filters, L = A − K C.
+        K: (B, n, 3) steady-state gains.
         C: (B, 3, n) output matrices.
-        measurements: (T, B, rows, 3) measurements of each series, or (T, 1, rows, 3) where all filters have the same.
-        start: (B, rows, n) states at the first sample.
+        measurements: (T, B, rows, 3) measurements y of each series, one series a row; (T, 1, rows, 3) if all filters
+            have the same ones.
+        start: (B, rows, n) states x̂ at the first sample.
 
     Returns:
         Residuals (T, B, rows, 3).
@@ -244,14 +248,18 @@ def _filter_residuals(L: Array, K: Array, C: Array, measurements: Array, start: 
 
 
 def _start_information(L: Array, information: Array, samples: int) -> Array:
-    """Returns Σ_t (Lᵗ)ᵀ M Lᵗ over t = 0 … T − 1, the information of the samples on the start of the states.
+    """Returns the information of T samples on the states at the first one: Σ_t (Lᵗ)ᵀ M Lᵗ over t = 0 … T − 1.
 
-    By doubling the number of summands, up to infinity; what follows after T samples is then taken off.
+    The infinite sum is computed by doubling the number of its summands until it no longer grows. Its summands from T on
+    are then subtracted: they are (Lᵀ)ᵗ times the infinite sum times Lᵗ at t = T.
 
     Args:
         L: (B, n, n) transition matrices of stable filters.
         information: (B, n, n) information M = Cᵀ F⁻¹ C of one sample.
         samples: number T of samples.
+
+    Returns:
+        (B, n, n) information.
     """
     power = L
     total = information
@@ -261,8 +269,8 @@ def _start_information(L: Array, information: Array, samples: int) -> Array:
         power = power @ power
         if abs(increase).max() <= STEADY_CHANGE * abs(total).max():
             break
-    after = np.linalg.matrix_power(L, samples)
-    return total - after.mT @ total @ after
+    transition_to_end = np.linalg.matrix_power(L, samples)
+    return total - transition_to_end.mT @ total @ transition_to_end
 
 
 class LoopPosterior:
@@ -291,8 +299,11 @@ class LoopPosterior:
         Args:
             thetas: B vectors of the logarithms of the parameters (B, k).
 
+        Returns:
+            For each segment, log likelihood, innovations and their covariance under each of the B vectors.
+
         Raises:
-            numpy.linalg.LinAlgError: a loop is unstable.
+            numpy.linalg.LinAlgError: one of the B loops is unstable.
         """
         with np.errstate(all="ignore"):
             loop = sampled_loop(thetas, self.controller, self.data.dt)
@@ -320,8 +331,8 @@ class LoopPosterior:
     def expand(self, at: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, with the Fisher information as curvature.
 
-        Of Gaussian innovations e with covariance F the information on two parameters a and b is Σ_t e_aᵀ F⁻¹ e_b + ½
-        tr(F⁻¹ F_a F⁻¹ F_b), subscripts being derivatives, here forward differences.
+        For Gaussian innovations e with covariance F, the Fisher information on two parameters a and b is
+        Σ_t (e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b)). Subscripts are derivatives, here by forward differences.
 
         Args:
             at: (k,) logarithms of the parameters at the point.
@@ -337,17 +348,20 @@ class LoopPosterior:
         value = self._log_prior(at)
         gradient = (self.prior.mean - at) / self.prior.sd**2
         curvature = np.diag(self.prior.sd**-2.0)
-        # Row 0 of each result is that of the point itself, row i + 1 has parameter i changed by a step.
+        # Row 0 of each result is that of the point itself; in row i + 1, parameter i is changed by a step.
         for segment in self.likelihoods(np.vstack([at, at + step * np.eye(k)])):
             value += float(segment.log_likelihood[0])
             gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step
+            # With F = G Gᵀ, the whitener is G⁻¹: each product with F⁻¹ is one of whitened derivatives, which are
+            # flattened to one row for each parameter.
             whitener = np.linalg.inv(np.linalg.cholesky(segment.covariance[0]))
             slopes = (segment.innovations[1:] - segment.innovations[0]) / step @ whitener.T
-            covariance_slopes = (segment.covariance[1:] - segment.covariance[0]) / step
-            whitened = (whitener @ covariance_slopes @ whitener.T).reshape(k, -1)
             slopes = slopes.reshape(k, -1)
+            covariance_slopes = (segment.covariance[1:] - segment.covariance[0]) / step
+            covariance_slopes = (whitener @ covariance_slopes @ whitener.T).reshape(k, -1)
             samples = segment.innovations.shape[1]
-            curvature += slopes @ slopes.T + 0.5 * samples * whitened @ whitened.T
+            information_of_covariance = 0.5 * samples * covariance_slopes @ covariance_slopes.T
+            curvature += slopes @ slopes.T + information_of_covariance
         return QuadraticExpansion(at, value, gradient, curvature)
 
     def limited_step(self, step: Array) -> Array:
@@ -360,7 +374,9 @@ class LoopPosterior:
 
 
 def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
-    """Maximises the log posterior from several plants, by damped Fisher scoring.
+    """Maximises the log posterior by damped Fisher scoring, from several starting plants.
+
+    A few steps are made from each plant; only the ascent with the highest posterior is continued to convergence.
 
     Args:
         posterior: the log posterior.
@@ -393,17 +409,17 @@ def fit_closed_loop(posterior: LoopPosterior) -> QuadraticExpansion:
 
 
 def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
-    """Returns the parameters of a stable loop, with which an ascent of the posterior can begin.
+    """Returns the parameters of a stable loop, from which the maximisation of the posterior can start.
 
-    Effect, lag and delay are those of an initial plant, the sizes of the noises follow from the data, and all others
+    Effect, lag and delay are those of a starting plant, the sizes of the noises follow from the data, and all others
     are the prior's means. The effect is halved until the loop is stable.
 
     Args:
         posterior: the log posterior.
-        plant: crossover, lag and delay to begin with.
+        plant: crossover, Hz, lag, s, and delay, s, to begin with.
 
     Returns:
-        Parameters (k,).
+        Logarithms of the parameters (k,).
 
     Raises:
         numpy.linalg.LinAlgError: no effect makes a stable loop.
@@ -414,6 +430,7 @@ def _stable_start(posterior: LoopPosterior, plant: InitialPlant) -> Array:
     start[NAMES.index("delay")] = np.log(plant.delay)
     data = posterior.data
     angle_error, rate_error, motors_error = (NOISE_FACTOR * data.prediction_errors()).tolist()
+    # The torque, rad/s², that changes the rate by its one-step error within a step.
     torque_error = rate_error / data.dt
     sizes = {
         "angle_noise": angle_error,

@@ -68,13 +68,17 @@ class FilteredSegment(NamedTuple):
 def trim_augmented_filter(loop: SampledLoop, trim_covariance: Array, samples: int) -> KalmanFilter:
     """Returns the exact Kalman filter of the loop, with the trims of the channels as three more, constant states.
 
+    The trim of a channel is the mean that it has in the segment.
+
     Args:
         loop: the sampled loop.
         trim_covariance: (3, 3) prior covariance of the trims.
         samples: number of samples of the longest segment to filter.
+
+    Returns:
+        The filter, whose states are those of the loop, and then the trims.
     """
-    # The states of the loop come first, then the trims. A trim stays as it is, no noise drives it, and it is added to
-    # its channel.
+    # A trim is constant: its transition is 1, and no noise drives it. It is added to its channel.
     constant_trims = np.eye(CHANNELS)
     no_trim_noise = np.zeros((CHANNELS, CHANNELS))
     return KalmanFilter.design(
@@ -164,12 +168,13 @@ class _ProcessCovariances(NamedTuple):
     """(n, n) covariance of the states before anything is measured."""
 
     def squared_errors(self, smoothing: Array) -> float:
-        """Returns the sum of squares of the smoothed noises, each relative to its covariance.
+        """Returns the sum of squares of the smoothed noises, each weighted by the inverse of its covariance.
 
-        They are rᵀ Q r for the step after each sample, and rᵀ P₀ r for the state before the first one.
+        The smoothed noise of a step is Q r, so that its square weighted by Q⁻¹ is rᵀ Q r; that of the state before the
+        first sample is rᵀ P₀ r.
 
         Args:
-            smoothing: (T + 1, n) vectors r of the disturbance smoother, row 0 being that before the first sample.
+            smoothing: (T + 1, n) vectors r of the disturbance smoother; row 0 is that before the first sample.
         """
         later = smoothing[1:]
         return float(np.sum(later @ self.step * later) + smoothing[0] @ self.start @ smoothing[0])
@@ -192,13 +197,14 @@ def _squared_errors(
         trim_covariance: (3, 3) prior covariance of the trims.
 
     Returns:
-        Sums of squares, each relative to its variance, of measurement noise, setpoint, and other driving noises.
+        Sums of squares, each divided by its variance, of measurement noise, setpoint, and other driving noises, which
+        include the trims.
     """
     states = segment.smoothing[:, :STATES]
     trims = segment.smoothing[0, STATES:]
     setpoint_errors = setpoint.squared_errors(states)
     trim_squares = float(trims @ trim_covariance @ trims)
-    # The measurement noise v is smoothed to R (F⁻¹ e − Kᵀ r). Letters of einsum: sample t, channels i and j, state n.
+    # The smoothed measurement noise is R (F⁻¹ e − Kᵀ r). Letters of einsum: sample t, channels i and j, state n.
     weighted = np.einsum("tij,tj->ti", segment.precisions, segment.innovations)
     weighted -= np.einsum("tni,tn->ti", segment.gains, segment.smoothing[1:])
     return _SquaredErrors(

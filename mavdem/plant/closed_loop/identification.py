@@ -113,9 +113,9 @@ class IdentifiedAxis(NamedTuple):
     def saturation_loss(self) -> float:
         """Share of the commanded output that the motors' limits cut off, as the controller's estimated gain shows.
 
-        Output that is cut off at a limit acts like a lower gain of the controller. So the share is one less the
-        estimated gain relative to that by the logged parameters. It is between 0 and the share of the time with a motor
-        at its limit.
+        Output that is cut off at a limit acts like a lower gain of the controller. So the share is 1 minus the
+        estimated gain, relative to that by the logged parameters. It is clipped to the range from 0 to the share of the
+        time with a motor at its limit.
         """
         gain_loss = 1 - np.exp(self.theta[CONTROLLER])
         return float(np.clip(gain_loss, 0.0, self.posterior.saturated_share))
@@ -125,10 +125,10 @@ class IdentifiedAxis(NamedTuple):
         """Whether the controller acts as its logged parameters state; if it does not, the model of it is wrong.
 
         The entry ``CONTROLLER`` of θ is the logarithm of its estimated gain, relative to that by the logged parameters.
-        It should be 0. It may be lower by what saturation explains: output that is cut off at a motor's limit acts like
-        a lower gain, lower at most by the share of the time with a motor at its limit. Beyond that,
-        ``SIGNIFICANT_SIGMAS`` prior standard deviations are allowed. Both the posterior's mean and its main mode must
-        be in this range.
+        It should be 0. Saturation may lower it: output that is cut off at a motor's limit acts like a gain that is
+        lower, at most by the share of the time with a motor at its limit. In addition, it may deviate to both sides by
+        ``SIGNIFICANT_SIGMAS`` prior standard deviations. Both the posterior's mean and its main mode must be in this
+        range.
         """
         tolerance = SIGNIFICANT_SIGMAS * PRIOR_SD[CONTROLLER]
         lowest = np.log1p(-self.posterior.saturated_share) - tolerance
@@ -151,11 +151,15 @@ class IdentifiedAxis(NamedTuple):
 def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     """Identifies the parameters of one axis by the modes of its posterior.
 
-    The posterior may have several modes, so it is maximised from several starts. Short ascents begin from typical
-    plants, and the best of them go on to convergence. Setpoints change in steps, which come somewhere in the interval
-    between two logged messages. When they come is a parameter, ``step_time_odds``, and there may be a mode near each of
-    several values of it. So each ascent goes on from several of them, and the best plant is tried with values between.
-    An ascent ends early where it comes close to a known mode.
+    The posterior may have several modes, so that it is maximised from several starts, by ascents:
+
+    1. A short ascent begins from each of several typical plants. The best of these plants are used further.
+    2. The setpoint changes in steps at some time between two logged messages. That time is a parameter,
+       ``step_time_odds``, and there may be a mode near each of several values. From each plant, an ascent to
+       convergence begins at each of these values.
+    3. From the best plant of these, further ascents begin at values in between.
+
+    An ascent ends early if it comes close to a known mode.
 
     Args:
         posterior: the log posterior of the axis.
@@ -173,7 +177,8 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
     # In the order of rising posterior: the best come last.
     first_ascents.sort(key=lambda ascent: ascent.value)
 
-    # Where every cycle of the controller is logged, the time of steps between messages has no effect.
+    # If every cycle of the controller is logged, no step is between messages: the time has no effect, and one value
+    # will do.
     has_unlogged_cycles = posterior.densities.surplus_interval > 0
     log_odds = LOG_STEP_TIME_ODDS if has_unlogged_cycles else (0.0,)
     ascents = list[QuadraticExpansion]()
@@ -182,7 +187,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
             start = _with_step_time(first_ascent.point, log_step_time_odds)
             ascents.append(_ascend(posterior, start, MAX_STEPS, ascents))
     if has_unlogged_cycles:
-        # The best plant is nearer to that of another mode than the plants which the ascents began with.
+        # The best plant so far is nearer to the plants of other modes than the typical plants at the start were.
         best_ascent = max(ascents, key=lambda ascent: ascent.value)
         for log_step_time_odds in BETWEEN_LOG_STEP_TIME_ODDS:
             start = _with_step_time(best_ascent.point, log_step_time_odds)
@@ -191,16 +196,16 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
 
 
 def _with_step_time(theta: Array, log_step_time_odds: float) -> Array:
-    """Returns the parameters from which an ascent goes on with another time of setpoint steps between two messages.
+    """Returns the end of an ascent as start of another one, with another time of setpoint steps between two messages.
 
-    The ascent before may have ended with motor lag and damping exchanged, which has the same response: that is undone.
+    The ascent may have ended with motor lag and damping exchanged, which has the same response: that is undone.
 
     Args:
-        theta: θ (k,) at the end of the ascent before.
+        theta: θ (k,) at the end of the ascent.
         log_step_time_odds: natural logarithm of ``LoopParameters.step_time_odds``.
 
     Returns:
-        θ (k,).
+        θ (k,) of the start.
     """
     start = with_quicker_pole_as_lag(theta)
     start[STEP_TIME] = log_step_time_odds
@@ -216,7 +221,7 @@ def _initial_parameters(posterior: AxisPosterior, initial: InitialPlant) -> Arra
 
     Args:
         posterior: the log posterior, with the controller.
-        initial: crossover, lag and delay of the plant.
+        initial: crossover, Hz, lag, s, and delay, s, of the plant.
 
     Returns:
         θ (k,), logarithms of the parameters.
@@ -233,9 +238,9 @@ def _mixture_of_modes(
 ) -> IdentifiedAxis:
     """Combines the modes that ascents have found to one normal approximation of the posterior.
 
-    Ascents that end at different step times found different modes. Each mode has a weight proportional to its evidence
-    by Laplace's approximation. The covariance is that of a mixture: the mean of those within the modes, plus that of
-    the modes' positions.
+    Ascents that end at different step times found different modes. The posterior is approximated by a mixture of normal
+    distributions, one about each mode, weighted by its evidence (Laplace's approximation). The result has the mean and
+    covariance of this mixture.
 
     Args:
         posterior: the log posterior.
@@ -250,7 +255,7 @@ def _mixture_of_modes(
     finite_ascents = [ascent for ascent in ascents if np.isfinite(ascent.value)]
     if not finite_ascents:
         raise np.linalg.LinAlgError("nothing has a likelihood")
-    # Ascents that end at the same rounded step time found the same mode: the highest, which comes last, stays.
+    # Ascents that end at the same rounded step time found the same mode, of which the highest is kept: it comes last.
     mode_by_step_time = dict[int, QuadraticExpansion]()
     for ascent in sorted(finite_ascents, key=lambda ascent: ascent.value):
         mode_by_step_time[round(ascent.point[STEP_TIME])] = ascent
@@ -275,8 +280,8 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     """Returns the sandwich covariance of θ at a mode, H⁻¹ V H⁻¹.
 
     H is the curvature, and V the variance of the gradient. If the likelihood were exact, V would be H, and the
-    covariance H⁻¹. But estimates scatter less than the likelihood's information says, so that its part of V is reduced
-    by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
+    covariance H⁻¹. But estimates scatter less than the likelihood's information predicts, so that its part of V is
+    multiplied by :data:`LIKELIHOOD_VARIANCE_FACTOR` (H. White, Econometrica 50(1), 1982).
 
     Args:
         posterior: the log posterior.
@@ -285,17 +290,17 @@ def _covariance(posterior: AxisPosterior, curvature: Array) -> Array:
     Returns:
         The sandwich covariance (k, k).
     """
-    bread = inverse(curvature)
+    inverse_curvature = inverse(curvature)
     prior_precision = np.diag(posterior.prior_sd**-2.0)
-    # The prior's precision counts in full, the likelihood's information with a factor.
-    filling = (
+    # V is c (H − P) + P, here sorted by H and P: the factor c multiplies the likelihood's information H − P only.
+    gradient_variance = (
         LIKELIHOOD_VARIANCE_FACTOR * curvature + (1 - LIKELIHOOD_VARIANCE_FACTOR) * prior_precision
     )
-    return bread @ filling @ bread
+    return inverse_curvature @ gradient_variance @ inverse_curvature
 
 
 def with_quicker_pole_as_lag(theta: Array) -> Array:
-    """Exchanges motor lag and damping where the lag is the slower of the two, without changing the frequency response.
+    """Exchanges motor lag and damping if the lag is the slower one of the two, without changing the frequency response.
 
     The plant b / ((τ s + 1)(s + d)) has the poles 1/τ of the motors and d of the damping. It is the same function of s
     if the poles change places and b becomes b / (τ d), so that an identification may end with either. Motors respond
@@ -307,7 +312,7 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
         theta: θ (k,), logarithms of the parameters.
 
     Returns:
-        θ (k,) with 1/τ the larger pole; the same values where it is already.
+        A copy of θ (k,) in which 1/τ is the larger pole; with the same values if it is already.
     """
     effect, damping, lag, _ = PLANT
     # ln(τ d) is positive where the poles must be exchanged. The new values are d' = 1/τ = d / (τ d), τ' = 1/d = τ /
@@ -331,7 +336,7 @@ def _ascend(
     max_steps: int,
     known_modes: Sequence[QuadraticExpansion] = (),
 ) -> QuadraticExpansion:
-    """Maximises the posterior by damped Fisher scoring from one start, and returns it about the last iterate.
+    """Maximises the posterior by damped Fisher scoring from one start.
 
     Args:
         posterior: the log posterior.

@@ -103,9 +103,9 @@ class AxisPosterior:
     def expand(self, at: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, as Fisher scoring needs it.
 
-        The likelihood's gradient by an entry of θ, with the density's derivative A_j in band j, is
-        Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)), and the curvature is its Fisher information (see the module's equations).
-        The normal prior adds its own gradient, and its precision.
+        With the derivative A_j of the density Φ_j in band j by an entry of θ, that of the log likelihood is
+        Σ_j n_j tr(Φ_j⁻¹ A_j (Φ_j⁻¹ I_j − 1)). The curvature is its Fisher information (see the module's equations). The
+        normal prior adds its gradient and its precision.
 
         Args:
             at: θ (k,).
@@ -115,9 +115,9 @@ class AxisPosterior:
         """
         density, gradient = self.densities.density_and_gradient(at)
         whitened_density = self._whiten(density)
-        # With Φ = C Cᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened derivatives C⁻¹ A C⁻ᴴ and C⁻¹ B C⁻ᴴ. So
-        # they are multiplied by the root of the count n_j, and flattened to one row for each entry of θ. Then the
-        # information is a product of two matrices.
+        # With Φ = C Cᴴ, tr(Φ⁻¹ A Φ⁻¹ B) is the inner product of the whitened derivatives C⁻¹ A C⁻ᴴ and C⁻¹ B C⁻ᴴ. These
+        # are multiplied by the root of the count n_j, and flattened to one row for each entry of θ, so that the
+        # information is the product of that matrix with its transpose.
         root_counts = np.sqrt(self._counts)
         # The factors of band j multiply rows (a to b) and columns (d to c) of a derivative: one matrix (b c, a d).
         whitening = np.einsum(
@@ -139,7 +139,7 @@ class AxisPosterior:
         return QuadraticExpansion(at, value, slope, curvature)
 
     def reference_share(self, theta: Array) -> float:
-        """Returns the share of the gyro rate's variance that follows the reference, by the model, 0 to 1.
+        """Returns the share of the gyro rate's variance that the reference causes, by the model, 0 to 1.
 
         Args:
             theta: logarithms of the parameters (k,).
@@ -167,8 +167,8 @@ class AxisPosterior:
             density: cross-spectral densities Φ of the model (J, C, C).
 
         Returns:
-            The whitened spectra; NaN, with a log likelihood of minus infinity, where a density is not positive
-            definite.
+            Log likelihood, whitening matrices C⁻¹ and whitened spectra. If any density is not positive definite, the
+            log likelihood is minus infinity, and the others are NaN.
         """
         try:
             factor = np.linalg.cholesky(density)

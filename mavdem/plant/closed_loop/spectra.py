@@ -185,13 +185,13 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
 def with_unrounded_stamps(stream: Messages) -> Messages:
     """Restores the even times of messages whose stamps were rounded to milliseconds.
 
-    For example, messages at 80 Hz come every 12.5 ms, and their stamps are apart by 12 and 13 ms in turn. A rate at
-    such stamps has an error at high frequencies that the controller does not answer, so that identification took the
-    loop for another: a gain margin of 4.5 dB came out at 9.8 dB.
+    For example, messages at 80 Hz come every 12.5 ms, and the steps of their stamps are 12 and 13 ms in turn. At such
+    stamps the rate has an error at high frequencies to which the controller did not react, which biases the
+    identification: a gain margin of 4.5 dB was estimated as 9.8 dB.
 
-    The deviation of the stamps from even times is averaged over neighbours, which follows a clock that drifts. A stamp
-    that lies further from its even time than rounding explains is kept, since the message was early or late. Among
-    several of these all are kept: a sender with a cycle of 4 ms really sends after 12, 12 and 16 ms.
+    The deviation of the stamps from even times is averaged over neighbours, which follows the drift of a clock. A stamp
+    is kept if it is further from its even time than rounding explains, since the message was early or late. Where many
+    stamps are like that, all are kept: a sender with a cycle of 4 ms really sends after 12, 12 and 16 ms.
 
     ``tests/plant/test_closed_loop.py`` has rounded, exact and late stamps.
 
@@ -199,7 +199,7 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
         stream: messages, some of which may be lost.
 
     Returns:
-        The messages at even times. At their own stamps where these are not whole milliseconds apart, or not even.
+        The messages at even times; with unchanged stamps if these are not rounded to milliseconds, or not even.
     """
     milliseconds = (stream.time - stream.time[0]) / STAMP_ROUNDING
     is_rounded = np.abs(milliseconds - np.round(milliseconds)).max() < MAX_MILLISECOND_FRACTION
@@ -211,7 +211,7 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
     # The number of each message, lost ones included.
     number = np.append(0.0, np.cumsum(np.round(steps / interval)))
     deviation = stream.time - interval * number
-    # Near the ends there are fewer neighbours.
+    # The number of neighbours to average over, which is smaller near the ends.
     neighbours = np.ones(AVERAGED_STAMPS)
     counts = np.convolve(np.ones(len(deviation)), neighbours, "same")[: len(deviation)]
     mean_deviation = np.convolve(deviation, neighbours, "same")[: len(deviation)] / counts
@@ -225,7 +225,7 @@ def with_unrounded_stamps(stream: Messages) -> Messages:
 def _band_edges(frequency: Array) -> list[int]:
     """Divides frequencies into bands of about constant relative width, in which densities are averaged.
 
-    Bands widen with frequency (``RELATIVE_BANDWIDTH``): resonances do too, and wider bands have less scatter.
+    Bands widen with frequency (``RELATIVE_BANDWIDTH``), as resonances do: averages over wider bands scatter less.
 
     Args:
         frequency: (F,), Hz, in steps of 1 / ``SPECTRUM_SECONDS``.
@@ -243,15 +243,16 @@ def _band_edges(frequency: Array) -> list[int]:
 def _evenly_spaced_stamps(stamps: Array) -> Array:
     """Thins the stamps of a stream until they are evenly spaced, as the model of aliasing assumes.
 
-    For example, a controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. What is at 2 Hz
-    then also appears at 48 Hz, which no folding about half of 100 Hz explains. Every second message comes after 20 ms.
+    For example, a controller with a cycle of 4 ms sends messages at 100 Hz after 8 and 12 ms in turn. A signal at 2 Hz
+    then also appears at 48 Hz, which aliasing at 100 Hz does not explain. Every second message is evenly spaced, by
+    20 ms.
 
     Args:
         stamps: time stamps (N,), s, ascending.
 
     Returns:
-        All stamps, or every second, third or fourth of them: the most that are evenly spaced, but for lost messages.
-        All of them if none of these are.
+        Every n-th stamp with the smallest n, up to ``MAX_STRIDE``, with which they are evenly spaced except for lost
+        messages; all stamps if there is no such n.
     """
     for stride in range(1, MAX_STRIDE + 1):
         candidates = stamps[::stride]
@@ -284,9 +285,9 @@ def _matched_messages(stream: Messages, stamps: Array) -> Messages:
 def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     """Returns the Fourier transform of one window of a stream, at the stamps of its messages.
 
-    The linear trend is removed, and a Hann taper applied. A discrete Fourier transform at uneven stamps would be slow.
-    So each sample is split between the two nearest points of a fine even grid, which a fast Fourier transform then
-    takes.
+    The linear trend is removed, and a Hann taper applied. As a discrete Fourier transform at uneven stamps would be
+    slow, each sample is split between the two nearest points of a fine even grid, of which the fast Fourier transform
+    is computed.
 
     Args:
         stream: stamps and values of the messages.

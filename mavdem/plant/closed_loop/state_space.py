@@ -134,11 +134,11 @@ UNKNOWN_TARGET_CUTOFF = 50.0
 
 
 def unknown_controller(proportional_gain: float) -> LoopController:
-    """Returns the controller whose gains are the prior medians where nothing is known: typical ones of autopilots.
+    """Returns a controller with typical gains of autopilots, as prior medians if the real gains are not known.
 
     Args:
-        proportional_gain: size of the proportional gain, such as the standard deviation of the motors' combination over
-            that of the rate.
+        proportional_gain: prior median of the proportional gain, such as the standard deviation of the motors'
+            combination over that of the rate.
     """
     return LoopController(
         angle_gain=5.0,
@@ -331,11 +331,11 @@ SOURCES = len(WhiteNoise)
 
 
 def continuous_loop(parameters: GenerativeParameters, controller: LoopController) -> ContinuousLoop:
-    """Builds the differential equation of the closed loop, row by row in the order of the module's equations.
+    """Builds the matrices of the closed loop's differential equation, as in the module's equations.
 
     Args:
         parameters: parameters of the loop, each a number or an array (…) for several loops at once.
-        controller: controller, whose form and feed-forwards are used.
+        controller: controller, of which the form and the feed-forwards are used; its gains are among the parameters.
 
     Returns:
         Matrices (…, n, n) of the states, (…, n, sources) of the noises and (…, channels, n) of the outputs.
@@ -379,6 +379,9 @@ def _controller_signals(
     Args:
         parameters: parameters of the loop, each a number or an array (…).
         controller: controller, of which the form and the feed-forwards are used.
+
+    Returns:
+        Weights (…, n) of the rate setpoint, its error, the derivative and the motor command.
     """
     # Row i of the unit matrix is the weight of state i alone.
     unit = np.eye(STATES)
@@ -457,7 +460,7 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
     Args:
         A: system matrix (…, n, n), whose rows are written.
         parameters: parameters of the loop, each a number or an array (…).
-        signals: signals of the controller, which the filters take.
+        signals: signals of the controller, which are the inputs of the filters.
     """
     unit = np.eye(STATES)
     # The gyro's low-pass is a Butterworth filter of second order; the others are of first order.
@@ -565,9 +568,9 @@ def sampled_loop(theta: Array, controller: LoopController, dt: float) -> Sampled
 def setpoint_process_covariance(
     theta: Array, controller: LoopController, dt: float, state_sd: Array
 ) -> ArrayPair:
-    """Returns the part of the process noise, and of the stationary covariance, that the setpoint causes.
+    """Returns the part of the process noise covariance, and of the stationary covariance, that the setpoint causes.
 
-    The white noises are independent, so the rest is caused by wind, gyro noise and actuation.
+    The white noises are independent, so that the rest is caused by wind, gyro noise and actuation.
 
     Args:
         theta: (k,) logarithms of the parameters.
@@ -581,7 +584,7 @@ def setpoint_process_covariance(
         measured.
     """
     loop = continuous_loop(GenerativeParameters(*np.exp(theta)), controller)
-    # A slice, so that the dimension of the white noises stays.
+    # A slice instead of an index keeps the dimension of the white noises.
     only_setpoint = slice(WhiteNoise.SETPOINT, WhiteNoise.SETPOINT + 1)
     setpoint_loop = loop._replace(noise_gains=loop.noise_gains[:, only_setpoint])
     step = _step_of_loop(setpoint_loop, dt)
@@ -603,14 +606,14 @@ class _StepOfLoop(NamedTuple):
 
 
 def _step_of_loop(loop: ContinuousLoop, dt: float) -> _StepOfLoop:
-    """Discretises the closed loop over one sampling step, and finds its stationary covariance.
+    """Discretises the closed loop over one sampling step, and computes its stationary covariance.
 
-    Both are computed by doubling of the time: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ, with the transition matrix
-    Φ and the covariance Q of the process noise. The doubling begins with a very short step. The stationary covariance
-    is Q after a time at which its variances have stopped growing (``STEADY_CHANGE``, at most ``MAX_DOUBLINGS``).
+    Both are computed by doubling a short step h: Φ(2h) = Φ(h)², Q(2h) = Q(h) + Φ(h) Q(h) Φ(h)ᵀ, with the transition
+    matrix Φ and the covariance Q of the process noise. The stationary covariance is Q after so many doublings that its
+    variances have stopped growing (``STEADY_CHANGE``), at most ``MAX_DOUBLINGS``.
 
-    Only positive semidefinite matrices are added, so rounding cannot give a covariance negative eigenvalues, however
-    much faster one state is than another.
+    Only positive semidefinite matrices are added, so that rounding cannot give a covariance negative eigenvalues,
+    however much faster one state is than another.
 
     Args:
         loop: the loop in continuous time.
