@@ -1,4 +1,4 @@
-"""Barometers that drift in flight: back on the ground they read another height than before, and satellites do not."""
+"""Barometers that drift or freeze in flight: on the ground they read another height than before, unlike satellites."""
 
 from collections.abc import Iterator
 from math import isfinite
@@ -34,7 +34,7 @@ MAX_DISTANCE = 20.0
 
 
 def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Iterator[Fact]:
-    """Yields an event if the barometer drifted in a flight.
+    """Yields an event if the barometer drifted in a flight, or froze.
 
     Three conditions must hold: between take-off and landing the reading on the ground changed by more than noise and
     weather explain, the altitude by satellites did not change with it, and both are the same place.
@@ -44,8 +44,9 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
         flight_interval: start and end of the flight, s since boot.
 
     Yields:
-        At most one fact, with the change of the barometer as ``change``, m upwards, and the statements of barometer and
-        receiver as its witnesses.
+        At most one fact, with the change of the barometer as ``change``, m upwards, the time of the first of readings
+        that are all equal as ``frozen_since``, s, None where it drifted, and the statements of barometer and receiver
+        as its witnesses.
     """
     heights = ground_heights(sensors.signals, sensors.boot, flight_interval)
     if heights is None:
@@ -64,9 +65,10 @@ def barometer_drifts(sensors: BootSensors, flight_interval: TimeInterval) -> Ite
         return
     yield Fact(
         MotionEvent.BAROMETER_DRIFTED,
-        time=flight_start,
+        time=flight_start if heights.frozen_since is None else heights.frozen_since,
         until=flight_end if isfinite(flight_end) else None,
         change=change,
+        frozen_since=heights.frozen_since,
         boot=sensors.boot,
         witnesses=(
             supporting_statement(WitnessFact.GROUND_READING_CHANGED, height=change),

@@ -48,6 +48,8 @@ class GroundHeights:
     """Change of the barometer's height, m upwards."""
     barometer_scatter: float
     """Standard deviation of the barometer's readings at rest, m: the larger one of before and after."""
+    frozen_since: float | None
+    """Time, s since boot, from which on the barometer read the same to the rest after it; None if it did not."""
     satellite_change: float
     """Change of the altitude by satellites, m upwards."""
     distance: float
@@ -90,9 +92,30 @@ def ground_heights(
     return GroundHeights(
         barometer_change=float(heights_after.mean() - heights_before.mean()),
         barometer_scatter=float(max(heights_before.std(), heights_after.std())),
+        frozen_since=_frozen_since(barometer, rest=after),
         satellite_change=float(altitude_change),
         distance=_horizontal_distance(take_off, landing),
     )
+
+
+def _frozen_since(barometer: TimeSeries, rest: TimeInterval) -> float | None:
+    """Returns since when a barometer read the same height to the end of a rest.
+
+    Args:
+        barometer: heights (N,), m.
+        rest: start and end of the rest after a flight, s since boot.
+
+    Returns:
+        Time of the first of the equal readings, s since boot; None if they do not begin ``LANDING_SECONDS`` before the
+        rest: on the ground a coarse reading stands still.
+    """
+    rest_start, rest_end = rest
+    is_before_end = barometer.time <= rest_end
+    times, heights = barometer.time[is_before_end], barometer.values[is_before_end]
+    different_rows = np.flatnonzero(heights != heights[-1])
+    first_row = different_rows[-1] + 1 if len(different_rows) else 0
+    frozen_since = float(times[first_row])
+    return frozen_since if frozen_since < rest_start - LANDING_SECONDS else None
 
 
 def _horizontal_distance(start: Array, end: Array) -> float:

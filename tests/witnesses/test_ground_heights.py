@@ -60,6 +60,19 @@ def test_a_barometer_that_drifts_in_flight_is_to_be_watched(drift):
     assert len(event.figures["witnesses"]) == 2
 
 
+def test_a_barometer_that_freezes_in_flight_is_not_said_to_drift():
+    made = flight(0.0)
+    time = stamps(made, "SCALED_PRESSURE")
+    altitude = made.messages["SCALED_PRESSURE"]["altitude"]
+    altitude = np.where(time < 40.0, altitude, altitude[np.searchsorted(time, 40.0)])
+    (event,) = drifts(changed(made, "SCALED_PRESSURE", altitude=altitude))
+    assert event.time == event.figures["frozen_since"] == approx(40.0, abs=1.0)
+    assert "has read the same since 40.0 s" in event.sentence
+    assert "connection" in event.remedy
+    (event,) = drifts(flight(6.0))
+    assert event.figures["frozen_since"] is None and "drifted" in event.sentence
+
+
 def test_a_drift_of_a_flight_without_a_recorded_landing_has_no_end():
     sensors = BootSensors(Signals(flight(6.0), inputs="motors"), 0, TAKE_OFF)
     (event,) = barometer_drifts(sensors, (TAKE_OFF, np.inf))
