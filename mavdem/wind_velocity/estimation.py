@@ -54,6 +54,12 @@ REPORTED_DIRECTION_ERROR = 10.0
 MAX_DIRECTION_INTERVAL = 60.0
 """Half width of the direction's interval, degrees, up to which the direction is reported as biased."""
 
+MAX_DIRECTION_OF_WIND = 90.0
+"""Half width of the direction's interval by drag, lean and noise, degrees, beyond which still air counts as likely.
+
+Less than 90 % of the likely wind velocities are then on one side of still air, which is among them.
+"""
+
 HEADING_SD = 2.5
 """Standard error of the heading, degrees: that of a calibrated compass."""
 
@@ -447,6 +453,9 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     angles = np.angle((samples @ [1, 1j]) / mean_wind)
     half_width_by_samples = np.degrees(np.quantile(abs(angles), 0.9))
     direction_half_width = np.hypot(half_width_by_samples, coverage_factor() * HEADING_SD)
+    if half_width_by_samples > MAX_DIRECTION_OF_WIND:
+        # Speeds of scattered velocities are above 0 even if their mean is still air.
+        low = 0.0
     return _MeanWind(
         speed,
         low=min(low, speed),

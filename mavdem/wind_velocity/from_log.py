@@ -37,6 +37,7 @@ from mavdem.ingest.motors import POSSIBLE_MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry, interpolated
 from mavdem.ingest.vocabulary import MILLIMETRES_PER_METRE
 from mavdem.wind_velocity.estimation import WindVelocity, estimate_wind
+from mavdem.wind_velocity.ground_lean import with_lean_on_ground
 from mavdem.wind_velocity.motion_grid import MAX_FLIGHT_SECONDS, MIN_SAMPLES
 from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 
@@ -252,6 +253,8 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
     _require_usable(motion, _longest_stuck(signals.position, boot, motion))
     if drag is None:
         drag = Drag.from_parameters(telemetry.autopilot, telemetry.parameters)
+    times_of_flight = motion.time[0], motion.time[-1]
+    drag = with_lean_on_ground(drag, signals, angles[:YAW], boot, times_of_flight)
     estimate = estimate_wind(motion.time, motion.attitude, motion.velocity, drag, motion.height)
     if estimate.speed_identifiable and estimate.speed > MAX_WIND_SPEED:
         raise NotLearnable(NoWind.BEYOND_ANY_WIND, speed=MAX_WIND_SPEED)

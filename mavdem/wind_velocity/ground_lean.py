@@ -1,0 +1,132 @@
+"""Lean that an autopilot reads while its vehicle stands on the ground: of the ground, or of a misaligned autopilot.
+
+A misaligned autopilot reads the same roll and pitch on level ground as in a hover in still air, where they look like
+wind. Ground that slopes leans the vehicle, and then the hover is level. One stand does not tell these apart, so both
+count as equally likely. Of two stands, before the flight and after it, only the part of the lean that both share can be
+of the autopilot.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from mavdem.arrays import Array
+from mavdem.dataset.attitude import Attitude
+from mavdem.dataset.flight_states import airborne_intervals
+from mavdem.dataset.intervals import TimeInterval, in_intervals
+from mavdem.dataset.signals import Signals
+from mavdem.facts.online import DragSource
+from mavdem.physical_constants import GRAVITY
+from mavdem.wind_velocity.vehicle_drag import LEAN, Drag
+
+STAND_SECONDS = 10.0
+"""Time before a take-off, and after a landing, in which the vehicle stands, s: a choice."""
+
+TRANSITION_SECONDS = 2.0
+"""Time next to take-off and landing, s, that is left out of it: reports of both may be as late; a choice."""
+
+MIN_STAND_SAMPLES = 4
+"""Number of samples of roll and pitch that show a stand: those of a second at 4 Hz."""
+
+MAX_STAND_RANGE = np.radians(0.5)
+"""Range of the middle 80 % of roll and of pitch, rad, within which a vehicle stands and is not carried; a choice."""
+
+MAX_GROUND_LEAN = np.radians(10.0)
+"""Lean on the ground, rad, beyond which a vehicle does not stand on its legs; a choice."""
+
+
+def with_lean_on_ground(
+    drag: Drag, signals: Signals, angles: Sequence[Attitude], boot: int, flight: TimeInterval
+) -> Drag:
+    """Widens the prior of the lean of a vehicle so that it holds the one that the autopilot read on the ground.
+
+    The lean is either that of the prior, where the ground slopes, or that on the ground, where the autopilot is
+    misaligned. Both count as equally likely: mean and variance are those of the mixture of both. A lean that an earlier
+    flight has measured stays as it is.
+
+    Args:
+        drag: prior of the drag, with that of the lean.
+        signals: signals of the vehicle.
+        angles: its roll and pitch.
+        boot: number of the boot.
+        flight: two times of the flight, s since boot.
+
+    Returns:
+        The drag; unchanged where the log does not show the vehicle on the ground.
+    """
+    if drag.source not in (DragSource.POPULATION, DragSource.PARAMETERS):
+        return drag
+    ground_lean = lean_on_ground(signals, angles, boot, flight)
+    if ground_lean is None:
+        return drag
+    half_difference = (ground_lean - drag.lean) / 2
+    mean = drag.mean.copy()
+    mean[LEAN] += half_difference
+    covariance = drag.covariance.copy()
+    covariance[LEAN, LEAN] += np.diag(half_difference**2)
+    return replace(drag, mean=mean, covariance=covariance)
+
+
+def lean_on_ground(
+    signals: Signals, angles: Sequence[Attitude], boot: int, flight: TimeInterval
+) -> Array | None:
+    """Returns the specific force as which roll and pitch on the ground would appear in still air.
+
+    Args:
+        signals: signals of the vehicle.
+        angles: its roll and pitch.
+        boot: number of the boot.
+        flight: two times of the flight, s since boot.
+
+    Returns:
+        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common;
+        ``None`` where the log shows neither.
+    """
+    airborne = airborne_intervals(signals, boot)
+    take_offs = [start for start, end in airborne if start <= flight[0] <= end]
+    landings = [end for start, end in airborne if start <= flight[1] <= end]
+    stands: list[TimeInterval] = []
+    if take_offs:
+        end = take_offs[0] - TRANSITION_SECONDS
+        stands.append((end - STAND_SECONDS, end))
+    if landings:
+        start = landings[-1] + TRANSITION_SECONDS
+        stands.append((start, start + STAND_SECONDS))
+    leans = []
+    for stand in stands:
+        lean = _lean_of_stand(angles, boot, stand)
+        if lean is not None:
+            leans.append(lean)
+    if not leans:
+        return None
+    first, last = leans[0], leans[-1]
+    is_shared = first * last > 0
+    return np.where(is_shared, np.sign(first) * np.minimum(abs(first), abs(last)), 0.0)
+
+
+def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -> Array | None:
+    """Returns the lean of a vehicle that stands still, as specific force.
+
+    Args:
+        angles: roll and pitch.
+        boot: number of the boot.
+        stand: start and end of the time in which it may stand, s since boot.
+
+    Returns:
+        Force (2,) along body x and y, m/s²; ``None`` where it was not recorded, or the vehicle does not stand.
+    """
+    medians = []
+    for angle in angles:
+        series = angle.angle_series.of_boot(boot)
+        values = series.values[in_intervals(series.time, [stand])]
+        if len(values) < MIN_STAND_SAMPLES:
+            return None
+        if np.ptp(np.quantile(values, [0.1, 0.9])) > MAX_STAND_RANGE:
+            return None
+        medians.append(float(np.median(values)))
+    roll, pitch = medians
+    if np.hypot(roll, pitch) > MAX_GROUND_LEAN:
+        return None
+    # A vehicle that leans nose up, or to its left, is pushed along positive body x, or y, by wind.
+    return GRAVITY * np.tan([pitch, -roll])
