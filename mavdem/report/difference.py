@@ -255,12 +255,15 @@ def headline_blocks(
     return blocks
 
 
-def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None) -> Blocks:
+def baseline_blocks(
+    latest_row: FlightRow, difference: VehicleDifference | None, *, has_doubts: bool = True
+) -> Blocks:
     """Returns the report on the differences between a vehicle's latest flight and its baseline.
 
     Args:
         latest_row: row of the latest flight.
         difference: difference of that flight from the baseline; None if the baseline has no flight of the vehicle.
+        has_doubts: whether it says that several vehicles may have the name.
 
     Returns:
         The sentences.
@@ -276,7 +279,7 @@ def baseline_blocks(latest_row: FlightRow, difference: VehicleDifference | None)
         Sentence(text, lead),
         *_conclusion(difference, _changes_by_relevance(difference)),
         *_change_sentences(difference),
-        *_vehicle_doubts(difference),
+        *(_vehicle_doubts(difference) if has_doubts else ()),
     ]
 
 

@@ -162,8 +162,13 @@ def _settled_seconds(flight: AxisRows) -> str:
 
 
 def _wind(flight: AxisRows) -> str:
-    """Returns the wind's speed, m/s, and the direction that it came from, as far as known."""
+    """Returns the wind's speed, m/s, and the direction that it came from, as far as known.
+
+    Where the light of the wind is unknown, so are both.
+    """
     row = log_row(flight)
+    if row.light_wind == Level.UNKNOWN:
+        return ""
     speed = "" if row.wind_speed is None else rounded(row.wind_speed)
     direction = "" if row.wind_direction is None else compass_text(degrees(row.wind_direction))
     return f"{speed} {direction}".strip()

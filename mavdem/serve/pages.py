@@ -48,7 +48,7 @@ from mavdem.serve.link_monitor import PAGE_SECONDS, LinkMonitor
 from mavdem.serve.recordings import RecordingRequests
 from mavdem.serve.requests import read_body
 from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY
-from mavdem.serve.search import search_problems
+from mavdem.serve.search import search_problems, unknown_terms
 from mavdem.serve.stored_series import read_series
 from mavdem.serve.uploads import MAX_FILES
 from mavdem.serve.visible_library import VisibleLibrary, refuse_missing_file
@@ -127,13 +127,16 @@ class Pages:
         result = self._visible_library.search(request, FLIGHTS_PER_PAGE)
         visitor = self._visible_library.visitor_values(request)
         may_read = visitor["may_read"]
+        problems = search_problems(result.query)
+        if not result.entries:
+            problems += unknown_terms(result.query)
         return HTMLResponse(
             render_server_page(
                 "library",
                 entries=result.entries,
                 total=result.total,
                 query=result.query,
-                problems=search_problems(result.query),
+                problems=problems,
                 order=result.order,
                 offset=result.offset,
                 page=FLIGHTS_PER_PAGE,
@@ -338,7 +341,8 @@ class Pages:
             difference = baseline_differences(rows, healthy_rows).get(name)
             if difference is not None:
                 latest_row, changes_since_baseline = difference
-                changes = baseline_blocks(latest_row, changes_since_baseline)
+                # The page itself says that several vehicles may have the name.
+                changes = baseline_blocks(latest_row, changes_since_baseline, has_doubts=False)
         html = vehicle_page(
             vehicles_of(rows).get(name, []),
             changes,

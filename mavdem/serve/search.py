@@ -1,12 +1,13 @@
 """Search in the library: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` becomes a condition of SQL."""
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from typing import Any, NamedTuple
 
 from mavdem.facts import Level
 from mavdem.facts.lights import Light
-from mavdem.facts.serve import Stage
+from mavdem.facts.serve import Sharing, Stage
 from mavdem.report.numbers import listed
 from mavdem.serve.index import CONTENT_HASH_SQL
 
@@ -19,17 +20,28 @@ TERM_PATTERN = re.compile(r"(\w+)(<=|>=|[:=<>])(.+)")
 TEXT_COLUMNS = {"date", "level", "sharing", "stage", *map(str, Light)}
 """Columns that are compared as texts, by their own names."""
 
-NUMBER_COLUMNS = {"wind": "wind_speed", "duration": "duration", "motor": "motor"}
-"""Columns that are compared as numbers, by the names that a search has for them."""
+WIND_SPEED_SQL = f"iif(wind = '{Level.UNKNOWN}', null, wind_speed)"
+"""SQL expression of the wind's speed, which is not known where the light of the wind is unknown."""
+
+NUMBER_COLUMNS = {"wind": WIND_SPEED_SQL, "duration": "duration", "motor": "motor"}
+"""SQL of what is compared as numbers, by the names that a search has for it."""
 
 LEVEL_COLUMNS = {"level", *map(str, Light)}
 """Columns with a level, by their own names."""
+
+CHOICES = {"stage": tuple(map(str, Stage)), "sharing": tuple(map(str, Sharing))}
+"""Values that columns can have, by their own names; those of levels are not among them."""
 
 LEVELS = tuple(map(str, Level))
 """The levels."""
 
 LIST_COLUMNS = {"mode": "modes", "tag": "tags"}
 """Columns with lists separated by commas, by the name that a search has for one item."""
+
+KNOWN_TERMS = tuple(
+    dict.fromkeys(["vehicle", *LIST_COLUMNS, *NUMBER_COLUMNS, *Light, *sorted(TEXT_COLUMNS)])
+)
+"""Names of the properties that a search compares, besides those of parameters."""
 
 VEHICLE_NAME_SQL = (
     "coalesce((select vehicle_names.name from vehicle_names"
@@ -99,26 +111,60 @@ def search_condition(text: str) -> SqlCondition:
 
 
 def search_problems(text: str) -> list[str]:
-    """Returns what is wrong with the values in a search: a number or a level that is none.
+    """Returns what is wrong with the values in a search, such as a number or a level that is none.
 
     Args:
         text: words of the search.
     """
     problems = []
+    for name, operator, value in _terms(text):
+        column = name.lower()
+        is_equality = operator in (":", "=")
+        if column in CHOICES and value.lower() not in CHOICES[column]:
+            problems.append(f"{value} is no {column}: these are {listed(CHOICES[column])}")
+        elif column in LEVEL_COLUMNS and is_equality and not _is_number(value):
+            if value.lower() not in LEVELS:
+                problems.append(f"{value} is no level: these are {listed(LEVELS)}")
+        elif _is_compared_as_number(name) and not _is_number(value):
+            problems.append(f"{value} is not a number")
+    return problems
+
+
+def unknown_terms(text: str) -> list[str]:
+    """Returns a sentence on the words of a search that look like terms of a property that there is not.
+
+    They are searched for as texts, such as a time of day, so the sentence is for a search that finds nothing.
+
+    Args:
+        text: words of the search.
+
+    Returns:
+        One sentence without its full stop; none if all properties are known.
+    """
+    names = []
+    for name, _, _ in _terms(text):
+        if name.lower() not in KNOWN_TERMS and not name.isupper():
+            names.append(name)
+    if not names:
+        return []
+    shown_names = listed(dict.fromkeys(names))
+    return [f"No flight has a property {shown_names}: terms are {listed(KNOWN_TERMS)}, and gains"]
+
+
+def _terms(text: str) -> Iterator[tuple[str, str, str]]:
+    """Yields name, operator and value of the words of a search that compare a property."""
     for word in text.split()[:MAX_SEARCH_WORDS]:
         term = TERM_PATTERN.fullmatch(word)
-        if term is None:
-            continue
-        name, operator, value = term.groups()
-        column = name.lower()
-        if _is_number(value) or column not in {*NUMBER_COLUMNS, *LEVEL_COLUMNS}:
-            continue
-        asks_for_level = column in LEVEL_COLUMNS and operator in (":", "=")
-        if not asks_for_level:
-            problems.append(f"{value} is not a number")
-        elif value.lower() not in LEVELS:
-            problems.append(f"{value} is no level: these are {listed(LEVELS)}")
-    return problems
+        if term is not None:
+            name, operator, value = term.groups()
+            yield name, operator, value
+
+
+def _is_compared_as_number(name: str) -> bool:
+    """Returns whether a search compares this property as a number: also those in capitals, which are parameters."""
+    return name.lower() in {*NUMBER_COLUMNS, *LEVEL_COLUMNS} or (
+        name.isupper() and name.lower() not in KNOWN_TERMS
+    )
 
 
 def _is_number(text: str) -> bool:

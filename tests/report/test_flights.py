@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import timedelta
+from math import pi
 
 from fleet_rows import WEAK, flight_row
 from pytest import mark
@@ -19,6 +20,7 @@ from mavdem.report.difference import (
     next_blocks,
 )
 from mavdem.report.fleet import vehicle_health, vehicle_words
+from mavdem.report.flight_lines import COLUMNS, flight_line
 from mavdem.report.vehicle_summary import summaries_of
 
 
@@ -187,3 +189,9 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
 def test_a_flight_without_a_date_comes_last():
     rows = [flight_row("quad", 0, date=None), flight_row("quad", 1)]
     assert sum(flights_of(rows), []) == rows[::-1]
+
+
+@mark.parametrize("level, text", [("good", "5.7 W (270°) →"), ("unknown", "")])
+def test_a_wind_whose_light_is_unknown_is_not_in_the_table(level, text):
+    row = flight_row("quad", 0, wind_speed=5.7, wind_direction=1.5 * pi, light_wind=level)
+    assert flight_line([row]).cells[[*COLUMNS].index("wind (m/s)")] == text

@@ -191,6 +191,8 @@ def test_a_flight_is_changed_found_and_deleted(served):
     ] == [1, 1, 1, 2, 2, 2]
     served.library.change(id, motor=3, wind_speed=4.5)
     assert [total(served, one) for one in ("motor:3", "motor:2", "wind<5")] == [1, 0, 1]
+    served.library.change(id, wind="unknown")
+    assert total(served, "wind<5") == 0
     served.library.change(id, motor=None, headline="Motor 12 (rear left) lost 4 to 12 %.")
     assert [total(served, one) for one in ("motor:12", "motor:2", "motor:1")] == [1, 0, 0]
     assert total(served, "MC_ROLL_P<6") == total(served, "wind>5") == 0

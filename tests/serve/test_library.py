@@ -20,6 +20,7 @@ from standin_logs import fleet_of, rows_of_log
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact
 from mavdem.facts.fleet import ReadingFact
+from mavdem.facts.lights import Light
 from mavdem.facts.serve import ListingOrder, Stage, StartFailure
 from mavdem.facts.sources import SourceFact
 from mavdem.fleet.names import GivenNames
@@ -29,13 +30,13 @@ from mavdem.fleet.workers import Job, JobLimits, outcome_of
 from mavdem.ingest import read_log
 from mavdem.report.pages.library_page import render_server_page
 from mavdem.results import PAGE_FILE, REPORT_FILE
-from mavdem.serve.index import SQL_ORDERS, entry_of_fleet_log
+from mavdem.serve.index import SQL_ORDERS, LibraryEntry, entry_of_fleet_log
 from mavdem.serve.library import Library
 from mavdem.serve.reading import read_for_library
 from mavdem.serve.reading_threads import ReadingThreads
 from mavdem.serve.recovery import dead_servers, recover
 from mavdem.serve.run import ServerOptions, serve
-from mavdem.serve.search import search_condition, search_problems
+from mavdem.serve.search import search_condition, search_problems, unknown_terms
 from mavdem.serve.stored_files import stored_file_name
 from mavdem.serve.uploads import refuse_other_files
 
@@ -48,6 +49,32 @@ def test_a_search_says_which_value_is_no_number_and_which_no_level():
     number, level = search_problems("wind>abc level:foo")
     assert number == "abc is not a number"
     assert level == "foo is no level: these are good, watch, bad and unknown"
+    assert search_problems("MC_ROLL_P<x stage:done") == ["x is not a number"]
+    (sharing,) = search_problems("sharing:mine")
+    assert sharing == "mine is no sharing: these are private, link and public"
+
+
+def test_a_search_by_an_unknown_property_names_the_known_ones():
+    assert unknown_terms("quad wind>5 motors:bad tag:race MC_ROLL_P<6 date>2026") == []
+    (sentence,) = unknown_terms("foo:bar quad")
+    assert sentence.startswith("No flight has a property foo: terms are vehicle, mode, tag, wind,")
+    assert sentence.endswith(", and gains")
+
+
+@mark.parametrize("health, level", [("ok", "good"), ("drift", "watch"), ("fault", "bad")])
+def test_the_list_has_the_lights_of_the_pages_and_no_wind_that_is_unknown(health, level):
+    lights = dict.fromkeys(Light, "good") | {"wind": "unknown"}
+    entry = LibraryEntry("id", "a.bin", stage=Stage.DONE, level="good", wind_speed=5.7, **lights)
+    row = flight_row("quad", 0, health=health, health_reason="Motor 3 works harder.")
+    page = render_server_page(
+        "library",
+        **{"entries": [entry], "total": 1, "query": "", "order": "upload", "offset": 0},
+        **{"page": 50, "is_empty": False, "sample": None, "is_live": False, "vehicles": []},
+        **{"troubles": {} if health == "ok" else {"id": row}, "may_read": True, "key": ""},
+        **{"has_token": False, "address": "", "upload": "", "given": GivenNames(), "frames": {}},
+    )
+    assert f'aria-label="motors {level}"' in page
+    assert "5.7 m/s" not in page
 
 
 @mark.parametrize(

@@ -18,17 +18,19 @@ from markupsafe import escape
 
 from mavdem.assessment.time_history import TimeHistory
 from mavdem.containers import Names
-from mavdem.facts import Fact
+from mavdem.facts import Fact, Level
 from mavdem.facts.lights import Light
+from mavdem.facts.motors import MotorHealth
 from mavdem.files import load_adjacent_toml
 from mavdem.fleet.flights import AxisRows
 from mavdem.fleet.names import NO_NAMES
+from mavdem.fleet.row import FlightRow
 from mavdem.ingest.vocabulary import AUTOPILOT_SET_PARAMETERS
 from mavdem.report.blocks import Block
 from mavdem.report.charts.chart import MAX_POINTS_OF_SMALL_PAGE, Group
 from mavdem.report.charts.timeline import timeline_of_history
 from mavdem.report.charts.vehicle_charts import vehicle_group
-from mavdem.report.fleet import HEALTH_LEVELS, vehicle_label, vehicle_words
+from mavdem.report.fleet import HEALTH_LEVELS, motors_level, vehicle_label, vehicle_words
 from mavdem.report.pages.environment import environment, render_page
 from mavdem.report.pages.fleet_remark import with_fleet_remark
 from mavdem.report.pages.page import PageEvent
@@ -75,12 +77,33 @@ def _environment() -> Environment:
     jinja = environment().overlay()
     jinja.filters["brief"] = _brief_name
     jinja.filters["utc"] = _utc_text
-    values = {"lights": [str(light) for light in Light], "healths": HEALTH_LEVELS}
+    values = {
+        "lights": [str(light) for light in Light],
+        "healths": HEALTH_LEVELS,
+        "lights_beside_fleet": _lights_beside_fleet,
+    }
     # A dictionary of its own: the environment of other pages does not have these values.
     jinja.globals = {**jinja.globals, **interface_words(), **values}
     for name in jinja.list_templates(["html"]):
         jinja.get_template(name)
     return jinja
+
+
+def _lights_beside_fleet(lights: Mapping[str, str], row: FlightRow | None) -> dict[str, str]:
+    """Returns the level of each light of a flight: that of the motors beside the vehicle's other flights.
+
+    The page of the flight shows the same.
+
+    Args:
+        lights: level of each light by the log alone; empty before it is judged.
+        row: row of the flight with trouble of the motors; None without.
+    """
+    levels = dict(lights)
+    if levels and row is not None:
+        level_of_log = Level(levels[Light.MOTORS] or Level.UNKNOWN)
+        health_level = HEALTH_LEVELS[MotorHealth(row.health)]
+        levels[Light.MOTORS] = motors_level(level_of_log, health_level)
+    return levels
 
 
 def _brief_name(name: str, frames: Mapping[str, str]) -> str:

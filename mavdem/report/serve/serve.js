@@ -34,7 +34,11 @@
     const count = chosenIds().length;
     const unread = document.querySelector("#flights input[data-unread]:checked");
     if ($("compare")) $("compare").disabled = count !== 2 || unread;
-    if ($("baseline")) $("baseline").disabled = !count || unread;
+    const unnamed = document.querySelector("#flights input[data-unnamed]:checked");
+    if ($("baseline")) {
+      $("baseline").disabled = !count || unread || unnamed;
+      $("baseline").title = unnamed ? "A chosen log does not name its vehicle, whose other flights are compared with a baseline." : "";
+    }
     if ($("remove")) $("remove").disabled = !count;
   };
   document.addEventListener("change", event => { if (event.target.name === "id") updateButtons(); });
@@ -54,6 +58,7 @@
     flightRows().replaceChildren(...list.tBodies[0].rows);
     for (const box of document.querySelectorAll('#flights input[name="id"]')) box.checked = keptIds.has(box.value);
     if ($("count")) $("count").textContent = page.getElementById("count").textContent;
+    if ($("problems")) $("problems").replaceChildren(...page.getElementById("problems").children);
     if (query !== shownQuery) history.replaceState(null, "", address);
     shownQuery = query;
     updateButtons();
