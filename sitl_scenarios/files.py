@@ -5,6 +5,7 @@ import re
 import tomllib
 from collections.abc import Collection, Iterable, Mapping
 from difflib import get_close_matches
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
@@ -288,8 +289,7 @@ def _value_lines(section: BaseModel, excluded_keys: Collection[str] = ()) -> lis
     Returns:
         Lines such as "speed = 5.0  # Of the wind, m/s; from 0 to 60".
     """
-    # Meanings and ranges are those of the JSON schema that pydantic derives from the model's fields.
-    schema = type(section).model_json_schema(mode="validation")["properties"]
+    schema = _key_schemas(type(section))
     lines = []
     for key, value in section.model_dump(mode="json", exclude=set(excluded_keys)).items():
         line = f"{_toml_key(key)} = {_toml_value(value)}"
@@ -299,6 +299,17 @@ def _value_lines(section: BaseModel, excluded_keys: Collection[str] = ()) -> lis
             line += f"  # {'; '.join(notes)}"
         lines.append(line)
     return lines
+
+
+@cache
+def _key_schemas(model: type[BaseModel]) -> dict[str, Any]:
+    """Returns the JSON schema of each key of a section: pydantic derives it from the model's fields.
+
+    Args:
+        model: Model of the section.
+    """
+    schemas: dict[str, Any] = model.model_json_schema(mode="validation")["properties"]
+    return schemas
 
 
 def _value_range(schema: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ motors reach their limits, that the amplitude grows, or that it lasts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, radians
 from operator import attrgetter
@@ -125,11 +125,12 @@ def detect_limit_cycle(
     if motors is None:
         return None
     flight_duration = sum(segment.duration for segment in segments)
+    motor_series = _motor_series(motors)
     cycles = list[Oscillation]()
     for axis, attitude in attitudes.items():
         for window_seconds in WINDOW_LENGTHS:
             cycles += _limit_cycles(
-                axis, attitude, motors, segments, window_seconds, flight_duration
+                axis, attitude, motor_series, segments, window_seconds, flight_duration
             )
     tilt_cycles = [cycle for cycle in cycles if cycle.axis in TILT_AXES]
     return _strongest(tilt_cycles or cycles)
@@ -193,12 +194,13 @@ def _cycles_at_limits(
         window_seconds: length of the windows of the spectra, s.
         min_duration: duration that the windows of a limit cycle must cover together, s.
     """
+    motor_series = _motor_series(motors)
     cycles = list[Oscillation]()
     for axis, tilt in tilts.items():
         cycles += _limit_cycles(
             axis,
             tilt,
-            motors,
+            motor_series,
             [segment],
             window_seconds,
             # An oscillation also counts if it lasts for a large part of the flight. The infinite duration disables that
@@ -229,10 +231,32 @@ def _strongest(cycles: Iterable[Oscillation]) -> Oscillation | None:
     return strongest._replace(other_axes=tuple(other_cycles))
 
 
+def _motor_series(motors: MotorOutputs) -> list[TimeSeries]:
+    """Returns the signals of the motors in which limit cycles show.
+
+    Args:
+        motors: outputs of the k motors, N samples.
+
+    Returns:
+        The outputs of the k motors without their mean, as shares of the range; whether motors are at both limits at
+        once; and whether any is at a limit, both as 0 or 1.
+    """
+    range_fractions = motors.scale.fraction(motors.outputs)
+    motor_at_upper, motor_at_lower = samples_at_limits(range_fractions, motors.scale)
+    # Whether any motor is at its upper or its lower limit, (N,) each.
+    is_at_upper = motor_at_upper.any(axis=1)
+    is_at_lower = motor_at_lower.any(axis=1)
+    # The mean of all motors is thrust, which turns nothing.
+    differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
+    # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
+    columns = [*differential.T, is_at_upper & is_at_lower, is_at_upper | is_at_lower]
+    return [TimeSeries(motors.time, motors.boot, column) for column in columns]
+
+
 def _limit_cycles(
     axis: str,
     tilt: Attitude,
-    motors: MotorOutputs,
+    motor_series: Sequence[TimeSeries],
     segments: Segments,
     window_seconds: float,
     flight_duration: float,
@@ -248,7 +272,7 @@ def _limit_cycles(
     Args:
         axis: "roll", "pitch" or "yaw".
         tilt: attitude of the axis.
-        motors: outputs of the k motors, N samples.
+        motor_series: result of ``_motor_series``.
         segments: segments of the flight to use.
         window_seconds: length of the half-overlapping windows, s.
         flight_duration: duration of the whole flight, s.
@@ -257,16 +281,6 @@ def _limit_cycles(
     Yields:
         The limit cycles in the order of time.
     """
-    range_fractions = motors.scale.fraction(motors.outputs)
-    motor_at_upper, motor_at_lower = samples_at_limits(range_fractions, motors.scale)
-    # Whether any motor is at its upper or its lower limit, (N,) each.
-    is_at_upper = motor_at_upper.any(axis=1)
-    is_at_lower = motor_at_lower.any(axis=1)
-    # The mean of all motors is thrust, which turns nothing.
-    differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
-    # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
-    columns = [*differential.T, is_at_upper & is_at_lower, is_at_upper | is_at_lower]
-    motor_series = [TimeSeries(motors.time, motors.boot, column) for column in columns]
     signals_on_grid = resampled_signals(
         [tilt.rate_series, *motor_series],
         segments,

@@ -140,19 +140,25 @@ def resampled_signals(
     Returns:
         The pieces and their rate; None if a signal is slower than ``min_rate``, or no piece lasts ``min_seconds``.
     """
-    rate = min(max_rate, *map(rate_between_outages, signals))
+    # Signals that are columns of one message share their time stamps: of these one shows rate and gaps of all.
+    signal_of_stamps = {id(signal.time): signal for signal in signals}
+    rate = min(max_rate, *map(rate_between_outages, signal_of_stamps.values()))
     if rate < min_rate:
         return None
     pieces = []
     for segment in segments:
         spans = [(segment.start, segment.end)]
-        stamps_and_values = []
-        for signal in signals:
+        rows_of_stamps = {}
+        for stamps, signal in signal_of_stamps.items():
             rows = rows_of_segment(signal, segment)
+            rows_of_stamps[stamps] = rows
             time = signal.time[rows]
-            stamps_and_values.append((time, signal.values[rows]))
             is_gap = np.diff(time) > MAX_GAP_STEPS / min_rate
             spans = intersection(spans, split_at_gaps(time, is_gap))
+        stamps_and_values = []
+        for signal in signals:
+            rows = rows_of_stamps[id(signal.time)]
+            stamps_and_values.append((signal.time[rows], signal.values[rows]))
         for start, end in spans:
             grid = np.arange(start, end, 1 / rate)
             if len(grid) > rate * min_seconds:

@@ -90,7 +90,8 @@ def serve(log, folder):
         signal.raise_signal(signal.SIGINT)
 
     threading.Thread(target=visit).start()
-    code = main(["serve", str(folder / "library"), "--port", str(port), "--no-browser"])
+    words = ["serve", str(folder / "library"), "--port", str(port), "--no-browser", "--jobs", "1"]
+    code = main(words)
     return pages[0], code
 
 
