@@ -77,6 +77,9 @@ def _motor_failure_history(
     Args:
         scenario: The scenario, with duration and random numbers.
         mishap: Failure of one motor, or of one propeller.
+
+    Returns:
+        The steps in ascending order of time, each with the whole condition of the vehicle from then on.
     """
     rotors = rotor_count(scenario.vehicle.frame)
     history = []
@@ -101,7 +104,7 @@ def _condition(scenario: Scenario, time: float) -> Damage:
     moves the centre of mass.
 
     Args:
-        scenario: Its vehicle, propeller and load say what gets damaged, and when.
+        scenario: Scenario whose sections on vehicle, propeller and load state what gets damaged, and when.
         time: Time after the first arming, s.
 
     Returns:
@@ -133,8 +136,8 @@ def _factors_by_rotor(motor: int, fraction: float, rotors: int) -> Vector4:
     """Lists the factors of a quantity for all rotors, of which at most one is damaged.
 
     Args:
-        motor: Number of the motor; 0 means none.
-        fraction: Its fraction.
+        motor: Number of the damaged motor, from 1; 0 means none.
+        fraction: Remaining fraction of the quantity at this motor's rotor.
         rotors: Number of rotors.
 
     Returns:

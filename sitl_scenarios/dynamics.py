@@ -152,6 +152,7 @@ def vehicle_dynamics(vehicle: VehicleSpec, condition: Damage | None = None) -> D
     def accelerations(
         attitude: Quaternion, velocity: Vector3, rates: Vector3, rotors: Vector4, air: AirState
     ) -> Accelerations:
+        """Computes the accelerations of one state; shapes and units are those of :data:`Dynamics`."""
         values = flat_dynamics(attitude, velocity, rates, rotors, air)
         return Accelerations(values[LINEAR], values[ANGULAR], values[FORCE], values[MOMENT])
 

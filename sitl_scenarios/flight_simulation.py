@@ -472,14 +472,14 @@ def _column(values: Sequence[Any]) -> NDArray[Any]:
     """Returns the values of one field in N cycles as an array.
 
     Args:
-        values: Numbers, or tuples of n floats, one for each cycle.
+        values: Numbers, or tuples of n floats, one for each cycle; at least one cycle.
 
     Returns:
         Array (N,) of numbers, or (N, n) of tuples.
     """
     first = values[0]
     if isinstance(first, tuple):
-        # Read as one series of floats, which is several times as fast as from tuples.
+        # NumPy reads one series of floats several times as fast as tuples.
         flat = np.fromiter(chain.from_iterable(values), np.float64, len(values) * len(first))
         return flat.reshape(len(values), len(first))
     return np.array(values)

@@ -30,7 +30,7 @@ def control_parameters(scenario: Scenario) -> dict[str, float]:
     them.
 
     Args:
-        scenario: Its vehicle, sensors and autopilot decide the gains.
+        scenario: Scenario whose vehicle, sensors and autopilot determine the gains.
 
     Returns:
         Values by the autopilot's name of the parameter, each in the autopilot's own unit; the loop rate in Hz is one

@@ -59,7 +59,14 @@ class Gyro:
         self._step = step
 
     def response(self, frequency: Array) -> Complex:
-        """Returns the frequency response of the filters, (F,), at frequencies (F,) in Hz."""
+        """Returns the frequency response of the filters in series.
+
+        Args:
+            frequency: Frequencies (F,), Hz.
+
+        Returns:
+            Complex responses (F,).
+        """
         # ``scipy.signal.sosfreqz`` does the same, but that package takes half a second to import.
         one_sample_earlier = np.exp(-2j * pi * frequency * self._step)
         # Coefficients of numerators and denominators, (3, sections) each.

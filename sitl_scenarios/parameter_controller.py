@@ -128,7 +128,8 @@ class ParameterController(FlightController):
         Position and velocity loops are tuned to the attitude gains among the parameters.
 
         Args:
-            scenario: Its vehicle, autopilot and ``vehicle.parameters``; parameters that it leaves out suit the vehicle.
+            scenario: Scenario with the vehicle, the autopilot and ``vehicle.parameters``. Parameters that it leaves out
+                have values that suit the vehicle.
 
         Raises:
             NotLearnable: The parameters do not make a controller.

@@ -106,7 +106,7 @@ def flight_times(scenario: Scenario) -> FlightTimes:
     must hold the excitation, a whole course if there is one, with some time of quiet hover on both sides of it.
 
     Args:
-        scenario: Its duration, height and excitation.
+        scenario: Scenario with duration, height and excitation of the flight.
 
     Returns:
         Durations of climb and descent, and the times after arming at which hover and descent begin, s.
@@ -170,7 +170,7 @@ class FlightPlan:
         beforehand. The other excitations are evaluated when they are asked for.
 
         Args:
-            scenario: Its duration, height, excitation, cycle and random seed.
+            scenario: Scenario with duration, height, excitation, cycle of the autopilot and random seed.
 
         Raises:
             ValueError: The duration leaves no time for the excitation.

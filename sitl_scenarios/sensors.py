@@ -38,7 +38,7 @@ class GyroVibration:
         """Designs the resonance of the frame as a second-order autoregression.
 
         Args:
-            scenario: Its ``shaking``, vehicle and random seed.
+            scenario: Scenario with the section ``shaking``, the vehicle and the random seed.
             step: Sampling period, s.
         """
         self._spec = scenario.shaking
@@ -99,7 +99,7 @@ class GyroVibration:
 
         Args:
             rotor: Index of the rotor, from 0.
-            speed: Its speed, rad/s.
+            speed: Speed of the rotor, rad/s.
 
         Returns:
             Vibration about each axis, rad/s.

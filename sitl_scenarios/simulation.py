@@ -1,4 +1,4 @@
-"""Simulation: flies a scenario, with its instruments and its mishap where it has them."""
+"""Simulation of a scenario, with instruments and a mishap if the scenario has them."""
 
 from sitl_scenarios.flight_simulation import Simulation
 from sitl_scenarios.mishaps.simulation import InstrumentedSimulation

@@ -344,7 +344,7 @@ def _acceleration_per_demand(
 
     Args:
         scenario: Scenario of the flight.
-        controller: Its controller.
+        controller: Controller of that flight.
         axis_number: 0 for roll, 1 for pitch, 2 for yaw.
         effect: Angular acceleration by each motor's output, rad/s² per µs; (4,).
 

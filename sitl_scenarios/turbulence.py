@@ -129,7 +129,7 @@ def turbulence_scales(wind: TurbulentWind, height: float, span: float) -> Turbul
     Returns:
         Time constant, s, and standard deviation of horizontal and vertical wind, m/s, and of the air's rotation, rad/s.
     """
-    # The standard's formulas take the height in feet.
+    # The formulas and constants are those of the standard for low altitudes, which take the height in feet.
     feet = max(height / FOOT, MIN_HEIGHT_FEET)
     height_term = 0.177 + 0.000823 * feet
     airspeed = max(wind.speed, MIN_AIRSPEED)

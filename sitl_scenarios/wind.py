@@ -76,7 +76,7 @@ def gust_speed(gust: Gust, time: Array) -> Array:
     """Returns the speed of a 1-cosine gust (MIL-F-8785C), v/2 (1 − cos(π x)) with x from 0 to 1 during its rise.
 
     Args:
-        gust: Its speed v, and when it starts, how long it rises and how long it stays. It falls as it rose.
+        gust: The gust, with its speed v, start, time of rise and time at full speed. It falls as it rose.
         time: Times since arming, s; (N,).
 
     Returns:
@@ -203,7 +203,8 @@ class Weather:
             time: Beginning of each cycle, s since arming; (N,).
             noise: Random number generator of this wind.
         """
-        # Views of the first fields of AirState: adding to them in place adds to the air.
+        # Views of the first fields of AirState, which are the velocity (3) and then the rotation about the horizontal
+        # axes (2): adding to them in place adds to the air.
         velocity = self._air[:, :3]
         velocity_and_rotation = self._air[:, :5]
         match wind:

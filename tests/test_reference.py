@@ -11,7 +11,8 @@ import mavdem
 from mavdem.dem.document import UNITS, VERSION
 from mavdem.document_heading import document_heading
 from mavdem.documents import DOCUMENTS
-from mavdem.fleet.row import SCHEMA_VERSION, row_schema
+from mavdem.fleet.row import SCHEMA_VERSION
+from mavdem.fleet.table_files import row_schema
 
 
 @mark.slow

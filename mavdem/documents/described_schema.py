@@ -41,6 +41,9 @@ def _attribute_docstrings(module: str) -> dict[str, dict[str, str]]:
 
     Args:
         module: Name of a module that is imported; one without Python source has no docstrings.
+
+    Returns:
+        By name of the class, and then by name of the attribute, the docstring, cleaned of its indentation.
     """
     try:
         source = inspect.getsource(sys.modules[module])

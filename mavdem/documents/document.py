@@ -297,11 +297,12 @@ def document_units(document: type[Document]) -> dict[str, str]:
 def _units_below(
     annotation: Any, path: str, parents: tuple[type[BaseModel], ...]
 ) -> Iterator[tuple[str, str]]:
-    """Yields the path and the unit of each figure in a type.
+    """Yields the path and the unit of each figure in a type, found by walking through the annotations of its fields.
 
     Args:
-        annotation: the type, or a type of typing, such as ``list[Speed]``.
-        path: path of the values of this type, keys separated by dots.
+        annotation: the type, or a type of typing, such as ``list[Speed]``. A unit is metadata of an annotated type.
+        path: path of the values of this type, keys separated by dots. Every item of a list, and every value of a
+            dictionary, has the key "*".
         parents: records that the type is in. A record that contains itself is not entered again.
     """
     origin = get_origin(annotation)

@@ -320,7 +320,11 @@ def _axis_values(assessment: Assessment) -> JsonValues:
 
 
 def _response_values(response: LoopResponse) -> JsonValues:
-    """Returns the values of the model ``Responses``: the measured and predicted response of a loop, and its facts."""
+    """Returns the values of the model ``Responses``: the measured and predicted response of a loop, and its facts.
+
+    Args:
+        response: the response; its measured part is a fact with the reason if there is none.
+    """
     measured_response = response.measured
     if isinstance(measured_response, Fact):
         return {"measured": None, "facts": response.facts}

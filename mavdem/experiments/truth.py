@@ -1,4 +1,4 @@
-"""The truth of a simulated flight, compared with what was learned of it: physical parameters and wind torque."""
+"""The true parameters and wind torque of a simulated flight, compared with those that a model has learned."""
 
 import zipfile
 import zlib

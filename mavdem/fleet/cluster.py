@@ -1,4 +1,4 @@
-"""A Dask cluster whose workers read logs, each log in a process of its own, as on one machine."""
+"""Reading of logs on a Dask cluster: each log in a process of its own, with the same limits as on one machine."""
 
 import platform
 import re
@@ -114,7 +114,7 @@ class Cluster:
             raise self._refusal(ReadingFact.CLUSTER_CANNOT_READ, because=str(error)) from None
 
     def stop(self) -> None:
-        """Gives up what is being read, and ends the waiting processes; the next log makes a new connection.
+        """Cancels the logs that are being read, and ends the idle reader processes; the next log connects again.
 
         The client is taken out of the object first, so that another thread does not use it while it closes.
         """
@@ -190,10 +190,13 @@ def read_on_worker(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
         job: the log.
         limits: time and memory for it.
         read: the function that reads it.
+
+    Returns:
+        The outcome, also of a log that could not be read.
     """
     # Dask's workers are daemons, which may have no child processes. The readers end with their worker.
     current_process().daemon = False
-    # Threads of the worker take readers side by side, so that it may become empty after any check.
+    # Several threads of the worker take readers from this list, so a check that it is not empty would not hold.
     try:
         reader = _idle_readers.pop()
     except IndexError:

@@ -1,4 +1,4 @@
-"""What cannot be compared between two states of a vehicle, and the reason."""
+"""Reasons why quantities of two states of a vehicle (flights before and after a change) cannot be compared."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -29,13 +29,17 @@ class MissingQuantity(NamedTuple):
 
 
 def comparison_obstacle(states: Sequence[Flights]) -> Fact | None:
-    """Returns the reason why two states cannot be compared, or only in part, as a fact; ``None`` where all can be.
+    """Returns the reason why two states of a vehicle cannot be compared, or only in part.
 
-    Only states of the same number of motors, unit of trim, and inputs of the models have figures of the same meaning.
-    After ``Incomparable.OTHER_INPUTS``, the last to be checked, the trim can still be compared: it needs no model.
+    A state is a vehicle in one flight or several, before or after a change. Figures of two states have the same meaning
+    only if the number of motors, the unit of trim and the inputs of the models are the same. With other inputs, which
+    are checked last, the trim can still be compared, since it needs no model.
 
     Args:
         states: the flights of the first and of the second state.
+
+    Returns:
+        The reason, as a fact with a code of ``Incomparable``; None if all figures can be compared.
     """
     for state_name, flights in zip(STATE_NAMES, states, strict=True):
         if not flights:
@@ -147,7 +151,7 @@ def _has_estimate(quantity: Quantity, state_estimates: Sequence[Iterable[Quantit
 def missing_reason(quantity: Quantity, state_name: str, flights: Flights) -> Fact:
     """Returns the reason why a state has no estimate of a quantity, as a fact.
 
-    Either its models say that their value is biased or not identifiable, or no flight has a value at all.
+    Either all its values are biased or not identifiable, or no flight has a value at all.
 
     Args:
         quantity: missing quantity.

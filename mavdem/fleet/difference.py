@@ -1,4 +1,4 @@
-"""Compares two states of a vehicle, each one flight or several: which figures of motors, plant and loops changed.
+"""Comparison of two states of a vehicle, one flight or several each: which figures of motors, plant and loops changed.
 
 The compared quantities and their estimates from a flight are in ``quantities``, the statistics of a difference in
 ``random_effects``. What other conditions of flight can do widens the interval of a difference (``flight_conditions``).
@@ -140,10 +140,8 @@ def _comparable_kinds(obstacle: Fact | None) -> list[str]:
     """Returns the kinds of quantities that can be compared in spite of an obstacle.
 
     Args:
-        obstacle: reason why two states cannot be compared, from :func:`comparison_obstacle`; None without one.
-
-    Returns:
-        The kinds; all kinds without one.
+        obstacle: reason why two states of a vehicle cannot be compared fully, from :func:`comparison_obstacle`; None if
+            there is none, and all kinds can be compared.
     """
     if obstacle is None:
         return list(SD_BETWEEN_FLIGHTS)

@@ -1,4 +1,4 @@
-"""Conditions under which flights were flown, such as battery voltage and lean, and what they alone may change."""
+"""Conditions of flights, such as battery voltage and lean, and by how much they alone may change a quantity."""
 
 from collections.abc import Iterable
 from math import hypot, isclose, log
@@ -104,7 +104,10 @@ def mean_conditions(flights: Flights) -> Conditions:
 def _measured_voltage(row: FlightRow) -> float | None:
     """Returns the mean voltage of a flight's battery, V; ``None`` for one that reads the same throughout.
 
-    Nothing measures such a battery, as the light of power says, so that flights cannot be compared by it.
+    A voltage that never changes is not measured, so that flights cannot be compared by it.
+
+    Args:
+        row: any row of the flight.
     """
     mean = row.voltage_mean
     if mean is None or row.voltage_end is None or row.voltage_start != row.voltage_end:

@@ -43,13 +43,12 @@ def flights_of(rows: Iterable[FlightRow]) -> list[FlightRows]:
     """
 
     def date_and_order(flight: AxisRows) -> tuple[object, ...]:
-        """Returns what flights are sorted by: seconds since 1970, then vehicle and file."""
+        """Returns the key by which flights are sorted: seconds since 1970, then vehicle and file."""
         row = log_row(flight)
         seconds = math.inf if row.date is None else row.date.timestamp()
         return seconds, row.order
 
-    # The last entry of the order is the axis, which the rows of a flight do not share.
-    flights = group_by(rows, lambda row: row.order[:-1])
+    flights = group_by(rows, lambda row: row.order.of_flight)
     for flight in flights.values():
         flight.sort(key=lambda row: AXIS_ORDER.index(row.axis or ""))
     return sorted(flights.values(), key=date_and_order)
@@ -91,12 +90,15 @@ def best_tier(flight: AxisRows) -> str:
 def distinct_flights(flights: Sequence[FlightRows]) -> list[FlightRows]:
     """Returns the flights of one vehicle without duplicates: two logs of one flight, such as tlog and DataFlash.
 
-    Flights that overlap in time are one flight, since a vehicle cannot fly twice at once. The log with the best tier
-    stands for it: tier "a" is a log of which a full model can be learned, and the later letters allow less. A flight
-    without a date is never taken for a duplicate.
+    Flights that overlap in time are one flight, since a vehicle cannot fly twice at once. Of its logs the one with the
+    best tier is returned: tier "a" allows a full model, and the later letters allow less. A flight without a date is
+    never taken for a duplicate.
 
     Args:
         flights: flights of one vehicle, in order of date.
+
+    Returns:
+        One entry for each flight, in order of date.
     """
     distinct: list[FlightRows] = []
     for flight in flights:

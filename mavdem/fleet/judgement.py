@@ -1,4 +1,4 @@
-"""Judging: each vehicle of which anything is new is judged anew from all its flights, which the store then holds.
+"""Judgement of a fleet: the motors' health of each vehicle with new flights, from all its flights, into the store.
 
 A judged vehicle is noted in two tables of the store: in ``unpublished`` until its rows are in the table of the fleet,
 and in ``outdated_pages`` until the pages of its flights say how the flights differ.
@@ -32,8 +32,8 @@ def publish(store: Store, assess: AssessRows) -> None:
     """Judges the vehicles that have new flights or a new baseline, and writes the changes to the fleet's table.
 
     Rows are marked with the hash of the baseline by which they were judged; those with another mark, or none, are
-    judged again. A changed vehicle is stored in the table ``unpublished`` within the same transaction, so that a run
-    that is killed before it writes the Parquet file leaves this to the next run.
+    judged again. A changed vehicle is entered in the SQL table ``unpublished`` within the same transaction, so that, if
+    the run is killed before it writes the Parquet files, the next run writes them.
 
     Args:
         store: the open store of the fleet.
@@ -61,9 +61,9 @@ def _judge_vehicle(
 
     Args:
         store: the open store of the fleet.
-        vehicle: its name.
-        assess: judges the rows.
-        healthy_rows: those of its baseline.
+        vehicle: name of the vehicle; it has at least one row that is not judged yet.
+        assess: function that judges all rows of a vehicle.
+        healthy_rows: rows of the vehicle in the baseline; empty if it has none.
         baseline: hash of the whole baseline, which marks the rows as judged with it.
     """
     selection = "select rowid, row, file from flights where vehicle = ? and file is not null"
@@ -71,7 +71,8 @@ def _judge_vehicle(
     unjudged_query = f"{selection} and judged is not ? {order}"
     stored_rows = store.db.execute(unjudged_query, [vehicle, baseline]).fetchall()
     _, first_text, first_file = stored_rows[0]
-    # Without a name of its own or a baseline a flight is not compared with others, which stay as they are.
+    # If the name may be that of several vehicles, and there is no baseline, flights are not compared with each other,
+    # so that only the new ones are judged.
     if healthy_rows or row_of_json(first_text, first_file).has_own_name:
         stored_rows = store.db.execute(f"{selection} {order}", [vehicle]).fetchall()
     row_ids = [row_id for row_id, _, _ in stored_rows]
@@ -82,6 +83,7 @@ def _judge_vehicle(
             "update flights set row = ?, brief = ?, judged = ? where rowid = ?",
             [json.dumps(row.as_dict()), brief_json(row), baseline, row_id],
         )
+    # The Parquet file and the pages of the vehicle are now older than its rows.
     store.db.execute("insert into unpublished (vehicle) values (?)", [vehicle])
     store.db.execute("insert or ignore into outdated_pages values (?)", [vehicle])
 
@@ -96,10 +98,10 @@ def assess_safely(rows: FlightRows, assess: AssessRows, healthy_rows: FlightRows
 
 
 def judgement_lock(folder: Path) -> FileLock:
-    """Returns a lock within whose block no other run judges a vehicle, so that what pages say stays true.
+    """Returns the lock that a run holds while it judges vehicles, or writes their pages.
 
-    Without it a run could write pages by the rows that it has read, and mark them as updated, while another run judges
-    the same vehicle again.
+    Without it a run could write pages from the rows that it has read, and mark them as updated, while another run
+    judges the same vehicle again: the pages would then be wrong.
 
     Args:
         folder: folder of the fleet.

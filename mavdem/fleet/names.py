@@ -36,7 +36,7 @@ class GivenNames:
         A label is the given name. If another vehicle might have the same label, the name in the logs follows in
         parentheses.
         """
-        # How many vehicles may get each label: the names in the logs, the given names, and both together.
+        # How many vehicles may get each label: the name in the logs, the given name, or both together.
         possible_labels = Counter({*self.logged_vehicles, *self.vehicles})
         for vehicle, name in self.vehicles.items():
             possible_labels.update({name, f"{name} ({vehicle})"} - {vehicle})

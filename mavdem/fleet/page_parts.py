@@ -1,4 +1,4 @@
-"""Parts of the pages of a fleet that its store keeps: they are made again only for vehicles that were judged anew."""
+"""Parts of a fleet's pages that its store caches: they are made again only for vehicles that were judged again."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ MakePart = Callable[[str], str]
 def kept_summaries(
     store: Store, version: str, outdated_vehicles: Iterable[str], make: MakePart
 ) -> list[str]:
-    """Returns the summary of each vehicle as text, by name; those that are missing or outdated are made and kept.
+    """Returns the summaries of all vehicles as texts, in the order of their names; missing and outdated ones are made.
 
     Args:
         store: the open store of the fleet.
         version: version of the summaries: those of another version, or another version of mavdem, are outdated.
         outdated_vehicles: names of the vehicles that were judged since their summaries were made.
-        make: function that makes the summary of a vehicle.
+        make: function that makes the summary of a vehicle, given its name. The store keeps what it returns.
+
+    Returns:
+        The summaries.
     """
     full_version = f"{version} of {metadata.version('mavdem')}"
     with store.transaction():

@@ -1,4 +1,4 @@
-"""Parameters of the autopilot that somebody set to other values between two states of a vehicle."""
+"""Autopilot parameters that a person, not the autopilot itself, changed between two states of a vehicle."""
 
 from math import isclose
 from typing import NamedTuple

@@ -11,11 +11,14 @@ from mavdem.wind_velocity.vehicle_drag import Drag
 
 
 def earlier_flight(path: Path, axis: str) -> Learned:
-    """Returns the model of an earlier flight, whose physical parameters can be a prior.
+    """Returns the model of an earlier flight, whose physical parameters can be a prior for the next one.
 
     Args:
         path: a ``model.json``, or the folder that holds it.
-        axis: the axis that the model must be of.
+        axis: the axis that the model must be of, "roll", "pitch" or "yaw".
+
+    Returns:
+        The model, with identifiable physical parameters.
 
     Raises:
         Unreadable: it cannot be read, is of another axis, or its flight does not identify the motors' effect.

@@ -163,7 +163,7 @@ def log_estimate(value: float | None, half_width: float | None) -> Estimate | No
     wider interval than ``MAX_RELATIVE_HALF_WIDTH`` is left out.
 
     Args:
-        value: the quantity. Its sign is ignored: an effect has that of the motor's side.
+        value: the quantity. Its sign is ignored: a motor's effect is negative on one side of the axis.
         half_width: half width of its 90 % interval, in the same unit.
 
     Returns:

@@ -1,4 +1,4 @@
-"""One row of a fleet's table: the figures of one flight, vehicle and axis.
+"""Row of a fleet's table, which has many logs as one data set: the figures of one flight, vehicle and axis.
 
 A row is made from the document ``report.json`` of a log, and is stored, compared and shown.
 """
@@ -8,16 +8,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from functools import cache, cached_property
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
 
 from mavdem.containers import JsonValues, Names, Numbers
-from mavdem.dataset.motor_outputs import INPUT_KINDS
-from mavdem.document_heading import document_heading
 from mavdem.facts import Fact, Level
-from mavdem.facts.identifiability import Status
+from mavdem.fleet.report_columns import DEMAND, NOT_IDENTIFIABLE, columns_of_report, report_column
 from mavdem.units import (
     AngularAcceleration,
     ArmLengths,
@@ -35,7 +33,6 @@ from mavdem.units import (
     TrimInStatedUnit,
     UtcTime,
     Volts,
-    field_units,
     with_unit,
 )
 
@@ -51,33 +48,32 @@ STATUS_READ = "ok"
 SYSTEM_ID_BASIS = "system id"
 """Basis of a vehicle's name that several vehicles may have: every autopilot has the system id 1 by default."""
 
-NOT_IDENTIFIABLE = Status.NOT_IDENTIFIABLE
-"""Status of a physical parameter that the flight does not determine."""
-
 PHYSICAL_COLUMNS = ("effect", "damping", "lag")
 """Columns of physical parameters, each of which has a status and an interval in further columns."""
-
-MOTORS, DEMAND = INPUT_KINDS
-
-REPORT_PATH = "report_path"
-"""Key of a column's metadata: where the document ``report.json`` has its value."""
 
 OptionalNumbers = Numbers | None
 OptionalText = str | None
 OptionalInteger = int | None
 
 
-def report_column(path: str, default: str | None = None) -> Any:
-    """Defines a column of :class:`FlightRow` that is copied from the document ``report.json``.
+class RowOrder(NamedTuple):
+    """Position of a row in the table of a fleet, from the most to the least significant part."""
 
-    Args:
-        path: dotted path of the value in the document, such as "identity.firmware".
-        default: value of the column where the document has none.
+    vehicle: str
+    file: str
+    """Path or URL of the log."""
+    key: str
+    """Key of the log's content."""
+    system: int
+    """MAVLink system id of the vehicle."""
+    component: int
+    axis: str
+    """Axis of the row, in which alone the rows of a flight differ."""
 
-    Returns:
-        A dataclass field with the path in its metadata.
-    """
-    return field(default=default, metadata={REPORT_PATH: path})
+    @property
+    def of_flight(self) -> tuple[Any, ...]:
+        """The parts that the rows of one flight share: all but the axis."""
+        return self[:-1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,19 +321,19 @@ class FlightRow:
         return self.is_read or self.headline_level == Level.BAD
 
     @cached_property
-    def order(self) -> tuple[str, str, str, int, int, str]:
-        """The key that rows are sorted by: vehicle, file and key of the log, system, component and axis.
+    def order(self) -> RowOrder:
+        """The key that rows are sorted by.
 
         It does not depend on when the rows were made, so that the table of a fleet is the same after every order of
         reading. Missing values sort first.
         """
-        return (
+        return RowOrder(
             self.vehicle,
             self.file,
-            self.key,
-            self.system or 0,
-            self.component or 0,
-            self.axis or "",
+            key=self.key,
+            system=self.system or 0,
+            component=self.component or 0,
+            axis=self.axis or "",
         )
 
     @property
@@ -410,7 +406,7 @@ class FlightRow:
             report: the document ``report.json``; a column that it lacks is not known.
             columns: further columns, which replace those of the report.
         """
-        return FlightRow(**(columns_of_report(report) | columns))
+        return FlightRow(**(columns_of_report(report, fields(FlightRow)) | columns))
 
 
 FlightRows = list[FlightRow]
@@ -458,153 +454,3 @@ def column_value(value: Any, column_type: Any) -> Any:
 def utf8_text(text: str) -> str:
     """Returns a text, such as the name of a file, with characters that UTF-8 cannot encode as escape sequences."""
     return text.encode("utf-8", "backslashreplace").decode()
-
-
-def row_schema() -> Any:
-    """Returns the columns as a ``pyarrow.Schema``.
-
-    The versions of the columns and of mavdem are in its metadata, and the unit of a column in that of the column.
-
-    Raises:
-        ImportError: pyarrow is not installed.
-    """
-    import pyarrow
-
-    scalar_types = {
-        str: pyarrow.string(),
-        float: pyarrow.float64(),
-        int: pyarrow.int64(),
-        # Times are UTC, but their type names no zone: DuckDB shows times with a zone in local time.
-        datetime: pyarrow.timestamp("us"),
-    }
-
-    def arrow_type(column_type: Any) -> Any:
-        """Returns the Arrow type of a column: that of its values, or a list of them for a tuple."""
-        if get_origin(column_type) is tuple:
-            return pyarrow.list_(arrow_type(get_args(column_type)[0]))
-        return scalar_types[column_type]
-
-    units = {name: {"unit": unit} for name, unit in field_units(FlightRow).items()}
-    columns = []
-    for name, column_type in column_types().items():
-        columns.append(pyarrow.field(name, arrow_type(column_type), metadata=units.get(name)))
-    heading = document_heading("flights", SCHEMA_VERSION, {})
-    versions = {
-        "mavdem_schema": str(SCHEMA_VERSION),
-        "mavdem_version": heading["mavdem_version"],
-    }
-    return pyarrow.schema(columns, versions)
-
-
-def columns_of_report(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns of a row that follow from the report of an analysis, the content of ``report.json``.
-
-    Most columns are values of the document at the path in their metadata. The wind torque, the inputs and the warnings
-    depend on several values.
-
-    Args:
-        report: the document; with the key "flight" if a model was learned.
-
-    Returns:
-        Values by name of the column; a column that is not known is missing or None.
-    """
-    columns = _columns_at_paths(report)
-    # The wind torque is computed with the motors' effect. If that is not identifiable, or the wind was not resolved,
-    # the wind torque is not known.
-    effect_unknown = columns.get("effect_status") in (None, NOT_IDENTIFIABLE)
-    if value_at(report, "wind.reason") or effect_unknown:
-        for name in list(columns):
-            if name.startswith("wind_torque"):
-                del columns[name]
-    return columns | _input_columns(report, columns) | _warning_columns(report)
-
-
-def _columns_at_paths(report: Mapping[str, Any]) -> JsonValues:
-    """Copies those columns of a row that are single values of the document ``report.json``.
-
-    The definition of such a column in :class:`FlightRow` states the dotted path of its value, such as
-    "identity.firmware". Other columns are computed, and have no path.
-
-    Args:
-        report: the document ``report.json``.
-
-    Returns:
-        Values by name of the column, without those that are missing or empty in the document.
-    """
-    columns = {}
-    for column in fields(FlightRow):
-        path = column.metadata.get(REPORT_PATH)
-        if path is None:
-            continue
-        value = value_at(report, path)
-        if value not in (None, "", [], ()):
-            columns[column.name] = value
-    return columns
-
-
-def _has_model(report: Mapping[str, Any]) -> bool:
-    """Returns whether a model was learned from the log: only then the document has the key "flight"."""
-    return "flight" in report
-
-
-def _input_columns(report: Mapping[str, Any], columns: JsonValues) -> JsonValues:
-    """Returns the columns on the inputs of the model: whether they are motors or demand, their unit, and their names.
-
-    If no model was learned, the motors count as inputs, in the unit of their trim; without a trim there are none.
-
-    Args:
-        report: the document ``report.json``.
-        columns: columns of the row so far. If these have the names of the motors already, no others are returned.
-
-    Returns:
-        "inputs" and "input_unit", and "motors" where the names follow from the inputs of the model.
-    """
-    if not _has_model(report):
-        trim_unit = columns.get("trim_unit")
-        return {"inputs": None if trim_unit is None else MOTORS, "input_unit": trim_unit}
-    input_columns = {"inputs": MOTORS, "input_unit": value_at(report, "flight.scale.unit")}
-    if value_at(report, "flight.scale.name") == DEMAND:
-        input_columns["inputs"] = DEMAND
-    elif "motors" not in columns:
-        # The inputs of this model are the motors.
-        input_columns["motors"] = report["inputs"]
-    return input_columns
-
-
-def _warning_columns(report: Mapping[str, Any]) -> JsonValues:
-    """Returns the columns with the doubts about a flight, as sentences and as codes.
-
-    Facts that make the figures of the flight invalid ("overrides"), such as an oscillation, come first. Then follow the
-    cautions about the model or, without a model, those about the log.
-
-    Args:
-        report: the document ``report.json``, in which facts are still objects.
-
-    Returns:
-        ``overrides``, ``warnings`` and ``warning_codes``.
-    """
-    overrides = report.get("overrides", ())
-    path_of_cautions = "cautions" if _has_model(report) else "verdict.cautions"
-    cautions = value_at(report, path_of_cautions) or ()
-    warnings = [*overrides, *cautions]
-    return {
-        "overrides": [override.code for override in overrides],
-        "warnings": warnings,
-        "warning_codes": [fact.code for fact in warnings],
-    }
-
-
-def value_at(report: Mapping[str, Any], path: str) -> Any:
-    """Returns the value at a dotted path of a document, such as "condition.hover.trim".
-
-    Args:
-        report: the document. Its parts may be mappings by key, or objects whose attributes are the keys.
-        path: keys from the outermost to the innermost.
-
-    Returns:
-        The value, arrays as lists; None if a key of the path is missing.
-    """
-    value: Any = report
-    for key in path.split("."):
-        value = value.get(key) if isinstance(value, Mapping) else getattr(value, key, None)
-    return value.tolist() if hasattr(value, "tolist") else value

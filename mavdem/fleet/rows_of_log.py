@@ -1,4 +1,4 @@
-"""The rows of one log in a fleet's table: its figures by vehicle and axis, and the pages of its flights."""
+"""The rows of one log in a fleet's table: its figures by vehicle and axis; and the pages of its flights."""
 
 import errno
 import os
@@ -91,12 +91,15 @@ def rows_of_log(path: Path, key: str = "", make_page: MakePage | None = None) ->
 def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
     """Returns the rows of a fleet's table for one vehicle of a log: one for each axis that was analysed.
 
-    Most columns are the same in all of them: balance of the motors, wind, places of the motors. Model and stability
+    Most columns are the same in all of them: balance of the motors, wind, positions of the motors. Model and stability
     margins belong to the axis. Without settled flight there is one row, of no axis, whose status says why.
 
     Args:
         assessment: assessment of a vehicle.
         file: path or URL of its log.
+
+    Returns:
+        The rows, in the order of the axes.
     """
     assert assessment.analysis is not None and assessment.evidence is not None
     signals = assessment.evidence.signals.for_axis(AXES[0], "motors")
@@ -115,7 +118,7 @@ def rows_of_assessment(assessment: Assessment, file: str) -> FlightRows:
         report = analysis.report_values | judgement
         loop = assessment.loops[axis]
         margins: JsonValues = {}
-        # A number in a column is compared with others, and has no room for a doubt about it.
+        # A column cannot say that its number is doubtful, so the margins of a doubtful loop are left out.
         if not isinstance(loop, NoLoop) and axis not in assessment.axes_with_doubtful_loop:
             margins = margin_columns(loop)
         response = assessment.responses.get(axis, {}).get("rate")
@@ -135,6 +138,9 @@ def _row_without_flight(
         assessment: assessment of the vehicle. The reason for the missing figures becomes the status of the row.
         judgement: headline and lights, by name.
         columns: values of columns that do not depend on a flight, such as the file.
+
+    Returns:
+        The row, with the columns of a model and of an axis empty.
     """
     assert assessment.analysis is not None
     reason = assessment.analysis.reason or assessment.headline

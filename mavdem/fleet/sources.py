@@ -1,4 +1,4 @@
-"""Sources of a fleet: the logs that files, folders, patterns and URLs name, and how a change of one is noticed."""
+"""Sources of a fleet: logs by files, folders, patterns and URLs, with a version by which a change is noticed."""
 
 import glob
 import os
@@ -76,7 +76,7 @@ def find_logs(
     for name in names:
         # A file URL is a path of this machine.
         if name.lower().startswith("file://"):
-            # It imports the means of HTTP, which nothing else here needs.
+            # This module imports Python's HTTP client, which takes long and is needed for nothing else here.
             from urllib.request import url2pathname
 
             name = url2pathname(urlsplit(name).path)
@@ -96,7 +96,7 @@ def find_logs(
 
 
 def local_logs(name: str, excluded_path: str) -> Iterator[LogSource]:
-    """Yields the logs of this machine that a file, a folder or a pattern stands for.
+    """Yields the logs of this machine that a file, a folder or a pattern refers to.
 
     Args:
         name: path of a file or folder, or a pattern.
@@ -163,7 +163,7 @@ def remote_logs(url: str) -> Iterator[LogSource]:
         is_http = "http" in str(system.protocol)
         if glob.has_magic(path) and not is_http:
             files = system.glob(path, detail=True)
-        # Over HTTP, the question whether it is a folder would load the file to look for links in it.
+        # Over HTTP, isfile() would load the whole file to look for links in it.
         elif not url.endswith("/") and (is_http or system.isfile(path)):
             files = {path: system.info(path)}
         else:
@@ -221,9 +221,12 @@ def fetch(url: str, copy: Path) -> None:
 
 
 def _url_error(url: str, error: Exception, *, is_fetched: bool) -> Unreadable:
-    """Returns the error that says why a URL cannot be listed, or if ``is_fetched`` cannot be fetched.
+    """Returns the error that says why a URL cannot be listed or fetched.
 
-    The reason is the first line of the cause, which may have many.
+    Args:
+        url: the URL.
+        error: the cause. Its message may have many lines, of which the first is the reason.
+        is_fetched: whether a file was to be fetched; otherwise the URL was to be listed.
     """
     lines = str(error).strip().splitlines()
     reason = lines[0].rstrip(".") if lines else ""

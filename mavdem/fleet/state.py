@@ -1,4 +1,4 @@
-"""The flights of one vehicle in a log or a fleet: one of the two states that ``mavdem diff`` compares."""
+"""State of a vehicle: its flights in a log or a fleet. ``mavdem diff`` compares two states."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -132,6 +132,9 @@ def state_of_log(path: Path) -> VehicleState:
     Args:
         path: the log.
 
+    Returns:
+        The state: rows of the flights, the document of the review, and the messages of the vehicles.
+
     Raises:
         Unreadable: the log cannot be read.
     """
@@ -139,7 +142,7 @@ def state_of_log(path: Path) -> VehicleState:
     vehicles: list[Telemetry] = []
 
     def remember_assessment(_: str, assessment: Assessment) -> str:
-        # It takes the place of the function that makes a page, which is given each assessment.
+        """Keeps the assessment of the log; it is passed as the function that makes pages, and makes none."""
         review.update(assessment.as_dict())
         vehicles[:] = assessment.log.vehicles
         return ""

@@ -1,4 +1,4 @@
-"""The store of a fleet, one SQLite file: which logs were read, how that ended, and the rows of each.
+"""Store of a fleet, one SQLite file: the logs that were read, how each reading ended, and the rows of each log.
 
 ``FLEET/fleet.sqlite`` is written one log at a time, each in a transaction of its own: a run may be killed at any
 moment, and two runs may write side by side, a server among them, whose library (``mavdem.serve.library``) is in the
@@ -170,14 +170,14 @@ class Store:
         return tuple(key for (key,) in self.db.execute(query, _query_values(source, limits)))
 
     def earlier_reading_holds(self, source: LogSource, outcome: JobOutcome) -> bool:
-        """Returns whether the earlier reading of a log stays valid after an outcome without its content.
+        """Returns whether the rows of a log's last reading stay valid after an attempt that did not get its content.
 
-        That a source cannot be reached now says nothing of its content. If the reading ended otherwise before the
-        content was known, the earlier reading holds unless the source has changed.
+        A source that cannot be reached now may still have the same content. If the attempt failed otherwise before the
+        content was known, the last reading is valid unless the version of the source has changed.
 
         Args:
-            source: the log, with its version.
-            outcome: outcome of the present reading.
+            source: the log, with its version, empty if that is not known.
+            outcome: outcome of the present attempt; with the key of the content if it got that.
         """
         if outcome.key:
             return False
@@ -208,7 +208,7 @@ class Store:
             query = "select max(tracked) from logs where path = ?"
             (tracked,) = self.db.execute(query, [path]).fetchone()
             if outcome.ended == "known":
-                self._add_name(path, source.version, tracked, content)
+                self._add_path(path, source.version, tracked, content)
                 return
             # A key ends in the size of the content.
             size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
@@ -250,16 +250,16 @@ class Store:
                 # The name of a file, which a page shows, need not be Unicode.
                 file.write(html.encode(errors="replace"))
 
-    def _add_name(self, path: str, version: str, tracked: int | None, content: str) -> None:
-        """Adds a name of a log whose content is known, and removes names of that content that no longer exist.
+    def _add_path(self, path: str, version: str, tracked: int | None, content: str) -> None:
+        """Adds a path of a log whose content is in the store, and removes paths of that content that no longer exist.
 
         The new entry is a copy of another one of the same content, including how the reading ended. So a file that was
         moved is known by its new path without being read again.
 
         Args:
-            path: new name of the log.
+            path: new path of the log.
             version: version of the file, which changes with its content.
-            tracked: whether the log is in the table of the fleet.
+            tracked: 1 if the log is in the table of the fleet; None otherwise.
             content: key of the content of the log.
         """
         known_paths = self.db.execute("select path from logs where log = ?", [content]).fetchall()

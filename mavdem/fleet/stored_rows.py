@@ -1,4 +1,4 @@
-"""The rows of a fleet as its store keeps them, each as JSON, whole and brief; and how they are read.
+"""Rows of a fleet's store, kept as JSON in two forms: whole, and brief with the columns that a page of the fleet shows.
 
 Reading them needs no open :class:`mavdem.fleet.store.Store`: a fleet may lie in a folder that cannot be written to.
 """
@@ -132,12 +132,12 @@ def _rows_of_vehicle(folder: Path, column: str, vehicle: str | None) -> FlightRo
 
 
 def _stored_rows(folder: Path, query: str, values: JsonValues) -> FlightRows:
-    """Returns the rows that a query with named ``values`` finds in the store of a fleet, in their order.
+    """Returns the rows that a query finds in the store of a fleet, sorted by :attr:`FlightRow.order`.
 
     Args:
         folder: folder of the fleet.
-        query: an SQL query that yields rows.
-        values: values of its named parameters.
+        query: an SQL query for pairs of a row as JSON and the name of its log.
+        values: values of the query's named parameters.
 
     Raises:
         Unreadable: the folder has no store, or a damaged one.

@@ -10,17 +10,20 @@ import json
 import os
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
+from datetime import datetime
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 from filelock import FileLock
 
+from mavdem.document_heading import document_heading
 from mavdem.extras import missing_modules
 from mavdem.files import atomic_write
-from mavdem.fleet.row import row_schema
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, column_types
 from mavdem.fleet.store import Store
 from mavdem.fleet.stored_rows import StoredRow
+from mavdem.units import field_units
 
 TABLE_FOLDER = "flights"
 """Name of the folder with the files of the table, in the folder of the fleet."""
@@ -193,6 +196,42 @@ def write_file(path: Path, rows: Iterable[StoredRow], folder: Path) -> None:
                 writer.write_table(group)
         file.flush()
         os.fsync(file.fileno())
+
+
+def row_schema() -> Any:
+    """Returns the columns as a ``pyarrow.Schema``.
+
+    The metadata of the schema have the versions of the columns and of mavdem, those of a column its unit.
+
+    Raises:
+        ImportError: pyarrow is not installed.
+    """
+    import pyarrow
+
+    scalar_types = {
+        str: pyarrow.string(),
+        float: pyarrow.float64(),
+        int: pyarrow.int64(),
+        # Times are UTC, but their type names no zone: DuckDB shows times with a zone in local time.
+        datetime: pyarrow.timestamp("us"),
+    }
+
+    def arrow_type(column_type: Any) -> Any:
+        """Returns the Arrow type of a column: that of its values, or a list of them for a tuple."""
+        if get_origin(column_type) is tuple:
+            return pyarrow.list_(arrow_type(get_args(column_type)[0]))
+        return scalar_types[column_type]
+
+    units = {name: {"unit": unit} for name, unit in field_units(FlightRow).items()}
+    columns = []
+    for name, column_type in column_types().items():
+        columns.append(pyarrow.field(name, arrow_type(column_type), metadata=units.get(name)))
+    heading = document_heading("flights", SCHEMA_VERSION, {})
+    versions = {
+        "mavdem_schema": str(SCHEMA_VERSION),
+        "mavdem_version": heading["mavdem_version"],
+    }
+    return pyarrow.schema(columns, versions)
 
 
 def has_current_columns(path: Path) -> bool:

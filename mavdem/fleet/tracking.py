@@ -1,4 +1,4 @@
-"""Tracking: the logs that were named are read where they are new, and each vehicle's flights are judged together.
+"""Tracking of a fleet: new and changed logs are read, and the flights of each vehicle are judged together.
 
 A vehicle's flights are compared with its healthy ones: by the balance of its motors (``mavdem.motors``), and by the
 mean acceleration that the models of healthy flights leave unexplained in another flight.
@@ -125,14 +125,18 @@ def assess_rows(rows: FlightRows, baseline: FlightRows) -> FlightRows:
 
 
 def health_figures(row: FlightRow) -> HealthFigures:
-    """Returns the figures of one flight that the health of its motors is judged by.
+    """Returns the figures of one flight by which the health of its motors is judged.
 
-    The balance has three figures with errors, roll, pitch and yaw, the lean of the vehicle (2), and the effect of lean
-    on the balance (3, 2). Columns of a table are flat, so that they get their shapes here. A flight is sound, and may
-    be a healthy one to compare with, if it did not oscillate and no motor was at its upper stop for long.
+    The balance is the trim of the motors about roll, pitch and yaw (3,) with its error, the lean of the vehicle (2,),
+    and the effect of lean on the balance (3, 2). The columns of a table are flat, and the arrays get their shapes here.
+    A flight is sound, and may be a healthy one to compare with, if it did not oscillate and no motor was at its upper
+    limit for long.
 
     Args:
         row: any row of the flight, since these columns are the same for all axes.
+
+    Returns:
+        The figures; those that the log does not have are None.
     """
     motors = row.motors or ()
     balance = None
@@ -184,9 +188,9 @@ def _array(values: Numbers | None, count: int) -> Array:
 def residual_mean(row: FlightRow, healthy_models: Iterable[FlightRow]) -> float | None:
     """Returns the mean angular acceleration of a flight that the models of healthy flights do not explain.
 
-    A model says: acceleration = effect · u − damping · ω + residual, with motor inputs u and body rate ω. In settled
-    flight the mean acceleration is 0. So the changes of the mean input and rate since the healthy flight, Δu and Δω,
-    leave the residual damping Δω − effect · Δu. It is the mean wind torque, or a fault.
+    A model is: acceleration = effect · u − damping · ω + residual, with motor inputs u and body rate ω. In settled
+    flight the mean acceleration is 0. With the changes Δu and Δω of mean input and rate since the healthy flight, the
+    mean residual is damping Δω − effect · Δu. It is the mean wind torque, or a fault.
 
     Args:
         row: the flight, of one axis.
@@ -311,9 +315,12 @@ def _read_new_logs(
         reader: the processes that read logs, with their limits.
         page: function that makes the page of a flight; None for no pages.
         progress: function that is called before the first log, and after each one.
+
+    Returns:
+        The number of new logs, and a fact for each log that keeps the rows of its last reading.
     """
     new_logs = [log for log in logs if not store.has_read(log, reader.limits)]
-    # The largest first: if it were the last, the other processes would wait for it.
+    # The largest log is read first: if it were last, the other processes would have nothing left to do meanwhile.
     new_logs.sort(key=lambda log: -log.size)
     # Outcomes come in any order, and name their log by its path.
     sources = {log.path: log for log in new_logs}

@@ -1,4 +1,4 @@
-"""Workers: processes that read logs, each log within limits of time and memory, so that no log stops a run.
+"""Worker processes that read logs, each log within limits of time and memory, so that no log stops a run.
 
 A log that hangs, crashes its reader or needs too much memory ends the process that reads it, and nothing else: another
 process takes its place. A process is given a ``Job`` and returns a ``JobOutcome``. The thread that waits for outcomes
@@ -386,7 +386,7 @@ def side_by_side(
     jobs: Iterator[Job],
     cancel: Callable[[], None],
 ) -> Generator[JobOutcome]:
-    """Reads logs by several readers side by side, each in a thread that waits for it.
+    """Reads logs by several readers in parallel, with a thread for each that waits for its process.
 
     Args:
         read_functions: the readers' functions; each reads one log at a time, and returns None if it was cancelled.
@@ -408,17 +408,17 @@ def side_by_side(
             # It waits for a limited time only: another thread may have received a signal, which Python handles in this
             # thread when it wakes.
             completed_futures = wait(busy_readers, POLL_SECONDS, FIRST_COMPLETED).done
-            # One outcome at a time: the others are completed still at the next wait, which then returns at once.
+            # One outcome is taken at a time. Others that are completed too make the next wait return at once.
             for future in islice(completed_futures, 1):
                 read_function = busy_readers.pop(future)
                 outcome = future.result()
                 if outcome is not None:
                     yield outcome
-                # The reader takes the next log; where none is left, it is done.
+                # The reader takes the next log, if there is one: the loop runs once or not at all.
                 for job in islice(jobs, 1):
                     busy_readers[executor.submit(read_function, job)] = read_function
     finally:
-        # This also runs where the caller takes no more outcomes. A signal to end waits until all threads have ended.
+        # This also runs if the caller takes no more outcomes. A termination signal waits until all threads have ended.
         cancel()
         with blocked_signals(*TERMINATION_SIGNALS):
             executor.shutdown()
@@ -431,8 +431,8 @@ def _receive(read: ReadLog) -> None:
 def perform(job: Job, limits: JobLimits, read: ReadLog) -> JobOutcome:
     """Reads one log within limits, in the process of a ``LogReader``.
 
-    Linux limits its memory; ``Supervision`` looks at memory and processor time from outside, on every system. Where
-    memory is missing the process ends with the exit code ENOMEM, since what is left of its memory is fragmented.
+    Linux limits the memory of the process; ``Supervision`` checks memory and processor time from outside, on every
+    system. If memory runs out, the process ends with the exit code ENOMEM, since its remaining memory is fragmented.
 
     Args:
         job: the log.

@@ -157,7 +157,7 @@ def _flight_sentences(comparison: Comparison, flight: str) -> Iterator[Block]:
         yield from render_section("comparison_failures", **row)
 
 
-def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) -> Blocks:
+def order_report(choice: OrderChoice, names: Sequence[str], are_inputs_known: bool) -> Blocks:
     """Returns the report of a choice of model order: its reason, a table of F̄ by order and flight, and what to do.
 
     F̄ is the free energy, a bound of the log evidence of a model with so many states. Only differences of it have a
@@ -166,7 +166,7 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) 
     Args:
         choice: the chosen order, with the free energy of all orders.
         names: names of the flights, one for each row of ``choice.free_energy``.
-        known_inputs: whether inputs were known, as for ``free_energy_by_order``.
+        are_inputs_known: whether the models know the inputs of the flight, as causes of its motion.
     """
     has_several_flights = len(names) > 1
     # Orders count from 1, columns from 0.
@@ -190,21 +190,21 @@ def order_report(choice: OrderChoice, names: Sequence[str], known_inputs: bool) 
         Table(header, rows),
         Sentence(legend),
         *[caution(remark) for remark in choice.remarks],
-        Sentence(order_advice(choice, known_inputs), "Next:"),
+        Sentence(order_advice(choice, are_inputs_known), "Next:"),
     ]
 
 
-def order_advice(choice: OrderChoice, known_inputs: bool) -> str:
+def order_advice(choice: OrderChoice, are_inputs_known: bool) -> str:
     """Returns one sentence on what to do with the chosen order.
 
     Args:
         choice: the chosen order.
-        known_inputs: whether inputs were known, as for ``free_energy_by_order``.
+        are_inputs_known: whether the models know the inputs of the flight, as causes of its motion.
     """
     (paragraph,) = render_section(
         "order_advice",
         choice=choice,
-        known_inputs=known_inputs,
+        known_inputs=are_inputs_known,
         largest=LARGEST_ORDER,
         standard=STANDARD_ORDER,
     )

@@ -1,4 +1,4 @@
-"""The contents of a log, the wind and the drag of its vehicle, in sentences and tables; a log has them at any rate."""
+"""The contents of a log, and the wind and the drag of its vehicle, in sentences and tables."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from mavdem.report.templates import render_section
 from mavdem.wind_velocity.compass import compass_text, meteorological_direction
 from mavdem.wind_velocity.estimation import WindVelocity
 from mavdem.wind_velocity.from_log import WindEvidence
-from mavdem.wind_velocity.vehicle_drag import Drag
+from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 
 WIND_LIGHTS = (Light.WIND, Light.ESTIMATOR)
 """Lights that bear on the wind: the estimate rests on the attitude and velocity of the autopilot's estimator."""
@@ -273,7 +273,7 @@ def _evenly_spaced(count: int, max_count: int | None) -> Sequence[int]:
     return indices
 
 
-def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -> Table:
+def drag_table(drag: Drag, settings: Mapping[str, ParameterValue]) -> Table:
     """Returns a table of a vehicle's linear drag, and of the autopilot's parameters that express it.
 
     Args:
@@ -281,7 +281,8 @@ def drag_table(drag: Drag, settings: Mapping[str, tuple[float, float, float]]) -
         settings: value and both ends of the 90 % interval of each parameter, by name.
     """
     low, high = drag.interval("linear").mean(axis=1)
-    quantities = {**settings, "linear drag (1/s)": (drag.linear.mean(), low, high)}
+    linear_drag = ParameterValue(float(drag.linear.mean()), low=float(low), high=float(high))
+    quantities = {**settings, "linear drag (1/s)": linear_drag}
     rows = [[name, *(f"{value:.3g}" for value in values)] for name, values in quantities.items()]
     return Table([f"Drag, from {DRAG_SOURCES[drag.source]}", "value", "from", "to"], rows)
 

@@ -1,4 +1,4 @@
-"""What changed between two states of a vehicle in sentences: what is the same, what is uncertain, what is unknown."""
+"""What changed between two states of a vehicle (before and after), in sentences: changed, equal, uncertain, unknown."""
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -29,7 +29,8 @@ from mavdem.fleet.quantities import (
     SHARE,
 )
 from mavdem.fleet.random_effects import SD_BETWEEN_FLIGHTS, QuantityChange
-from mavdem.fleet.row import UNKNOWN, FlightRow, value_at
+from mavdem.fleet.report_columns import value_at
+from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.ingest.vocabulary import CONTROL_PARAMETERS, RATE_PID_GAINS
 from mavdem.report.blocks import Blocks, Rated, Sentence, Table, caution
 from mavdem.report.numbers import counted, listed, plus_minus, rounded, without_remark

@@ -1,4 +1,4 @@
-"""What is said of one vehicle from its flights: the health of its motors, how urgent a look is, and why."""
+"""What the flights of one vehicle show: the health of its motors, how urgently it needs a look, and why."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -50,12 +50,13 @@ BAD_HEADLINE_RANK = 1.5
 def light_level(flight: AxisRows, light: Light) -> Level:
     """Returns the level of a light of a flight; unknown if the log has none.
 
-    The light of the motors is judged by the flight alone, and their health beside the vehicle's other flights, which
-    shows smaller losses. On pages of a fleet the light is as bad as the health, so that both say the same.
+    A light is the judgement of one part of the vehicle, such as its motors. That of the motors is judged by the flight
+    alone, and their health in comparison with other flights of the vehicle, which shows smaller losses. On pages of a
+    fleet the light is at least as bad as the health, so that both say the same.
 
     Args:
         flight: rows of the flight, one for each axis.
-        light: the light.
+        light: name of the light.
     """
     # The rows of all axes have the same lights, in a field "light_motors", "light_power", … each.
     level_of_log = Level(getattr(log_row(flight), f"light_{light}") or Level.UNKNOWN)
@@ -65,11 +66,12 @@ def light_level(flight: AxisRows, light: Light) -> Level:
 
 
 def motors_level(level_of_log: Level, health_level: Level) -> Level:
-    """Returns the level of the light of the motors beside the vehicle's other flights.
+    """Returns the level of the light of the motors on pages of a fleet: the worse of two judgements.
 
     Args:
-        level_of_log: level of the light by the log alone.
-        health_level: level of the motors' health beside other flights, which counts where it is worse.
+        level_of_log: level of the light by the log of the flight alone.
+        health_level: level of the motors' health, for which the flight is compared with others of the vehicle. It
+            counts only if it is worse.
     """
     if level_of_log is Level.BAD or health_level not in (Level.BAD, Level.WATCH):
         return level_of_log
@@ -138,8 +140,8 @@ def vehicle_label(name: str, frame: str, names: GivenNames) -> str:
     return f"{label} {short_name(name)}"
 
 
-def is_one_vehicle(name: str, flights: Flights) -> bool:
-    """Returns whether a page has a part of its own for the flights under a name.
+def has_own_part(name: str, flights: Flights) -> bool:
+    """Returns whether a fleet's page has a part of its own for the flights under a name.
 
     Where logs do not name their vehicle, its MAVLink system id is its name, which several vehicles may share. Such
     flights have a part only if there is something to report: a judged health, or a bad headline of the latest flight.
@@ -173,9 +175,9 @@ def bad_headline(flights: Flights) -> str:
 
 
 def badge(flights: Flights) -> str:
-    """Returns how the latest of a vehicle's flights went in one word, with its level.
+    """Returns one word on the latest of a vehicle's flights, with its level.
 
-    It is the health of the motors where they are in trouble, otherwise the level of the flight's headline.
+    The word is the health of the motors if they are in trouble, and otherwise the level of the flight's headline.
 
     Args:
         flights: rows of the vehicle's flights, in the order of date.

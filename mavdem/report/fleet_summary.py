@@ -1,4 +1,4 @@
-"""The summary of many flights: vehicles that need a look, what was flown, and logs that were not used; and counts."""
+"""The summary of many flights: vehicles that need a look, flights, logs that were not used, and their counts."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence

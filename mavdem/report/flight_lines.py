@@ -1,4 +1,4 @@
-"""The line of each flight in the table of a fleet's page: its columns, and the cells of a flight."""
+"""Lines of the table of flights on a fleet's page: its columns, and the cells of a flight."""
 
 import re
 from collections.abc import Callable

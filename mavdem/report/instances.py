@@ -1,4 +1,4 @@
-"""The table of all instances of a vehicle's batteries, estimators, sensors and outputs."""
+"""The table of all instances of a vehicle's batteries, state estimators, sensors and outputs, with range and state."""
 
 from collections.abc import Sequence
 

@@ -1,4 +1,4 @@
-"""Lights as a page and a screen show them: a reason that holds for several lights is stated once."""
+"""Lights, the judgements of the parts of a vehicle by level, as shown: a reason that several share is stated once."""
 
 from mavdem.facts import Fact, Level, NamedFacts
 from mavdem.facts.lights import Unjudged

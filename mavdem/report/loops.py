@@ -99,7 +99,7 @@ def tune_blocks(
         figures = next_step.figures
         others, arguments = figures["others"], figures["arguments"]
         blocks += render_section("tune_others", others=others, arguments=arguments)
-    return [*blocks, *_unchecked(tuning)] if is_full else blocks
+    return [*blocks, *_unchecked_effects(tuning)] if is_full else blocks
 
 
 def _sentence_on_axes(tuning: Tuning, axes: Sequence[str], stated_remedies: set[str]) -> Sentence:
@@ -134,11 +134,11 @@ def tune_details(tuning: Tuning) -> Blocks:
         if isinstance(advice, Advice):
             blocks.append(headline_sentence(axis.capitalize()))
             blocks += _axis_details(advice, is_doubtful=axis in tuning.doubtful_axes)
-    return [*blocks, *_unchecked(tuning)]
+    return [*blocks, *_unchecked_effects(tuning)]
 
 
-def _unchecked(tuning: Tuning) -> list[Sentence]:
-    """Returns the sentence on what advised gains are not checked against; none where no gains are advised.
+def _unchecked_effects(tuning: Tuning) -> list[Sentence]:
+    """Returns the sentence that names the effects of gains which are not checked; none if no gains are advised.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.
@@ -294,7 +294,7 @@ class _GainLimit(NamedTuple):
 
 
 def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
-    """Returns whether a headline or next step is about control loops: what their lights say or advise.
+    """Returns whether a headline or next step is about control loops: a fact on gains or loops, or one of their lights.
 
     Args:
         fact: the headline, or the next step.
@@ -470,7 +470,11 @@ def _axis_details(advice: Advice, *, is_doubtful: bool) -> Blocks:
 
 
 def filter_sentences(loop: Loop) -> list[Sentence]:
-    """Returns the sentence on the gyro's filters of a loop, their delay and phase lag; none without filters."""
+    """Returns the sentence on the gyro's filters of a loop, their delay and phase lag; none without filters.
+
+    Args:
+        loop: a rate loop, with the filters of its controller. The phase lag is that at its crossover frequency.
+    """
     return render_section(
         "loop_filters",
         filters=gyro_filters(loop.controller, loop.crossover),

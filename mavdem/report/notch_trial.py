@@ -1,4 +1,4 @@
-"""The notch filters of a flight's page, whose settings a reader tries: what they take, and the phase they cost.
+"""A trial of the gyro's notch filters on a flight's page: their effect on the spectrum, and their phase lag.
 
 The script ``notch.js`` computes the responses of ``mavdem.loops.filters``, which has their sources, for the filters of
 ``tried_filters``.
@@ -188,7 +188,7 @@ def notch_trial(
     files = parameter_files(parameters, vehicle, REMARK)
     endings = tuple(sorted(files))
     return NotchTrial(
-        tuple(_forms(filters, controller.gyro_rate)),
+        tuple(_filter_forms(filters, controller.gyro_rate)),
         charts=_charts(
             controller, filters, spectrum, peaks[0], mark, has_spectrum=not has_only_filtered_gyro
         ),
@@ -265,8 +265,8 @@ def _titles(filters: Sequence[TriedFilter]) -> list[str]:
     return [f"Notch {number}" for number in range(1, len(filters) + 1)]
 
 
-def _forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterForm]:
-    """Yields the settings of each filter.
+def _filter_forms(filters: Sequence[TriedFilter], gyro_rate: float) -> Iterator[FilterForm]:
+    """Yields the form of each filter, in which a reader of the page changes its settings.
 
     Args:
         filters: the filters.
@@ -327,14 +327,15 @@ def _harmonics(tried: TriedFilter) -> dict[int, bool]:
 
 
 def _model(controller: Controller, filters: Sequence[TriedFilter]) -> JsonValues:
-    """Collects the filters and the constants of their equations for the script ``notch.js``.
+    """Returns the filters, and the constants of their equations, for the script ``notch.js`` of the page.
 
     Args:
         controller: controller with the gyro's filters.
         filters: the notch filters that are tried.
 
     Returns:
-        Values by the keys that the script reads.
+        Values by the keys that the script reads. For each filter, "off" has the parameters that switch it off, "names"
+        the parameter of each setting, and "hoverRatio" the ratio of the centre in hover to the lowest one.
     """
     models = []
     for title, tried in zip(_titles(filters), filters, strict=True):

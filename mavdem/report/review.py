@@ -1,4 +1,4 @@
-"""The review of a log on one terminal screen: title, eight lights, alarms, the headline, and what to do next."""
+"""The review of a log on one terminal screen: title, lights (judgements of parts), alarms, headline, next step."""
 
 import re
 from collections.abc import Iterator
@@ -69,7 +69,11 @@ def first_lines(findings: FirstFindings, columns: int = SCREEN_COLUMNS) -> str:
 
 
 def _lights_before_loops(findings: FirstFindings) -> NamedFacts:
-    """Returns the lights that are known before the control loops, up to the first one that needs these."""
+    """Returns the lights that are known before the control loops, up to the first one that needs these.
+
+    Args:
+        findings: findings on the flight so far, with the lights that are judged already.
+    """
     known_lights = lights_with_reason_once(findings.lights)
     first_lights = {}
     for light in REGISTRY:

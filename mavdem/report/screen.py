@@ -216,10 +216,10 @@ class Conclusion(NamedTuple):
 
 
 def conclusion(judgement: Judgement) -> Conclusion:
-    """Returns the conclusion of a flight by its judgement.
+    """Returns the conclusion of a flight in sentences: headline, lights that warn, and next step.
 
     Args:
-        judgement: headline, lights and next step.
+        judgement: headline, lights and next step. A light that is the headline itself is not repeated.
     """
     lights = [
         Sentence(str(fact), f"{name.capitalize()}:")
@@ -407,10 +407,11 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
 
     Args:
         labels: names and units of the outputs.
-        held_out: the windows; None gives nothing.
+        held_out: windows of the flight that the models of their forecasts were not trained on; None if there are none.
 
     Returns:
-        A table of RMSE by output and error ratio, the best forecast first, and a sentence on how windows differ.
+        A table of RMSE by output and error ratio, the best forecast first, and a sentence on how windows differ. Empty
+        without windows.
     """
     if held_out is None:
         return []
@@ -421,6 +422,7 @@ def prediction_blocks(labels: Labels, held_out: HeldOut | None) -> Blocks:
     ]
     rows = []
     for forecast in held_out.ranked_errors:
+        # The name of the model's own forecast has a place for that of the model, which format() fills.
         cells = [FORECAST_NAMES.get(forecast.name, str(forecast.name)).format(held_out.model)]
         for unit, rmse in zip(units, forecast.rmse, strict=True):
             cells.append(rounded(unit.scale * rmse))

@@ -1,4 +1,4 @@
-"""Templates: renders facts as sentences, and sections of reports as paragraphs, by the Jinja2 templates in TOML files.
+"""Templates: facts (a code with figures) as sentences, and sections of reports as paragraphs, by Jinja2 in TOML files.
 
 No other module has prose about a flight. Two folders beside this module hold the templates:
 
@@ -165,6 +165,9 @@ def margins_in_short(rating: Fact) -> str:
     """Returns the margins of a rating (``Loops.MARGIN_RATING``) without intervals, such as "49°, 6.8 dB and Ms 2.2".
 
     A loop that no gain makes unstable has no gain margin, which is then left out.
+
+    Args:
+        rating: the rating of a loop, with the figures "phase_margin", degrees, "gain_margin", dB, and "ms".
     """
     figures = rating.figures
     margins = [f"{figures['phase_margin']:.0f}°"]
@@ -375,6 +378,7 @@ def with_interval(value: float, half_width: float | None, unit: str = " %") -> s
     """
     scale = 100.0 if unit == " %" else degrees(1)
     shown_half_width = scale * (half_width or 0.0)
+    # A half width of up to 0.1 % or 0.1° is below the digits of the value.
     if shown_half_width > 0.1:
         text = plus_minus(scale * value, shown_half_width)
     else:
@@ -434,8 +438,8 @@ def period(time: float | None, until: float | None = None) -> str:
     """Returns when something was measured, to follow a clause: " at 3.2 s", " from 3.2 to 4.0 s"; empty if unknown.
 
     Args:
-        time: the moment, or the start of the interval, s since boot; infinite where that was before the record.
-        until: end of the interval, s since boot; None for a moment, infinite where it was still so at the end of it.
+        time: the moment, or the start of the interval, s since boot; infinite if that was before the record.
+        until: end of the interval, s since boot; None for a moment, infinite if it lasted to the end of the record.
     """
     if time is None:
         return ""
@@ -453,8 +457,8 @@ def interval(time: float, until: float | None = None) -> str:
     """Returns how long something lasted, to follow a clause: " from 3.2 s", " from 3.2 s to 4.0 s", " until 4.0 s".
 
     Args:
-        time: its start, s since boot; infinite where it was so before the record, whose start is not that of it.
-        until: its end, s since boot; None where it was still so at the end of the record.
+        time: its start, s since boot; infinite if it started before the record.
+        until: its end, s since boot; None if it lasted to the end of the record.
     """
     if not isfinite(time):
         return " throughout the record" if until is None else period(time, until)
@@ -513,6 +517,9 @@ def _names_margins(fact: Fact) -> bool:
 
     The table of such a fact has the key ``names_margins``: "always", or "reasons" where the sentence consists of those
     of its "reasons", behind the names of loops if it has any.
+
+    Args:
+        fact: a reason why there are no margins.
     """
     rule = sentence_templates()[fact.code].get("names_margins", "never")
     if rule == "reasons":
@@ -526,11 +533,14 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
 
 
 def rounded_up(value: float, decimals: int = 0) -> str:
-    """Returns an upper bound with so many ``decimals``, never below its value.
+    """Formats an upper bound so that the text is never below its value.
 
-    Errors of rounding of a number that has no more decimals, such as 0.3, do not raise it.
+    Args:
+        value: the bound.
+        decimals: number of decimals.
     """
     scale = 10**decimals
+    # Rounding to a millionth first keeps the binary error of a number such as 0.3 from raising it.
     return _fixed(ceil(round(value * scale, 6)) / scale, decimals)
 
 

@@ -1,4 +1,4 @@
-"""The notch filters of the gyro whose settings the page lets one try: as the log has them or, if off, on a line.
+"""The gyro's notch filters whose settings a page lets one try: as logged or, if off, on the strongest vibration line.
 
 ``NotchFilter`` of ArduPilot is set by ``INS_HNTCH_*`` and ``INS_HNTC2_*``, that of PX4 by ``IMU_GYRO_NF0_*`` and
 ``IMU_GYRO_NF1_*``. Other filters of the gyro stay as they are.

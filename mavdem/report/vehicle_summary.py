@@ -1,4 +1,4 @@
-"""What the page of a fleet shows of the flights under one name: made when they were judged, and kept as JSON.
+"""What a fleet's page shows of the flights under one name, stored as JSON when they are judged.
 
 A fleet may have ten thousand flights, of which one more log changes those of one vehicle: the page is made of the
 summaries of all vehicles, and only that of the changed vehicle is made of rows.
@@ -36,7 +36,7 @@ from mavdem.report.fleet import (
     VehicleWords,
     badge,
     badge_level,
-    is_one_vehicle,
+    has_own_part,
     light_level,
     urgency,
     vehicle_health,
@@ -281,7 +281,7 @@ def _vehicle_flights(name: str, flights: Flights) -> VehicleFlights:
     is_used = badge_word != NOT_USED
     has_warning = last_flight.headline_level in WARNING_LEVELS
     return VehicleFlights(
-        is_one_vehicle=is_one_vehicle(name, flights),
+        is_one_vehicle=has_own_part(name, flights),
         urgency=urgency(flights),
         health=vehicle_health(flights),
         was_in_trouble=any(worst_health(flight) in TROUBLED_HEALTHS for flight in flights),

@@ -1,4 +1,4 @@
-"""Why an event is stated: the witnesses for it and against it, as one sentence."""
+"""Why an event is stated: the witnesses, independent measurements that confirm or contradict it, in one sentence."""
 
 from mavdem.facts import Fact
 from mavdem.report.blocks import Sentence

@@ -249,7 +249,7 @@ class Server:
             )
         asks_for_token = fact.code is RefusalReason.NO_RIGHT
         html = refusal_page(
-            fact, asks=asks_for_token, **self._visible_library.visitor_values(request)
+            fact, asks_for_token=asks_for_token, **self._visible_library.visitor_values(request)
         )
         return HTMLResponse(html, status, headers)
 

@@ -165,12 +165,12 @@ class CommandHandler:
                 self.transmitter.send_once("TIMESYNC", tc1=now, ts1=fields["ts1"])
 
     def _answer_on_mission(self, name: str, request: ReceivedMessage, **values: int) -> None:
-        """Answers a request of the mission service.
+        """Replies to a request of the mission service.
 
         Args:
-            name: Name of the message that answers.
-            request: Message of the service; its sender and its type of mission are those of the answer.
-            values: Further fields of the answer.
+            name: Name of the message that is the reply.
+            request: Message of the service; the reply is for its sender and its type of mission.
+            values: Further fields of the reply.
         """
         self.transmitter.send_once(
             name,
@@ -181,9 +181,9 @@ class CommandHandler:
         )
 
     def _set_parameter(self, request: ReceivedMessage) -> None:
-        """Sets a parameter, and answers with the value that it has then; an unknown name is not answered.
+        """Sets a parameter, and replies with the value that it has then; an unknown name gets no reply.
 
-        Parameters of the controller act at once. Others keep their values, which the answer tells.
+        Parameters of the controller act at once. Others keep their values, and the reply has the value that was kept.
 
         Args:
             request: A PARAM_SET.
@@ -221,8 +221,8 @@ class CommandHandler:
 
         Args:
             command: Number of the MAV_CMD.
-            first: Its first parameter; a value that is not finite is denied.
-            second: Its second parameter.
+            first: First parameter of the command; a value that is not finite is denied.
+            second: Second parameter of the command.
 
         Returns:
             MAV_RESULT that acknowledges it.
@@ -287,6 +287,7 @@ class CommandHandler:
 
         Args:
             message_id: Id of the message.
+            _: The second parameter, which this command does not use.
 
         Returns:
             MAV_RESULT: denied for a number that the reply cannot hold.
@@ -312,6 +313,7 @@ class CommandHandler:
 
         Args:
             message_id: Id of the message, the first parameter of the command.
+            _: The second parameter, which the vehicle does not use.
 
         Returns:
             MAV_RESULT: denied for a message that the vehicle does not have.
@@ -331,7 +333,8 @@ class CommandHandler:
         The version is 0: the simulated vehicle is no version of the autopilot that it resembles.
 
         Args:
-            is_wanted: 1 to get the reply.
+            is_wanted: The first parameter: 1 to get the reply.
+            _: The second parameter, which this command does not use.
 
         Returns:
             MAV_RESULT: denied for another value of ``is_wanted``.

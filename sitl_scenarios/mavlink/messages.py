@@ -173,7 +173,14 @@ def _system_status(motion: Motion) -> NDArray[Any]:
 
 
 def _sensors_and_battery(motion: Motion) -> dict[str, Any]:
-    """Returns the fields of SYS_STATUS; without instruments the current and what remains of the battery are unknown."""
+    """Returns the fields of SYS_STATUS; without instruments the current and the charge of the battery are unknown.
+
+    Args:
+        motion: N samples of the flight.
+
+    Returns:
+        Columns (N,), or one number for all samples, by field, in the units of the message: mV, cA and %.
+    """
     fields: dict[str, Any] = {
         "onboard_control_sensors_present": SENSORS,
         "onboard_control_sensors_enabled": SENSORS,
@@ -212,6 +219,7 @@ def _stick_channels(motion: Motion) -> dict[str, Any]:
     fields |= {"chan3_raw": middle, "chancount": 4, "rssi": UNKNOWN_RSSI}
     if isinstance(motion, InstrumentedMotion):
         throttle = MIN_PULSE + (MAX_PULSE - MIN_PULSE) * motion.throttle_stick
+        # A stick below 0 stands for a lost radio, whose signal strength is 0; 254 is the largest one.
         fields |= {"chan3_raw": np.round(throttle), "rssi": 254 * (motion.throttle_stick >= 0)}
     return fields
 
@@ -288,12 +296,12 @@ class Parameter(NamedTuple):
 def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
     """Lists all parameters that the autopilot of a scenario reports.
 
-    They are the autopilot's fixed ones, those of the MAVLink system id and the frame, and those of its controllers,
-    which win where several have the same name.
+    They are the autopilot's fixed ones, those of the MAVLink system id and the frame, and those of its controllers.
+    Where several have the same name, the value of the controllers counts.
 
     Args:
-        scenario: Its vehicle, gains and system id.
-        autopilot: Its autopilot, with the fixed parameters and the types of integers.
+        scenario: Scenario with the vehicle, its gains and its system id.
+        autopilot: Autopilot of the scenario, with the fixed parameters and the types of integers.
 
     Returns:
         The parameters with their types, in alphabetical order.
@@ -315,7 +323,11 @@ def parameters(scenario: Scenario, autopilot: Autopilot) -> list[Parameter]:
 
 
 def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns ArduPilot's parameters of the system id, the frame and the motors after the fourth, by name."""
+    """Returns ArduPilot's parameters of the system id, the frame and the motors after the fourth, by name.
+
+    Args:
+        scenario: Scenario whose vehicle has the frame, and whose stream the system id.
+    """
     layout = scenario.vehicle.layout
     frame_type = CIRCLES[layout].frame_type if layout in CIRCLES else int(layout == "x")
     values = {"MAV_SYSID": scenario.stream.system, "FRAME_TYPE": frame_type}
@@ -325,7 +337,11 @@ def _ardupilot_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
 
 
 def _px4_vehicle_parameters(scenario: Scenario) -> dict[str, int]:
-    """Returns PX4's parameters of the system id, the frame and the motors after the fourth, by name."""
+    """Returns PX4's parameters of the system id, the frame and the motors after the fourth, by name.
+
+    Args:
+        scenario: Scenario whose vehicle has the frame, and whose stream the system id.
+    """
     layout = scenario.vehicle.layout
     if layout in CIRCLES:
         airframe = CIRCLES[layout].px4_airframe

@@ -84,12 +84,13 @@ class Schedule:
 
         Args:
             name: Name of the message.
-            interval: Seconds from one message to the next, rounded as in ``__init__``; infinite: it is not sent.
+            interval: Time from one message to the next, s, which is rounded down to whole steps of the autopilot's
+                clock; infinite for a message that is not sent.
             start: Time of the first message, s.
         """
         if np.isfinite(interval / self._step):
-            # The autopilot counts whole steps; the tolerance keeps rounding from losing one. The loop sends each
-            # message at most once in a cycle.
+            # The autopilot counts whole steps; the tolerance of a millionth keeps rounding from losing one. The loop
+            # sends each message at most once in a cycle.
             whole_steps = int(interval / self._step + 1e-6) * self._step
             interval = max(whole_steps, self._cycle)
         self._streams[name] = MessageStream(start, interval)
@@ -188,7 +189,7 @@ class Transmitter:
         """Boots the autopilot.
 
         Args:
-            scenario: Its autopilot, message rates, MAVLink system id and faults of the autopilot.
+            scenario: Scenario with the autopilot, its message rates, MAVLink system id and faults.
 
         Raises:
             ValueError: The scenario has a rate of a message that the autopilot does not send.
@@ -270,7 +271,10 @@ class Transmitter:
         self.parameters = parameters(self._scenario, self.autopilot)
 
     def _fault_events(self) -> Iterator[_FaultEvent]:
-        """Yields the faults that a scenario lets happen to its autopilot during the flight."""
+        """Yields the faults of the scenario that change clock, schedule or rates of its autopilot, in any order.
+
+        An event has its time, s after arming, and a function of the time on the motion's clock that triggers it.
+        """
         faults = self._scenario.faults
         if faults.mavproxy_rate:
             # A second ground station, MAVProxy, keeps asking for its own rate of all streams.
@@ -288,7 +292,10 @@ class Transmitter:
         """Sets all groups of messages to MAVProxy's rate, as its requests by REQUEST_DATA_STREAM do.
 
         Messages that belong to no group keep their rates. A message whose interval hardly changes keeps its schedule,
-        instead of restarting it. It is a fault event (:meth:`_fault_events`), whose time it does not need.
+        instead of restarting it.
+
+        Args:
+            _: Time of the fault event (:meth:`_fault_events`), which is not needed.
         """
         interval = 1 / self._scenario.faults.mavproxy_rate
         for group in self.autopilot.groups.values():
@@ -388,7 +395,7 @@ class Transmitter:
 
         Args:
             motion: N rows of the flight.
-            clock: Their times on the boot clock, s; (N,).
+            clock: Times (N,) of the rows on the boot clock, s.
         """
         if isinstance(motion, InstrumentedMotion):
             for row in np.flatnonzero(motion.text != "").tolist():
@@ -547,8 +554,8 @@ def recorded_stream(scenario: Scenario, motion: Motion) -> FrameStream:
     # The remainder keeps the dates within three years.
     boot = FIRST_BOOT + scenario.seed % 1000 * DAY
     stamps = boot + np.round([1e6 * time for time, _ in received_frames])
-    # A stream asks for its stamps by rows of the frames, since a reader of a file decodes only these. Here all are in
-    # an array, whose function for [] does that.
+    # A stream has a function from rows of the frames to their stamps, so that a reader of a file decodes only those
+    # that are needed. Here all stamps are in an array, whose method for [] is such a function.
     stamps_of_rows = stamps.astype(np.uint64).__getitem__
     return FrameStream(
         source="simulation",

@@ -162,22 +162,26 @@ def impact(state: State) -> GroundContact:
         The contact, at the beginning of its motion.
     """
     rows = rotation_matrix(state.attitude)
-    # The down axis of the body, north and east: it leans about the horizontal axis at right angles to it.
+    # The down axis of the body, north and east: the vehicle leans about the horizontal axis at right angles to it.
     north, east = rows[0][2], rows[1][2]
     length = sqrt(north * north + east * east)
-    axis = (1.0, 0.0) if length == 0 else (-east / length, north / length)
+    axis_north, axis_east = 1.0, 0.0
+    if length > 0:
+        axis_north, axis_east = -east / length, north / length
     lean = lean_of(state.attitude)
-    half = -lean / 2
-    upright = (cos(half), sin(half) * axis[0], sin(half) * axis[1], 0.0)
+    # The quaternion of the opposite rotation, which takes the lean off and leaves the heading.
+    half_angle = -lean / 2
+    to_upright = (cos(half_angle), sin(half_angle) * axis_north, sin(half_angle) * axis_east, 0.0)
     rest_lean = 0.0
     if lean > MIN_BACK_LEAN:
         rest_lean = BACK_ANGLE
     elif lean > MAX_LANDING_LEAN or state.velocity[2] > MAX_UPRIGHT_SINK:
         rest_lean = SIDE_ANGLE
     speed = sqrt(sum(part * part for part in state.velocity))
-    impact = min(speed / STOPPING_SECONDS, MAX_IMPACT)
-    heading = normalised(quaternion_product(upright, state.attitude))
-    return GroundContact(heading, axis, lean, rest_lean, impact=impact)
+    acceleration = min(speed / STOPPING_SECONDS, MAX_IMPACT)
+    heading = normalised(quaternion_product(to_upright, state.attitude))
+    axis = (axis_north, axis_east)
+    return GroundContact(heading, axis, lean, rest_lean, impact=acceleration)
 
 
 def topple(state: State, bearing: float) -> GroundContact:
@@ -192,7 +196,8 @@ def topple(state: State, bearing: float) -> GroundContact:
     """
     w, _, _, z = state.attitude
     heading = normalised((w, 0.0, 0.0, z))
-    # To tip to the right is to turn about the nose; to tip forward is to turn about the left.
+    # The axis of the rotation, in body axes: to tip to the right is to rotate about the forward axis, and to tip
+    # forward is to rotate about the axis to the left.
     angle = radians(bearing)
     forward, right = sin(angle), -cos(angle)
     rows = rotation_matrix(heading)
@@ -206,6 +211,6 @@ def topple(state: State, bearing: float) -> GroundContact:
     )
 
 
-def holds(velocity: Vector3, attitude: Quaternion) -> bool:
+def lands_on_feet(velocity: Vector3, attitude: Quaternion) -> bool:
     """Returns whether a vehicle that touches the ground stays on its feet."""
     return velocity[2] <= MAX_LANDING_SINK and lean_of(attitude) <= MAX_LANDING_LEAN

@@ -252,7 +252,7 @@ class Instruments:
         Args:
             down: True position down from the take-off, m.
             readings: Errors of the sensors.
-            thrust_ratio: Thrust of the rotors by that in hover.
+            thrust_ratio: Thrust of the rotors as a fraction of their thrust in hover.
             noise: Noise of the cycle.
 
         Returns:
@@ -314,6 +314,9 @@ class Instruments:
             current: Current of the first battery, A.
             remaining_voltage: Fraction of the first battery's voltage that the scenario's ``battery_sag`` leaves, 0 to
                 1.
+
+        Returns:
+            Voltages, V; ``NO_BATTERY`` for a second battery that the vehicle does not have.
         """
         flown_share = min(max(time / self._duration, 0.0), 1.0)
         open_voltage = _interpolated(FULL_BATTERY_VOLTAGE, DISCHARGED_VOLTAGE, flown_share)

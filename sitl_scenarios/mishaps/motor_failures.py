@@ -1,4 +1,4 @@
-"""Motors and propellers that fail: what each rotor still gives over time, as damage of the vehicle."""
+"""Motors and propellers that fail: the remaining thrust of each rotor over time, as damage of the vehicle."""
 
 from math import sqrt
 from typing import NamedTuple
@@ -27,7 +27,10 @@ class ThrustStep(NamedTuple):
 def remaining_thrust_history(
     mishap: MotorStop | MotorFade | LoosePropeller, end: float, random: Generator
 ) -> list[ThrustStep]:
-    """Lists from when on which share of a motor's thrust is left.
+    """Lists the remaining share of a motor's thrust over time, as steps.
+
+    A motor that stops has one step to 0. One that fades has steps of ``FADE_STEP_SECONDS``. A loose propeller slips and
+    grips by turns, for times that are exponentially distributed.
 
     Args:
         mishap: Mishap with the failing motor or propeller.
@@ -35,7 +38,7 @@ def remaining_thrust_history(
         random: Generator that decides when a loose propeller slips.
 
     Returns:
-        The steps in ascending order of time.
+        The steps in ascending order of time; a share holds until the next step.
     """
     if isinstance(mishap, MotorStop):
         return [ThrustStep(mishap.start, 0.0)]

@@ -1,4 +1,4 @@
-"""Pilot and failsafe: modes, throttle stick and motor outputs where the flight is not that of the plan.
+"""Pilot and failsafe of a simulated mishap: flight mode, throttle stick and motor outputs that differ from the plan.
 
 A pilot flies in a mode without control of the position; the attitude is held level meanwhile.
 """
@@ -137,7 +137,7 @@ class Pilot:
         if self.blind_height is None:
             self.blind_height = -down
         self.blind_height -= BLIND_DESCENT * self.cycle
-        # The estimated position and speed are what is asked for: the vehicle stays level.
+        # With the estimated position and speed as setpoints there is no error, so that the vehicle stays level.
         return Reference(
             LANDING,
             height=self.blind_height,
@@ -194,7 +194,7 @@ class Pilot:
 
         Args:
             estimate: State as the autopilot estimates it.
-            thrust: Thrust of all rotors by the weight.
+            thrust: Thrust of all rotors, as a multiple of the weight.
 
         Returns:
             Pulse widths of the motors, µs, and the demands and setpoints behind them.

@@ -1,4 +1,4 @@
-"""Simulation with instruments: flies a scenario with its mishap, to the end on the ground or of the record."""
+"""Simulation with instruments: flies a scenario and its mishap until the flight or the recording ends."""
 
 from collections import deque
 from typing import Any
@@ -7,7 +7,7 @@ from sitl_scenarios.controller import ControlOutput
 from sitl_scenarios.dynamics import AirState, State
 from sitl_scenarios.flight_simulation import Row, Simulation
 from sitl_scenarios.gyro import NO_ROTATION
-from sitl_scenarios.mishaps.ground import GroundContact, holds, impact, topple
+from sitl_scenarios.mishaps.ground import GroundContact, impact, lands_on_feet, topple
 from sitl_scenarios.mishaps.instruments import InstrumentedMotion, Instruments
 from sitl_scenarios.mishaps.pilot import MODES, Pilot
 from sitl_scenarios.mishaps.sensor_faults import SensorFaults
@@ -111,7 +111,7 @@ class InstrumentedSimulation(Simulation):
         return self._sensor_faults.faulty_estimate(self._flight_time, state, estimate)
 
     def _reference(self, estimate: State) -> Reference:
-        """Chooses the setpoints that are flown: those of the plan, as the mishap changes them.
+        """Returns the setpoints that are flown: those of the plan, as pilot, failsafe and mishap change them.
 
         Args:
             estimate: The estimated state.
@@ -132,7 +132,10 @@ class InstrumentedSimulation(Simulation):
         return reference
 
     def _update_arming(self) -> None:
-        """Arms and disarms as planned, and where a mishap does: by a failsafe in the air, or after a crash."""
+        """Arms and disarms the vehicle as planned, and disarms it by a failsafe in the air, or after a crash.
+
+        It also notes when the vehicle was disarmed, and since when it lies on the ground.
+        """
         was_armed = self.armed
         super()._update_arming()
         if was_armed and not self.armed:
@@ -148,8 +151,9 @@ class InstrumentedSimulation(Simulation):
             self._lying_since = time
         if self.armed and time >= self._lying_since + CRASH_CHECK_SECONDS:
             self.armed = False
+            # The text of ArduCopter's crash check. PX4 takes the vehicle for landed; so does ArduCopter after a landing
+            # with the throttle closed, and says nothing.
             text, severity = "Crash: Disarming: AngErr=87>30, Accel=0.3<3.0", CRITICAL
-            # PX4 takes it for landed; so does ArduPilot after a landing with the throttle closed.
             if self._is_px4:
                 text, severity = "Disarmed by landing", INFO
             if not isinstance(mishap, ToppleAtLanding) or self._is_px4:
@@ -205,6 +209,7 @@ class InstrumentedSimulation(Simulation):
             "throttle_stick": self._pilot.throttle_stick,
             "mode": MODES.index(self._pilot.mode),
             "is_failsafe": self._is_failsafe or self._pilot.mode == "land",
+            # STATUSTEXT has room for 50 characters.
             "text": text[:50],
             "severity": severity,
         }
@@ -223,6 +228,7 @@ class InstrumentedSimulation(Simulation):
         """
         mishap = self.scenario.mishap
         if isinstance(mishap, BenchRun):
+            # The land detector takes a throttle above 0.3 for flight; a choice.
             is_running = self.armed and self._pilot.throttle_stick > 0.3
             return IN_AIR if mishap.reports_flight and is_running else ON_GROUND
         if self._contact is not None:
@@ -238,8 +244,8 @@ class InstrumentedSimulation(Simulation):
         Args:
             reference: Setpoints of the flight plan, which distinguish a landing from a bounce.
         """
-        stands = holds(self._state.velocity, self._state.attitude)
-        if stands:
+        stays_upright = lands_on_feet(self._state.velocity, self._state.attitude)
+        if stays_upright:
             super()._touch_down(reference)
             if isinstance(self.scenario.mishap, ToppleAtLanding) and self._has_landed:
                 self._contact = topple(self._state, self.scenario.mishap.bearing)

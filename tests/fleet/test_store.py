@@ -29,7 +29,7 @@ from mavdem.fleet.judgement import (
     outdated_vehicles,
     publish,
 )
-from mavdem.fleet.row import FlightRow, row_schema
+from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import open_store
 from mavdem.fleet.stored_rows import (
     BRIEF_COLUMNS,
@@ -38,7 +38,7 @@ from mavdem.fleet.stored_rows import (
     read_brief_rows,
     read_rows,
 )
-from mavdem.fleet.table_files import table_path, write_file
+from mavdem.fleet.table_files import row_schema, table_path, write_file
 from mavdem.fleet.tracking import assess_rows, residual_mean
 from mavdem.fleet.workers import JobLimits
 

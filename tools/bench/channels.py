@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How fast columns over time are written as an MCAP file, beside the writer of the package mcap; prints a table.
+"""Speed of writing columns over time as an MCAP file, compared with the package mcap; prints a table.
 
 Usage: tools/bench/channels.py
 """
@@ -35,7 +35,11 @@ def made_up_series() -> dict[str, Series]:
 
 
 def write_by_message(series: dict[str, Series]) -> None:
-    """Writes the same channels with the package mcap: each row becomes JSON and is given to the writer."""
+    """Writes the same channels with the package mcap: each row becomes JSON and is given to the writer.
+
+    Args:
+        series: times, s, and columns of each channel, by its topic.
+    """
     writer = Writer(io.BytesIO())
     writer.start()
     messages = []

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""What `mavdem live` costs on a small computer beside the autopilot: one core with a limit; prints a table.
+"""Cost of `mavdem live` on a small computer beside the autopilot: one core with a limit; prints a table.
 
 Usage: tools/bench/companion.py [--rate HZ ...] [--share SHARE] [--python PYTHON] [--checkout FOLDER]
 
@@ -142,8 +142,10 @@ def control_group(share: float) -> Iterator[Path | None]:
 
 
 @contextmanager
-def load_beside(core: int, share: float) -> Iterator[None]:
+def background_load(core: int, share: float) -> Iterator[None]:
     """Keeps a core busy, within the block, with as many processes as leave a share of it to one more process.
+
+    The scheduler divides a core evenly between processes that are always ready: n busy ones leave 1 / (n + 1).
 
     Args:
         core: number of the core.
@@ -162,7 +164,13 @@ def load_beside(core: int, share: float) -> Iterator[None]:
 
 
 def usage_now(session: psutil.Process) -> Usage:
-    """Returns processor time and memory of a process and all its children."""
+    """Returns processor time, s, and memory, MB, of a process and all its children.
+
+    Memory is the proportional set size (PSS), in which pages that processes share count once.
+
+    Args:
+        session: the process.
+    """
     processor = 0.0
     memory = 0.0
     for process in (session, *session.children(recursive=True)):
@@ -259,8 +267,8 @@ def live_run(rate: float, python: str, checkout: Path, core: int, group: Path | 
     return LiveRun(document, usages, lines, min(following, default=sender_end), sender_end)
 
 
-def row_of(run: LiveRun, rate: float) -> dict[str, object]:
-    """Returns the figures of a run by the headers of the table.
+def table_row(run: LiveRun, rate: float) -> dict[str, object]:
+    """Returns the row of a run, by the headers of the table.
 
     The processor time is that of all processes of the session together, from the first message to the last.
 
@@ -268,9 +276,9 @@ def row_of(run: LiveRun, rate: float) -> dict[str, object]:
         run: the live session, with its document, the lines that it printed, and its use of the machine over time.
         rate: rate of attitude and motors, Hz.
     """
-    during = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
-    seconds = during[-1].time - during[0].time
-    share = (during[-1].processor - during[0].processor) / seconds
+    usages = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
+    seconds = usages[-1].time - usages[0].time
+    share = (usages[-1].processor - usages[0].processor) / seconds
     document: dict[str, dict[str, float]] = run.document  # type: ignore[assignment]
     latency = document["latency"]
     # Lines begin with the time of day.
@@ -316,7 +324,7 @@ def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) ->
     if share >= 1:
         print(f"One core, no limit; load before: {load:.1f}.")
         for rate in rates:
-            rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
+            rows.append(table_row(live_run(rate, python, checkout, core, None), rate))
     else:
         with control_group(share) as group:
             if group is not None:
@@ -324,12 +332,12 @@ def main(rates: tuple[float, ...], share: float, python: str, checkout: Path) ->
                     f"One core, limited to {share:.0%} by {group.parent}; load before: {load:.1f}."
                 )
                 for rate in rates:
-                    rows.append(row_of(live_run(rate, python, checkout, core, group), rate))
+                    rows.append(table_row(live_run(rate, python, checkout, core, group), rate))
             else:
                 print(f"One core with a load beside it that leaves {share:.0%}.")
-                with load_beside(core, share):
+                with background_load(core, share):
                     for rate in rates:
-                        rows.append(row_of(live_run(rate, python, checkout, core, None), rate))
+                        rows.append(table_row(live_run(rate, python, checkout, core, None), rate))
     header = list(rows[0])
     cells = [[_cell(value) for value in row.values()] for row in rows]
     print("\n" + markdown([Table(header, cells)]))

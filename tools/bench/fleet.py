@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How a fleet grows: what one more log costs among thousands, and what a cluster earns; prints Markdown tables.
+"""Cost of a growing fleet: one more log among thousands, and the gain by a cluster; prints Markdown tables.
 
 The index of thousands of logs is made of real ones: of each row that `mavdem track` has stored, jittered copies stand
 for further flights of further vehicles. The generator is seeded, so that the same logs make the same index.
@@ -105,8 +105,8 @@ class GeneratedLog(NamedTuple):
 def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
     """Yields logs of a fleet, each a jittered copy of a real one.
 
-    Each vehicle copies one real log again and again, so that its flights differ by the jitter alone. Logs without a
-    flight are as frequent as among the real ones.
+    The flights of a vehicle are all copies of one real log, and differ by the jitter alone. Logs without a flight are
+    as frequent as among the real ones.
 
     Args:
         rows: rows of real logs.
@@ -197,8 +197,14 @@ class Cost(NamedTuple):
     """Largest memory of one of its processes, MB."""
 
 
-def mavdem(*words: str | Path) -> Cost:
-    """Runs a command of mavdem, and returns what it cost.
+def run_mavdem(*words: str | Path) -> Cost:
+    """Runs a command of mavdem in a process of its own, and returns what it cost.
+
+    Args:
+        words: name of the command, and its arguments.
+
+    Returns:
+        Processor time and duration, s, and the largest resident memory, MB.
 
     Raises:
         subprocess.CalledProcessError: it was refused; exit code 1 says only that there was nothing to find.
@@ -252,7 +258,16 @@ document.title = `measured ${opening} ${sorting} ${searching}`;
 
 
 def page_times(index: Path) -> PageTimes:
-    """Opens an index page from its file in Chromium without a screen, sorts it and searches in it."""
+    """Opens an index page from its file in headless Chromium, sorts it and searches in it.
+
+    A script that is appended to the page measures the times and writes them into its title.
+
+    Args:
+        index: file of the page.
+
+    Returns:
+        The times of opening, sorting and searching, ms.
+    """
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         raise click.UsageError("Chromium is needed.")
@@ -302,7 +317,7 @@ def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
     table = []
     with TemporaryDirectory() as folder:
         real_fleet = Path(folder, "real")
-        mavdem("track", *logs, "--out", real_fleet)
+        run_mavdem("track", *logs, "--out", real_fleet)
         rows = read_rows(real_fleet)
         echo_header(GROWTH_HEADER)
         for size in FLEET_SIZES:
@@ -316,7 +331,7 @@ def growth(logs: tuple[Path, ...], plot: Path | None) -> None:
 
 
 def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list[str]:
-    """Makes a fleet of so many logs, adds a log to it, compares two weeks of a vehicle and opens its page.
+    """Makes a fleet, and measures how a log is added, two spans of two weeks of a vehicle compared, and a page opened.
 
     Args:
         fleet: folder of the fleet, which is made.
@@ -332,12 +347,12 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
         write_stand_in_pages(fleet)
         # The last run of such a fleet has left its index page.
         write_fleet_pages(store, {})
-    added = mavdem("track", log, "--out", fleet, "--jobs", "1")
+    added = run_mavdem("track", log, "--out", fleet, "--jobs", "1")
     named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
     weeks = ("--days-a", "2026-01-05..2026-01-18", "--days-b", "2026-03-02..2026-03-15")
     vehicle = named_rows[0].vehicle
     out = fleet / "compared"
-    compared = mavdem("diff", fleet, fleet, "--vehicle", vehicle, *weeks, "--out", out)
+    compared = run_mavdem("diff", fleet, fleet, "--vehicle", vehicle, *weeks, "--out", out)
     index = fleet / INDEX_FILE
     times = page_times(index)
     return [
@@ -362,7 +377,7 @@ def draw_growth(table: Sequence[Sequence[str]], path: Path) -> None:
     import matplotlib.pyplot as plt
 
     mpl.use("agg")
-    # So that the same figures make the same file.
+    # The ids in the file follow from this text, so that the same figures make the same file.
     mpl.rcParams["svg.hashsalt"] = "fleet"
     sizes = [int(row[0].replace(",", "")) for row in table]
     seconds_per_unit = {"(processor s)": 1.0, "(ms)": 1e-3}
@@ -386,11 +401,11 @@ def make(fleet: Path, logs: tuple[Path, ...], count: int) -> None:
     """Makes a FLEET of so many logs, to look at."""
     with TemporaryDirectory() as folder:
         real_fleet = Path(folder, "real")
-        mavdem("track", *logs, "--out", real_fleet)
+        run_mavdem("track", *logs, "--out", real_fleet)
         with open_store(fleet) as store:
             fill_store(store, read_rows(real_fleet), count)
     write_stand_in_pages(fleet)
-    mavdem("track", logs[0], "--out", fleet)
+    run_mavdem("track", logs[0], "--out", fleet)
 
 
 class LocalCluster(NamedTuple):
@@ -404,7 +419,14 @@ class LocalCluster(NamedTuple):
 
 @contextmanager
 def local_cluster(workers: int) -> Iterator[LocalCluster]:
-    """Runs a Dask scheduler and so many workers on this machine, each with one thread, within its block."""
+    """Runs a Dask scheduler and workers on this machine, each with one thread, within the block of ``with``.
+
+    Args:
+        workers: number of workers.
+
+    Yields:
+        The address of the scheduler, and the processes of the workers.
+    """
     from distributed import Client
 
     address = f"tcp://127.0.0.1:{free_port()}"
@@ -491,7 +513,7 @@ def _cluster_seconds(
         if kill_after is not None:
             killer = Timer(kill_after, running.workers[0].kill)
             killer.start()
-        cost = mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
+        cost = run_mavdem("track", *logs, "--out", folder, "--scheduler", running.address)
         if killer is not None:
             killer.join()
         flights = fleet_counts(summaries_of(read_brief_rows(Path(folder))))["flights"]

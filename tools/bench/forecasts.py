@@ -41,7 +41,11 @@ def evenly_chosen_windows(name: str, flight: mavdem.Flight, max_count: int | Non
 
 
 def table_by_flight(comparison: Comparison) -> Table:
-    """Returns a table with a row for each flight, on the method "ours"."""
+    """Returns a table with a row for each flight, on the forecasts of the method "ours".
+
+    Args:
+        comparison: errors of all methods on all windows.
+    """
     rows = []
     for flight in comparison.flights:
         (summary,) = (row for row in comparison.summaries(flight) if row["method"] == "ours")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Free energy of the plant in its loop beside other models of the same samples, and its forecasts beside theirs.
+"""Free energy and forecasts of the plant in its closed loop, compared with other models of the same samples.
 
 The first table has two figures of each recorded flight.
 
@@ -156,7 +156,11 @@ def _errors(model: Forecaster, kind: ForecastKind, window: Window) -> dict[int, 
 
 
 def free_energy_table(figures: list[FlightFigures]) -> Table:
-    """Returns the first table, with a row for each flight."""
+    """Returns the first table, with a row for each flight: free energies, nats, and log densities of held-out samples.
+
+    Args:
+        figures: figures of each flight.
+    """
     columns = [
         "flight",
         "gains",
@@ -183,15 +187,18 @@ def free_energy_table(figures: list[FlightFigures]) -> Table:
 
 
 def forecast_table(figures: list[FlightFigures]) -> Table:
-    """Returns the second table: a row for each model and half, a column for each number of steps."""
+    """Returns the second table: a row for each model and half, a column for each kind of forecast and number of steps.
+
+    Args:
+        figures: figures of each flight. A cell has the geometric mean of their error ratios.
+    """
     columns = ["model", "flights"]
     for kind, steps in STEPS.items():
         columns += [f"{kind}, {step}" for step in steps]
     rows = []
-    halves = {"A": "A", "B": "B", "all": "AB"}
     for model in MODELS:
-        for name, half in halves.items():
-            chosen = [flight for flight in figures if flight.half in half]
+        for name in ("A", "B", "all"):
+            chosen = [flight for flight in figures if name in ("all", flight.half)]
             if not chosen:
                 continue
             row = [model, f"{name} ({len(chosen)})"]
@@ -204,7 +211,11 @@ def forecast_table(figures: list[FlightFigures]) -> Table:
 
 
 def margin_table(figures: list[FlightFigures]) -> Table:
-    """Returns the third table, with a row for each flight whose gains are known."""
+    """Returns the third table: the margins of the rate loop, with a row for each flight whose gains are known.
+
+    Args:
+        figures: figures of each flight.
+    """
     columns = ["flight", "crossover", "phase margin", "gain margin", "Ms"]
     rows = []
     for flight in figures:

@@ -96,7 +96,14 @@ class Flight:
         ]
 
     def copy(self, number: int) -> bytes:
-        """Returns the flight as it would be recorded so many flights later."""
+        """Returns the flight as it would be recorded later: with later times in stamps and messages, and new checksums.
+
+        Args:
+            number: number of flights that come before this one in the long log.
+
+        Returns:
+            Bytes of the copy, of the same length.
+        """
         content = self.content.copy()
         shift = number * self.seconds
         stamp_starts = self._starts - STAMP_BYTES
@@ -125,7 +132,16 @@ class Flight:
         return HEADER_BYTES_V1 if marker == MARKER_V1 else HEADER_BYTES_V2
 
     def _clock_fields(self, message_id: int) -> list[ClockFields]:
-        """Finds the times in the frames of a message, where they were sent whole: MAVLink 2 cuts zeros off."""
+        """Finds the fields of a message that are times of the boot clock, in all its frames.
+
+        A frame is left out where the field was not sent whole, since MAVLink 2 cuts off zeros at the end of a payload.
+
+        Args:
+            message_id: number of the message in its dialect.
+
+        Returns:
+            For each field the index of its first byte in each frame, its width and its unit.
+        """
         definition = definitions_by_id()[message_id]
         assert definition.wire.fields is not None
         starts = self._starts[self._message_ids == message_id]
@@ -146,7 +162,15 @@ class Flight:
     def _add(
         self, content: Bytes, first_bytes: np.ndarray, width: int, units: int, byte_order: str
     ) -> None:
-        """Adds a number to the integers at offsets (n,), in a copy of the flight's bytes that is changed in place."""
+        """Adds a number to integers in a copy of the flight's bytes; they wrap as unsigned integers of their width.
+
+        Args:
+            content: the copy, which is changed in place.
+            first_bytes: (n,) index of the first byte of each integer.
+            width: bytes of an integer.
+            units: number to add, in the unit of the integers.
+            byte_order: ">" for big-endian, "<" for little-endian.
+        """
         integer_type = np.dtype(f"{byte_order}u{width}")
         limit = 1 << (8 * width)
         moved = self._integers(first_bytes, width, byte_order) + np.array(
@@ -205,7 +229,7 @@ def plot_costs(
     import matplotlib.pyplot as plt
 
     mpl.use("agg")
-    # So that the same figures make the same file.
+    # The ids in the file follow from this text, so that the same figures make the same file.
     mpl.rcParams["svg.hashsalt"] = "long logs"
     figure, (memory_axes, time_axes) = plt.subplots(1, 2, figsize=(8, 3.4), layout="constrained")
     for name, costs in costs_of_checkouts.items():

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Where the processor time of ``mavdem LOG`` goes; prints a table of its stages, also of an earlier version beside it.
+"""Processor time of ``mavdem LOG`` by stage; prints a table, also of an earlier version for comparison.
 
 Usage: tools/bench/review_profile.py LOG [--before CHECKOUT]
 
@@ -72,6 +72,7 @@ class StageClock:
 
         @functools.wraps(function)
         def measured_function(*arguments: Any, **keywords: Any) -> Any:
+            """Calls the function while its stage is the innermost one that runs, to which the time is added."""
             self._change()
             self._running.append(stage)
             try:
@@ -94,7 +95,17 @@ class StageClock:
 
 
 def measure(log: str) -> dict[str, float]:
-    """Reviews a log in this process, and returns the processor seconds of each stage."""
+    """Reviews a log in this process, and returns the processor seconds of each stage.
+
+    The functions of the stages are replaced by measured ones in all modules that have imported them. A function that
+    this version of mavdem does not have is left out.
+
+    Args:
+        log: path of the log.
+
+    Returns:
+        Seconds by name of the stage; imports are the first.
+    """
     from mavdem.cli.commands import main
 
     functions = []

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How `mavdem serve` bears a load; prints a Markdown table.
+"""Behaviour of `mavdem serve` under load; prints a Markdown table.
 
 Usage: tools/bench/serve.py list LOG ...      # 10,000 flights listed, searched and shown
        tools/bench/serve.py load LOG         # 50 uploads by 10 clients while 20 read pages
@@ -96,7 +96,14 @@ class Served(NamedTuple):
 
 @contextmanager
 def running_server(folder: str) -> Iterator[Served]:
-    """Runs a server on a folder within its block."""
+    """Runs a server within the block of ``with``.
+
+    Args:
+        folder: folder of the server's library.
+
+    Yields:
+        The server, which answers requests.
+    """
     port = free_port()
     words = f"-m mavdem serve --port {port} --no-browser --jobs 2".split()
     process = subprocess.Popen([sys.executable, *words, folder], stderr=subprocess.DEVNULL)
@@ -110,7 +117,10 @@ def running_server(folder: str) -> Iterator[Served]:
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
-    """Waits until a condition holds; a server that does not answer yet counts as not.
+    """Waits until a condition holds.
+
+    Args:
+        condition: function that returns whether it holds. An error of the connection means that it does not yet.
 
     Raises:
         TimeoutError: it does not hold within ``PATIENCE_SECONDS``.
@@ -136,6 +146,7 @@ def report(rows: list[list[str]]) -> None:
 
 def percentiles(seconds: list[float]) -> str:
     """Returns median and 99 % quantile of times in s, as text in ms."""
+    # The 99 cut points: index 49 is the median, index 98 the 99 % quantile.
     hundredths = quantiles(seconds, n=100)
     return f"{1e3 * hundredths[49]:.0f} ms, p99 {1e3 * hundredths[98]:.0f} ms"
 
@@ -259,12 +270,14 @@ def load_command(log: Path) -> None:
         chance = random.Random(1)
 
         def read() -> None:
+            """Opens both pages again and again, with pauses, until all logs are read."""
             while not is_over:
                 for path in paths:
                     pages.append(server.timed(path))
                     time.sleep(chance.uniform(0.0, 1.0))
 
         def upload(number: int) -> int:
+            """Uploads a log of its own, and returns the HTTP status."""
             return server.upload(f"{number}.tlog", distinct_log(content, number))
 
         began = time.perf_counter()
@@ -297,12 +310,17 @@ def load_command(log: Path) -> None:
 @click.argument("log", type=click.Path(path_type=Path))
 @click.option("--times", default=20)
 def kill_command(log: Path, times: int) -> None:
-    """Kills the server again and again during uploads, and counts the acknowledged uploads that are lost."""
+    """Kills the server again and again during uploads, and counts the acknowledged uploads that are lost.
+
+    The server stores a log under the SHA-256 digest of its content, so that the names of the stored logs are compared
+    with the digests of the acknowledged ones.
+    """
     content = log.read_bytes()
     chance = random.Random(1)
     acknowledged = set()
 
     def upload(server: Served, number: int) -> None:
+        """Uploads a log of its own, and notes its digest if the server acknowledges it (201 Created)."""
         body = distinct_log(content, number)
         with suppress(requests.RequestException):
             if server.upload(f"{number}.tlog", body) == 201:
@@ -311,8 +329,9 @@ def kill_command(log: Path, times: int) -> None:
     with TemporaryDirectory() as folder:
         for number in range(times):
             with running_server(folder) as server, ThreadPoolExecutor(4) as clients:
-                for mine in range(4):
-                    clients.submit(upload, server, 4 * number + mine)
+                for client in range(4):
+                    clients.submit(upload, server, 4 * number + client)
+                # By turns the server is killed within the uploads, and after them, while it reads the logs.
                 time.sleep(chance.uniform(0.0, 3.0 if number % 2 else 0.05))
                 server.process.kill()
         with running_server(folder) as server:

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How fast logs are read, a fleet's rows and live estimates made; prints tables.
+"""Speed of reading logs, of a fleet's rows, and of live estimates; prints tables.
 
 Usage: tools/bench/speed.py read FILE.tlog|FILE.bin|FILE.ulg|FILE.mcap ...
        tools/bench/speed.py fleet LOG ...
@@ -38,8 +38,12 @@ from mavdem.report.pages.flight_page import flight_page
 assert sys.platform != "win32"
 
 
-def ours(path: str) -> int:
-    """Reads a log with mavdem, decodes what a review needs first, and returns the number of frames."""
+def read_with_mavdem(path: str) -> int:
+    """Reads a log with mavdem, decodes what a review needs first, and returns the number of frames.
+
+    Args:
+        path: path of the log.
+    """
     log = read_log(path)
     for vehicle in log.vehicles:
         assert all(len(columns["time"]) for columns in vehicle.messages.values())  # decodes them
@@ -49,8 +53,12 @@ def ours(path: str) -> int:
     return log.frames
 
 
-def recv_match(path: str) -> int:
-    """Reads a ``.tlog`` or ``.bin`` with pymavlink, and returns the number of messages."""
+def read_with_pymavlink(path: str) -> int:
+    """Reads a ``.tlog`` or ``.bin`` with pymavlink, and returns the number of messages.
+
+    Args:
+        path: path of the log. Of a ``.bin`` only the kinds of messages are read that mavdem decodes.
+    """
     from pymavlink import mavutil
 
     kinds = ["ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG"]
@@ -74,7 +82,7 @@ def mcap(path: str) -> int:
         return sum(1 for _ in make_reader(file).iter_messages(log_time_order=False))
 
 
-READERS = {".tlog": recv_match, ".bin": recv_match, ".ulg": ulog, ".mcap": mcap}
+READERS = {".tlog": read_with_pymavlink, ".bin": read_with_pymavlink, ".ulg": ulog, ".mcap": mcap}
 """The usual library of each format."""
 
 
@@ -98,12 +106,16 @@ print(1024 * (peak_kibibytes() - before))
 
 
 def read(logs: tuple[Path, ...]) -> None:
-    """How fast a log is read, beside the usual library of its format: the fastest of three runs by turns; a table.
+    """Prints how fast logs are read by mavdem and by the usual library of their format, the fastest of three runs.
 
-    Ours decodes attitude, motor outputs and the roll demand of each vehicle, and the times of every message. The
-    libraries: pymavlink, of .bin with the message types that ours reads; pyulog with all topics; mcap with all messages
-    in file order, undecoded. Each log is also read with damaged places, behind which a reader must find messages again.
-    A library that gives up at damage has fewer messages. Memory is what the process grows by when it reads the log.
+    mavdem decodes attitude, motor outputs and the roll demand of each vehicle, and the times of every message. The
+    libraries: pymavlink, of .bin with the message types that mavdem reads; pyulog with all topics; mcap with all
+    messages in file order, undecoded. Each log is also read with damaged places, behind which a reader must find
+    messages again. A library that gives up at damage has fewer messages. Memory is what the process grows by when it
+    reads the log.
+
+    Args:
+        logs: paths of the logs.
     """
     rows = []
     with TemporaryDirectory() as folder:
@@ -134,12 +146,17 @@ def damaged_copy(content: bytes) -> bytes:
 
 
 def reading_costs(path: Path) -> list[str]:
-    """Returns a row of the table of ``read`` for a log."""
+    """Returns the row of a log in the table of ``read``: sizes, rates, messages and memory.
+
+    Args:
+        path: path of the log.
+    """
     library = READERS[path.suffix.lower()]
     seconds_of_readers: dict[str, list[float]] = {"mavdem": [], "library": []}
     message_counts = {"mavdem": 0, "library": 0}
     for _ in range(3):
-        for name, reader in (("mavdem", ours), ("library", library)):
+        # By turns, so that a busy machine slows both.
+        for name, reader in (("mavdem", read_with_mavdem), ("library", library)):
             began = time.process_time()
             # Of a damaged file a library may raise anything, and prints much.
             with suppress(Exception), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
@@ -235,10 +252,13 @@ def udp_speed(rate: float, folder: Path) -> JsonValues:
 
 
 def live(_: tuple[Path, ...]) -> None:
-    """The cost of `mavdem live`: latency from a datagram's arrival to its estimate, and CPU seconds with its workers.
+    """Prints what `mavdem live` costs: latency from a datagram's arrival to its estimate, and CPU seconds in all.
 
-    Arrival is as the kernel stamps it. A simulated flight is sent by another process over UDP for half a minute;
-    dashboard and raw stream are recorded.
+    The kernel stamps the arrival. A simulated flight is sent by another process over UDP for half a minute; dashboard
+    and raw stream are recorded. CPU seconds are those of the session with its workers.
+
+    Args:
+        _: logs, which this benchmark does not use.
     """
     for rate in (50.0, 100.0, 200.0, 400.0):
         with TemporaryDirectory() as folder:
@@ -261,10 +281,14 @@ class ReviewCost(NamedTuple):
 
 
 def review(logs: tuple[Path, ...], before: Path | None) -> None:
-    """What `mavdem LOG` costs on a terminal: CPU seconds until its first line, until its screen stands, and in all.
+    """Prints what `mavdem LOG` costs on a terminal: CPU seconds until its first line, until its last line, and in all.
 
     With an earlier checkout, each log is reviewed by both in turn, ``REVIEW_RUNS`` times, so that a busy machine slows
     both; the least of each counts, and "ratio" is now over before. The first run compiles modules and templates.
+
+    Args:
+        logs: paths of the logs.
+        before: folder of an earlier checkout; None to measure only this one.
     """
     checkouts = {"now": Path.cwd()}
     if before is not None:
@@ -277,8 +301,10 @@ def review(logs: tuple[Path, ...], before: Path | None) -> None:
         ]
         costs = {}
         for name in checkouts:
+            costs_of_runs = [run[name] for run in runs]
+            # The least of each field, which may be of different runs.
             costs[name] = ReviewCost(
-                *(min(seconds) for seconds in zip(*(run[name] for run in runs), strict=True))
+                *(min(seconds) for seconds in zip(*costs_of_runs, strict=True))
             )
         row: dict[str, object] = {"file": path.name}
         for part in ReviewCost._fields:
@@ -314,8 +340,8 @@ def review_cost(log: Path, checkout: Path) -> ReviewCost:
             for line in lines:
                 if line.startswith("Page: "):
                     break
-                # Fields 14 to 17 of /proc/PID/stat, counted behind the name, are user and system time in ticks, of the
-                # process and of those of its children that have ended.
+                # Fields 14 to 17 of /proc/PID/stat are user and system time in ticks, of the process and of its ended
+                # children. The name in field 2 may have spaces, so fields are counted from field 3, after it.
                 status = Path(f"/proc/{process.pid}/stat").read_text(encoding="utf-8")
                 fields = status.rpartition(")")[2].split()
                 ticks = sum(int(field) for field in fields[11:15])

@@ -104,7 +104,13 @@ def overwritten(content: bytes, chance: random.Random, _: bytes) -> bytes:
 
 
 def swapped(content: bytes, chance: random.Random, _: bytes) -> bytes:
-    """Swaps two blocks that follow each other."""
+    """Returns a log in which two successive blocks of random place and equal size are swapped.
+
+    Args:
+        content: bytes of the log.
+        chance: source of random numbers.
+        _: bytes of another log, which is not used.
+    """
     size = chance.randint(1, min(BLOCK_BYTES, max(len(content) // 3, 1)))
     start = chance.randrange(max(len(content) - 2 * size, 1))
     middle = start + size
@@ -119,7 +125,13 @@ def repeated(content: bytes, chance: random.Random, _: bytes) -> bytes:
 
 
 def spliced(content: bytes, chance: random.Random, other_content: bytes) -> bytes:
-    """Writes a block of another log into it."""
+    """Returns a log in which a block of another log is inserted at a random place.
+
+    Args:
+        content: bytes of the log.
+        chance: source of random numbers.
+        other_content: bytes of the other log.
+    """
     block = _block(content, chance)
     return (
         content[: block.start]
@@ -129,7 +141,13 @@ def spliced(content: bytes, chance: random.Random, other_content: bytes) -> byte
 
 
 def with_huge_numbers(content: bytes, chance: random.Random, _: bytes) -> bytes:
-    """Overwrites some numbers with huge ones, infinity and NaN."""
+    """Returns a log in which bytes at some random places are those of a huge number, infinity or NaN.
+
+    Args:
+        content: bytes of the log.
+        chance: source of random numbers.
+        _: bytes of another log, which is not used.
+    """
     damaged_content = bytearray(content)
     for _number in range(chance.randint(1, 40)):
         number = chance.choice(HUGE_NUMBERS)
@@ -166,7 +184,11 @@ class Figures(NamedTuple):
 
 
 def figures_of(log: Log) -> Figures:
-    """Returns the boots of a log, and how long it lasts by its densest messages."""
+    """Returns the number of boots of a log, and the longest time that messages of one name span in one boot.
+
+    Args:
+        log: the log; all its messages are decoded.
+    """
     boots = 0
     duration = 0.0
     for vehicle in log.vehicles:
@@ -191,7 +213,7 @@ class Attempt(NamedTuple):
 
 
 def attempt(path: Path, command: str) -> Attempt:
-    """Runs the reader or a command on a file, and notes what came of it.
+    """Runs the reader or a command on a file, and records time, failure and figures.
 
     Args:
         path: path of the file.
@@ -232,16 +254,18 @@ def attempt(path: Path, command: str) -> Attempt:
 
 
 def failure_by_damage(damaged: Attempt, sound: Attempt, limit: float, *, is_timeless: bool) -> str:
-    """Compares what came of a damaged log with what came of the sound one.
+    """Says what is wrong with the way in which a damaged log was read, compared with the sound log.
+
+    An error, much more processor time, or a log that seems longer than the sound one is wrong.
 
     Args:
-        damaged: The attempt with the damaged log.
-        sound: The attempt with the sound log.
-        limit: Seconds of processor time that damage may cost.
-        is_timeless: Whether the damage cannot have brought in stamps of another time.
+        damaged: the attempt with the damaged log.
+        sound: the attempt with the sound log.
+        limit: seconds of processor time that damage may add.
+        is_timeless: whether the damage cannot have brought in stamps of another time; only then are lengths compared.
 
     Returns:
-        What is wrong; empty where nothing is.
+        The failure as text; empty where nothing is wrong.
     """
     if damaged.failure:
         return damaged.failure
@@ -277,6 +301,10 @@ def damaged_log(log: Path, contents: Mapping[Path, bytes], chance: random.Random
         log: path of the sound log.
         contents: bytes of all sound logs, parts of which may get into the damaged one.
         chance: source of random numbers.
+
+    Returns:
+        The damaged bytes, with the ending of the file, the name of the damage, and whether it is one of
+        ``TIMELESS_DAMAGES``.
     """
     damage = chance.choice(DAMAGES)
     other_content = contents[chance.choice(list(contents))]

@@ -41,13 +41,13 @@ MEMORY = Path("/dev/shm")
 
 
 def pieces() -> Iterator[bytes]:
-    """Of telemetry logs."""
+    """Yields six pieces of 600 bytes of each telemetry log of the repository, evenly spread, as a first corpus."""
     for content in (path.read_bytes() for path in sorted(LOGS.glob("*.tlog"))):
         yield from (content[at : at + 600] for at in range(0, len(content), len(content) // 6))
 
 
 def check(kind: str, content: bytes) -> None:
-    """Reads a file, and asserts what the module's docstring states.
+    """Reads a file, and asserts that its reader holds the contract: it gives a consistent log, or refuses in one line.
 
     Args:
         kind: ending of the file, such as "tlog", by which its format is known.
@@ -82,6 +82,12 @@ def check(kind: str, content: bytes) -> None:
 @click.argument("kind", metavar="FORMAT", type=click.Choice(["bin", "mcap", "tlog", "ulg"]))
 @click.argument("arguments", metavar="[CORPUS] [OPTIONS]", nargs=-1, type=click.UNPROCESSED)
 def main(kind: str, arguments: tuple[str, ...]) -> None:
+    """Runs the fuzzer on the reader of one format, until it finds a failure or is stopped.
+
+    Args:
+        kind: format of the logs.
+        arguments: folder of the corpus, which gets first logs if need be, and options of libFuzzer.
+    """
     warnings.simplefilter("ignore")
     folders = [Path(argument) for argument in arguments if not argument.startswith("-")]
     if kind == "tlog" and folders and not folders[0].is_file():

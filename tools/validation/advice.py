@@ -97,7 +97,9 @@ def evaluate_gains(
         target: margins to have.
 
     Returns:
-        The row of the table that the module's docstring explains.
+        Values by name: "met before" and the names of ``EFFECTS``, whether the loop meets the target before, and in the
+        end with that factor on the plant's effect; "flights", the number of flights until it does; "refused"; and
+        "bandwidth", "Ms" and "lean" in the end, the first and the last relative to those before.
     """
     before = true_loop(loop, plant)
     row: Values = {"met before": meets(before, target), "refused": True}
@@ -160,7 +162,11 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the table: counts of loops and medians by tuner and autopilot."""
+    """Returns the table: counts of loops and medians by tuner and autopilot, and by tuner for both autopilots.
+
+    Args:
+        rows: rows of :func:`evaluate_gains` with tuner and autopilot.
+    """
     with_both_autopilots = pd.concat([rows, rows.assign(autopilot="both")])
     rows_by_tuner = with_both_autopilots.groupby(["tuner", "autopilot"], sort=False)
     table = rows_by_tuner[["refused", "met before", *EFFECTS]].sum().astype(int)

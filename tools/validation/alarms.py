@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How soon a motor alarm comes in simulated flights, how often it is right, and how often false; prints a table.
+"""Motor alarms in simulated flights: how soon they come, how often they are right, how often false; prints a table.
 
 The table has a row for each kind of flight, parted by even and odd numbers of the flights. In some kinds a motor loses
 a fifth of its thrust, or a propeller chips, also while another motor is weak: the row has how many of these were found
@@ -24,11 +24,13 @@ import click
 import numpy as np
 import pandas as pd
 from flights import (
+    ARMING_TIME,
     TABLES,
     Values,
     command,
     draw_values,
     evaluate_flights,
+    half_name,
     percent_true,
     print_table,
     scenario_from_values,
@@ -80,33 +82,33 @@ def scenario(kind: str, number: int, rate: float) -> Scenario:
         number: number of the flight within its kind.
         rate: rate of the motors' messages, Hz.
     """
+    # Kind and number seed the random numbers, so that a flight is the same in every run.
     kind_number = list(KINDS).index(kind)
     rng = default_rng([kind_number, number])
-    length, flights = (200.0, 3) if kind == SOUND else (50.0, 1)
-    values = draw_values(TABLES["alarms"], rng) | {
-        "seed": number,
-        "duration": length,
-        "flights": flights,
-    }
+    values = draw_values(TABLES["alarms"], rng) | {"seed": number, "duration": 50.0, "flights": 1}
+    if kind == SOUND:
+        # Three flights of a log, with take-offs between them.
+        values |= {"duration": 200.0, "flights": 3}
     if kind != HOVER:
         values |= draw_values(TABLES["alarms_moved"], rng)
+    # A fault comes after 24 to 32 s, so that sound flight precedes it; a second fault comes 6 to 14 s later.
     start = rng.uniform(24.0, 32.0)
-    second = start + rng.uniform(6.0, 14.0)
-    motor, other = (rng.permutation(4)[:2] + 1).tolist()
+    second_start = start + rng.uniform(6.0, 14.0)
+    motor, other_motor = (rng.permutation(4)[:2] + 1).tolist()
     if kind in (HOVER, WIND, SECOND):
         values["vehicle"] |= {"weak_motor": motor, "weak_from": start, "weak_thrust": 0.8}
     if kind == CHIPPED:
         values["propeller"] = CHIPPED_PROPELLER | {"motor": motor, "start": start}
     elif kind == SECOND:
-        values["propeller"] = CHIPPED_PROPELLER | {"motor": other, "start": second}
+        values["propeller"] = CHIPPED_PROPELLER | {"motor": other_motor, "start": second_start}
     elif kind == SHIFTED:
         arm = ARMS[values["vehicle"]["model"]]
-        far = rng.uniform(*SHIFT_RANGE) * arm
+        shift = rng.uniform(*SHIFT_RANGE) * arm
         bearing = rng.uniform(0.0, 2 * np.pi)
         values["load"] = {
             "start": start,
-            "forward": far * np.cos(bearing),
-            "right": far * np.sin(bearing),
+            "forward": shift * np.cos(bearing),
+            "right": shift * np.sin(bearing),
         }
     values["stream"]["rate"] = rate
     return scenario_from_values(values, "SERVO_OUTPUT_RAW")
@@ -120,24 +122,29 @@ def hours_and_alarms(flight: Scenario) -> tuple[float, tuple[MotorAlarm, ...]]:
 
 
 def evaluate_flight(case: tuple[str, int], rate: float) -> list[Values]:
-    """Returns the row of one flight: delay of the first alarm, whether it names the motor, and number of alarms.
+    """Simulates a flight, and returns the row of its results.
 
     Args:
         case: kind and number of the flight.
         rate: rate of the motors' messages, Hz.
+
+    Returns:
+        One row: the hours of settled flight, the "delay" of the first alarm after the fault, s, infinite without one,
+        whether it names the "right" motor, and the number of alarms "on a motor".
     """
     kind, number = case
     flight = scenario(kind, number, rate)
     hours, alarms = hours_and_alarms(flight)
     vehicle = flight.vehicle
     propeller = flight.propeller
-    scenario_time = (
-        propeller.start if propeller.motor else max(vehicle.weak_from, flight.load.start)
-    )
-    # Scenarios count from the arming, two seconds after the beginning of the recording.
-    fault_time = np.inf if kind == SOUND else scenario_time + 2.0
+    if propeller.motor:
+        scenario_time = propeller.start
+    else:
+        # Of a weak motor and a shifted load, the flight has one; the start of the other is 0.
+        scenario_time = max(vehicle.weak_from, flight.load.start)
+    fault_time = np.inf if kind == SOUND else scenario_time + ARMING_TIME
     first_alarm = next((alarm for alarm in alarms if alarm.time >= fault_time), None)
-    row = {"flights": kind, "half": ("even", "odd")[number % 2], "hours": hours}
+    row = {"flights": kind, "half": half_name(number), "hours": hours}
     row["delay"] = np.inf if first_alarm is None else first_alarm.time - fault_time
     faulty_motor = propeller.motor or vehicle.weak_motor
     row["right"] = first_alarm is not None and first_alarm.motor == faulty_motor
@@ -146,10 +153,15 @@ def evaluate_flight(case: tuple[str, int], rate: float) -> list[Values]:
 
 
 def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
-    """Returns the row of the flights of one kind and half: faults found, delays, and alarms on motors."""
+    """Returns the row of the flights of one kind and half: faults found, delays, and alarms on motors.
+
+    Args:
+        flights: rows of :func:`evaluate_flight`. The delay of a fault that was not found is infinite.
+    """
     delays = flights["delay"]
     finite = delays[np.isfinite(delays)]
     line = {"number": len(flights), "hours settled": f"{flights['hours'].sum():.2f}"}
+    # A fault counts as found soon within the five seconds that the module's docstring states.
     early = (delays <= 5.0).sum()
     line |= {"found in 5 s": early, "longest, s": f"{finite.max():.1f}"}
     line["named right, of found"] = f"{flights['right'].sum()} of {len(finite)}"
@@ -159,7 +171,17 @@ def alarm_statistics(flights: pd.DataFrame) -> pd.Series:
 
 
 def evaluate_recording(recording: Path) -> list[Values]:
-    """Returns the row of a recording: what a live session finds in it, on a clock that follows its time stamps."""
+    """Returns the row of a recording: what a live session finds in it, on a clock that follows its time stamps.
+
+    The clock of the session is replaced by one that stands at the stamp of the latest datagram, so that a recording
+    takes no longer than its processing. Fits run between datagrams, and take no time on that clock.
+
+    Args:
+        recording: path of a telemetry log.
+
+    Returns:
+        One row: alarms and gusts that were found, and how much of the wind torque is known and consistent with 0.
+    """
     stamped = read_stream(recording).stamped_frames()
     pieces = sorted(ReceivedPiece(stamp / 1e6, data) for stamp, data in stamped)
     link = Mock(awaits_greeting=False, dropped_datagrams=0, drain_events=list)

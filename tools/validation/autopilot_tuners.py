@@ -60,7 +60,11 @@ class TunedGains(NamedTuple):
 
 
 def _logged_gains(loop: Loop) -> TunedGains:
-    """Returns the gains of a loop before it is tuned."""
+    """Returns the gains of a loop before it is tuned.
+
+    Args:
+        loop: the loops of an axis, whose controller has the logged parameters.
+    """
     parameters = loop.controller.parameters
     names = loop.controller.parameter_names
     return TunedGains(

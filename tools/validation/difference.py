@@ -52,11 +52,14 @@ def rows_of_flight(scenario: Scenario, gains: Parameters, number: int, rate: flo
 
 
 def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
-    """Returns a row for each of the two comparisons of a vehicle.
+    """Compares a flight of a vehicle with one with the same gains, and with one whose rate gains are lowered.
 
     Args:
         seed: seed of its first flight.
         rate: rate of the messages, Hz.
+
+    Returns:
+        A row for each comparison, "same" and "gains"; none where the vehicle tumbles with lowered gains.
     """
     scenario, _ = drawn_flight(seed)
     parameters = scenario.vehicle.parameters
@@ -79,7 +82,11 @@ def evaluate_vehicle(seed: int, rate: float) -> list[Values]:
 
 
 def counts(difference: VehicleDifference) -> Values:
-    """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1."""
+    """Returns the row of one pair of flights: the counts that the module's docstring names, of which "pairs" is 1.
+
+    Args:
+        difference: comparison of the two flights.
+    """
     changes = difference.changes_with(QuantityOutcome.CHANGED)
     by_kind = Counter(change.quantity.kind for change in changes)
     alone = any(change.p <= SIGNIFICANCE for change in difference.changes)

@@ -140,7 +140,11 @@ def output_of(command: str) -> str:
 
 
 def without_padding(text: str) -> str:
-    """Returns Markdown whose tables have no spaces beside their bars, so that no bar counts as a word of the page."""
+    """Returns Markdown whose tables have no spaces beside their bars, so that no bar counts as a word of the page.
+
+    Args:
+        text: Markdown, in which every line that begins with a bar is one of a table.
+    """
     lines = []
     for line in text.split("\n"):
         if line.startswith("|"):

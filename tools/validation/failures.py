@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""What reviews say of simulated flights that go wrong: right, nothing, or something else; prints two tables.
+"""How reviews judge simulated flights that go wrong: rightly, not at all, or wrongly; prints two tables.
 
 In each kind of flight another thing goes wrong. The first table has a row for each kind, parted by even and odd
 numbers of the flights: how many were reviewed, in how many the review says what went wrong, in how many it says nothing
@@ -28,6 +28,7 @@ from flights import (
     command,
     draw_values,
     evaluate_flights,
+    half_name,
     print_table,
     scenario_from_values,
 )
@@ -92,12 +93,13 @@ def scenario(kind: str, number: int) -> Scenario:
     values["vehicle"]["parameters"] = {LOOP_RATES[autopilot]: LOOP_RATE}
     values["height"] = HEIGHTS.get(kind, values["height"])
     if kind in HEIGHTS:
+        # The flight is longer by the climb to the greater height and the descent, and has no other excitation.
         values["duration"] += 24.0
         values["excitation"] = {"kind": "none"}
-    # The hover begins after spin-up and climb, which the scenario without mishap says.
     sound = scenario_from_values(values)
     if kind == "sound":
         return sound
+    # A mishap starts some time after the hover begins, which is after spin-up and climb.
     mishap = {"kind": kind} | draw_values(TABLES["mishaps"][kind], rng)
     if "start" in mishap:
         mishap["start"] += flight_times(sound).hover
@@ -126,7 +128,11 @@ def flown_log(flight: Scenario, path: Path | None) -> Log:
 
 
 def without_gains(log: Log) -> Log:
-    """Returns a log without the gains of the rate controllers: identifying the loops would take most of the time."""
+    """Returns a log without the gains of the rate controllers: identifying the loops would take most of the time.
+
+    Args:
+        log: the log of a flight.
+    """
     vehicles = []
     for vehicle in log.vehicles:
         kept_parameters = {
@@ -145,7 +151,11 @@ class Statement(NamedTuple):
 
 
 def statements(review: Assessment) -> Iterator[Statement]:
-    """Yields what a review says, the headline first; facts within facts are causes."""
+    """Yields what a review says: headline, causes, lights and events, in this order.
+
+    Args:
+        review: the review. A fact among the figures of the headline is a cause.
+    """
     headline = review.headline
     yield Statement(headline, "headline")
     for figure in headline.figures.values():
@@ -171,8 +181,52 @@ def motors_named(text: str) -> set[int]:
     return {int(match[1])} if match else set()
 
 
+def is_wrong_statement(statement: Statement, motor: int, permitted: set[str]) -> bool:
+    """Returns whether a statement of a review is wrong: it names a sound motor, or another serious event.
+
+    Only the headline, its cause and the light of the motors name a motor as faulty; other lights and events may mention
+    motors that worked hard.
+
+    Args:
+        statement: the statement.
+        motor: number of the motor that failed; 0 for none.
+        permitted: codes that a review of this mishap may have in its headline or the cause.
+    """
+    fact, place = statement
+    if fact.level not in SERIOUS:
+        return False
+    is_prominent = place in ("headline", "cause")
+    names_other_motor = bool(motors_named(fact.subject) - {motor})
+    if names_other_motor and (is_prominent or place == "motors"):
+        return True
+    return is_prominent and str(fact.code) not in permitted
+
+
+def states_mishap(statement: Statement, kind: str, motor: int) -> bool:
+    """Returns whether a statement of a review states the mishap, and names the failed motor where it must.
+
+    Args:
+        statement: the statement.
+        kind: what went wrong, a key of ``KINDS``.
+        motor: number of the motor that failed; 0 for none.
+    """
+    fact, place = statement
+    code = str(fact.code)
+    is_serious = fact.level in SERIOUS
+    is_prominent = place in ("headline", "cause")
+    if code not in codes(kind, "expected") or not (is_serious or is_prominent):
+        return False
+    must_name_motor = KINDS[kind].get("names_motor", False)
+    if not must_name_motor or code in codes(kind, "without_motor"):
+        return True
+    return is_serious and motor in motors_named(fact.subject)
+
+
 def verdict(kind: str, motor: int, review: Assessment) -> str:
-    """Returns one of ``VERDICTS`` on what a review says of a simulated mishap. failures.toml lists the codes.
+    """Judges what a review says of a simulated mishap, as "right", "wrong" or "none".
+
+    A review makes statements: its headline, the cause in it, its lights and its events. Each has a code, and
+    failures.toml lists the codes that a kind of mishap expects or permits.
 
     - "wrong": the headline or its cause states a serious event that the kind neither expects nor permits, or a motor
       is named that did not fail.
@@ -181,31 +235,21 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
     - "none": the review says nothing wrong, but misses the mishap.
 
     Args:
-        kind: What went wrong.
-        motor: The motor that failed; 0 for none.
-        review: The review.
+        kind: what went wrong, a key of ``KINDS``.
+        motor: number of the motor that failed; 0 for none.
+        review: the review.
+
+    Returns:
+        One of ``VERDICTS``.
     """
-    expected = codes(kind, "expected")
-    without_motor = codes(kind, "without_motor")
-    # The lights of tracking, margins and log say nothing of an event.
-    permitted = {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
-    permitted |= expected | codes(kind, "permitted")
+    permitted = codes(kind, "expected") | codes(kind, "permitted")
     permitted |= set(TABLES["always_permitted"]) | set(TABLES["remarks"])
-    must_name_motor = KINDS[kind].get("names_motor", False)
-    states_mishap = False
-    for fact, place in statements(review):
-        code = str(fact.code)
-        is_serious = fact.level in SERIOUS
-        is_prominent = place in ("headline", "cause")
-        motors = motors_named(fact.subject) if is_serious else set()
-        if (is_prominent or place == "motors") and motors - {motor}:
-            return "wrong"
-        if is_prominent and is_serious and code not in permitted:
-            return "wrong"
-        if code in expected and (is_serious or is_prominent):
-            names_enough = not must_name_motor or motor in motors or code in without_motor
-            states_mishap = states_mishap or names_enough
-    if states_mishap:
+    # The lights of tracking, margins and log say nothing of an event.
+    permitted |= {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
+    all_statements = list(statements(review))
+    if any(is_wrong_statement(statement, motor, permitted) for statement in all_statements):
+        return "wrong"
+    if any(states_mishap(statement, kind, motor) for statement in all_statements):
         return "right"
     is_remark = str(review.headline.code) in TABLES["remarks"]
     is_alarm = review.headline.level is Level.BAD or is_remark
@@ -222,13 +266,13 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
         folder: folder that keeps the logs of the flights; None to keep none.
     """
     kind, number = case
-    row: Values = {"kind": kind, "half": ("even", "odd")[number % 2], "number": number}
+    row: Values = {"kind": kind, "half": half_name(number), "number": number}
     flight = scenario(kind, number)
     path = folder / f"{kind}_{number:03}.tlog" if folder else None
     try:
         review = assess(without_gains(flown_log(flight, path)))
     except Unreadable as refusal:
-        # A log that mixes two vehicles is refused.
+        # Nothing but a log that mixes two vehicles may be refused, and that kind expects the code of the refusal.
         is_right = str(refusal.fact.code) in codes(kind, "expected")
         result = "right" if is_right else "wrong"
         return [
@@ -236,7 +280,7 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
         ]
     motor = getattr(flight.mishap, "motor", 0)
     lights = [str(name) for name, light in review.lights.items() if light.level in SERIOUS]
-    # The rate of a telemetry link is not the vehicle's.
+    # The light of the log judges the rate of the telemetry link, which is no fault of a sound vehicle.
     false_lights = [name for name in lights if kind == "sound" and name != "log"]
     return [
         row
@@ -261,7 +305,11 @@ def summary(rows: pd.DataFrame) -> list[Values]:
 
 
 def totals(rows: pd.DataFrame) -> list[Values]:
-    """Returns a line for each half: flights that went wrong, by verdict, and sound flights with a false light."""
+    """Returns a line for each half: flights that went wrong, by verdict, and sound flights with a false light.
+
+    Args:
+        rows: rows of :func:`review_row`.
+    """
     lines = []
     for half, flights in rows.groupby("half"):
         failed = flights[flights["kind"] != "sound"]

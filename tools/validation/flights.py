@@ -50,6 +50,19 @@ def command(usage: str, **defaults: float) -> Callable[[Main], click.Command]:
     return decorate
 
 
+ARMING_TIME = 2.0
+"""Time from the beginning of a recording to the arming, s. The times of a scenario count from the arming."""
+
+
+def half_name(number: int) -> str:
+    """Returns the half of the flights that one belongs to: thresholds are chosen on the "even" half, not on the "odd".
+
+    Args:
+        number: number of the flight within its kind.
+    """
+    return "even" if number % 2 == 0 else "odd"
+
+
 def draw_values(table: Any, rng: Generator) -> Any:
     """Draws values from a table of ``flights.toml``.
 
@@ -78,9 +91,15 @@ def draw_values(table: Any, rng: Generator) -> Any:
 def scenario_from_values(values: Values, *full_rate_messages: str) -> Scenario:
     """Returns the scenario of drawn values, with winds and moments scaled to the size of the vehicle.
 
+    The values are as in a scenario's TOML file, with two forms more: a key ``lag`` for the lag, s, of rotors that speed
+    up and slow down alike, and the excitation of kind "none".
+
     Args:
-        values: a scenario as in a TOML file. ``lag`` may state one lag, s, for rotors that speed up and slow down.
+        values: the drawn values, which are not changed.
         full_rate_messages: names of messages that are sent at the rate of the stream.
+
+    Returns:
+        The validated scenario.
     """
     table = dict(values)
     model = table["vehicle"].get("model", "iris")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""What the search of the gray-box fit costs and finds, beside Fisher scoring from the prior mean; prints a table.
+"""Cost and result of the search in the gray-box fit, compared with Fisher scoring from the prior mean; prints a table.
 
 The form of the model is chosen on each axis of each log, as in ``mavdem.plant.physical``, once with each search. The
 logs are split into two halves by a hash of their names. What is chosen is chosen on half A; half B only tests.
@@ -58,11 +58,13 @@ def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
     original_expansion = LogPosterior.full_expansion
 
     def counted_value(posterior: LogPosterior, theta: Array) -> float:
+        """Computes ``LogPosterior.value``, which computes the prediction errors once."""
         nonlocal evaluations
         evaluations += 1
         return original_value(posterior, theta)
 
     def counted_expansion(posterior: LogPosterior, theta: Array) -> QuadraticExpansion:
+        """Computes ``LogPosterior.full_expansion``, whose derivatives are finite differences of the errors."""
         nonlocal evaluations
         # Forward differences: the errors are computed at θ, and once more for a step of each of its k entries.
         evaluations += 1 + len(theta)
@@ -79,7 +81,10 @@ def counted_search(windows: FlightWindows, directions: Array | None) -> Search:
 
 
 def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
-    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean.
+    """Does the same as :func:`counted_search` by Fisher scoring alone, from the prior mean, for comparison.
+
+    Two functions of the search are replaced meanwhile: the one that corrects the curvature of Fisher scoring, and the
+    one that chooses the best of several starts.
 
     Args:
         windows: windows of the flight.
@@ -90,9 +95,11 @@ def plain_search(windows: FlightWindows, directions: Array | None) -> Search:
     """
 
     def fisher_scoring(*arguments: Any, corrects_curvature: bool) -> Any:
+        """Calls ``gauss_newton`` without the correction of the curvature, whatever the caller asks for."""
         return gauss_newton(*arguments)
 
     def prior_mean(_: object, start: Array, __: FlightWindows) -> Array:
+        """Returns the start that is tried first, the prior mean, in the place of ``best_start``."""
         return start
 
     with (

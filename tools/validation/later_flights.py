@@ -186,7 +186,14 @@ def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, 
 )
 @HALF
 def main(half: str, margins: str, flights: int, jobs: int) -> None:
-    """Prints one row: how many loops meet the goal, and after how many flights, flying again or by the first plant."""
+    """Prints one row: how many loops meet the goal, and after how many flights, flying again or by the first plant.
+
+    Args:
+        half: half of the simulated flights, a key of ``HALVES``.
+        margins: name of the margins to have.
+        flights: number of vehicles, each with a first flight of its own.
+        jobs: number of processes.
+    """
     evaluate = partial(evaluate_vehicle, margins=margins)
     rows = pd.DataFrame(evaluate_flights(evaluate, HALVES[half][:flights], jobs))
     met_later = rows[rows["met"] & ~rows["met before"]]

@@ -368,6 +368,9 @@ def exact_log(path: Path) -> Log:
     """Reads the log of a simulated flight, and gives its messages the exact times of the autopilot's cycles.
 
     Every message is sent in some cycle, so that its rounded stamp becomes the time of the nearest one.
+
+    Args:
+        path: path of a telemetry log of one vehicle, whose autopilot runs at ``LOOP_RATE``.
     """
     log = read_log(path)
     messages = {}
@@ -432,6 +435,9 @@ def estimated_figures(loop: Loop) -> dict[str, FigureEstimate]:
 
     Of the N plants of a loop, the first is the estimate. The others are draws from the posterior, whose figures give
     the interval.
+
+    Args:
+        loop: the identified loop.
     """
     figures = figures_of_plants(loop.effectiveness, loop.dynamics, loop.rate, loop.attitude)
     estimates = {}
@@ -572,6 +578,15 @@ def main(
 
     Before that it prints how many axes have an identified loop at each rate, and why the others have none. Of recorded
     LOGS, it prints the estimate, interval and truth of each figure instead.
+
+    Args:
+        logs: recorded logs; simulated flights if there are none.
+        half: half of the simulated flights, a key of ``HALVES``.
+        rates: message rates, Hz, separated by spaces.
+        rounded: whether stamps are rounded as in MAVLink messages.
+        flights: number of simulated flights.
+        cache: folder that keeps the simulated flights.
+        jobs: number of processes.
     """
     message_rates = [float(rate) for rate in rates.split()]
     evaluate = partial(evaluate_log, rates=message_rates, cache=cache, is_rounded=rounded)

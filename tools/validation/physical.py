@@ -224,6 +224,9 @@ def estimate_with_half_width(plant: Physical, name: str) -> tuple[float, float]:
 def flight_and_windows(flight: Flight) -> dict[int | None, Flight]:
     """Cuts a flight into windows of ``WINDOW_SECONDS``.
 
+    Args:
+        flight: the flight; a rest at its end that is shorter than a window is in none.
+
     Returns:
         The whole flight by the key ``None``, and the windows by their numbers from 0.
     """
@@ -349,6 +352,9 @@ def print_simulated(seed: int, every: int, jobs: int) -> None:
 
 def row_of_estimates(flight: Flight) -> Values:
     """Estimates the physical parameters of a real flight, of which no truth is known.
+
+    Args:
+        flight: the flight, with the motors as inputs.
 
     Returns:
         Each estimate as text with the half width of its 90 % interval, by name, such as "0.03 ± 0.004", and with a mark

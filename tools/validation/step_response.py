@@ -121,6 +121,12 @@ def main(flights: int, first: int, rate: float, jobs: int) -> None:
 
     The summary states how many responses were measured, the share of their times at which the 90 % interval contains
     the true response, and the errors of the overshoot in percentage points.
+
+    Args:
+        flights: number of simulated flights.
+        first: number of the first one, which seeds it.
+        rate: rate of the messages, Hz; 0 for the one that is drawn with each flight.
+        jobs: number of processes.
     """
     evaluate = partial(evaluate_flight, rate=rate)
     all_rows = evaluate_flights(evaluate, range(first, first + flights), jobs)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How rightly the cause of a surprise is named in simulated flights, and how often falsely; prints two tables.
+"""Causes of surprises in simulated flights: how often they are named rightly, how often falsely; prints two tables.
 
 The surprise of a sample is the drop of its free energy F(t) below the recent median, in units of the usual drops. Its
 cause is a disturbance, or a misfit of the model in a manoeuvre (``mavdem.dem.online.surprise_cause``).
@@ -30,11 +30,13 @@ import click
 import numpy as np
 import pandas as pd
 from flights import (
+    ARMING_TIME,
     TABLES,
     Values,
     command,
     draw_values,
     evaluate_flights,
+    half_name,
     print_table,
     scenario_from_values,
 )
@@ -62,8 +64,6 @@ SURPRISE: Values = TABLES["surprise"]
 KINDS: Values = SURPRISE["kinds"]
 """Values of each kind of flight, by its name; a gust, a weak motor or a load is the disturbance of a kind."""
 
-ARMING_TIME = 2.0
-"""Time from the beginning of a recording to the arming, s. The times of a scenario count from the arming."""
 
 EVENT_SECONDS = 6.0
 """Time after the beginning of an event in which its largest surprise is looked for, s: a choice."""
@@ -177,7 +177,14 @@ def event_starts(flight: Flight, disturbance_start: float | None) -> list[float]
 
 
 def learner_marks(flight: Flight) -> list[Mark]:
-    """Gives the samples of a segment to an online learner, and returns those that it marks, in the order of time."""
+    """Feeds the samples of a segment to an online learner, and returns those that it marks as unusual.
+
+    Args:
+        flight: the segment.
+
+    Returns:
+        Time and cause of each mark, in the order of time.
+    """
     learner = OnlineLearner(
         dt=flight.dt,
         n_inputs=flight.inputs.shape[1],
@@ -264,8 +271,7 @@ def evaluate_flight(case: tuple[str, int], folder: Path, marks: bool) -> list[Va
     """
     kind, number = case
     plan = flight_plan(kind, number)
-    half = "even" if number % 2 == 0 else "odd"
-    common = {"flights": kind, "half": half, "number": number}
+    common = {"flights": kind, "half": half_name(number), "number": number}
     rows: list[Values] = []
     for flight in flown_segments(plan, folder / f"{kind}_{number}.tlog"):
         rows.append(common | {"what": "hours", "hours": len(flight) * flight.dt / 3600})

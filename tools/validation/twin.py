@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""How a vehicle oscillates with larger gains, as its twin from a calm flight predicts it, and in truth; prints a table.
+"""Oscillation of a vehicle with larger gains, as its twin from a calm flight predicts it, and in truth; prints a table.
 
 Simulated vehicles are drawn with lags, delays, gyro filters, autopilots and rates of the log; their rate loops have a
 gain margin of 9 dB in the flight that is learned from. Then both are flown with 3.2 times P, I and D of roll and pitch,
@@ -12,6 +12,7 @@ import re
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 import click
 import numpy as np
@@ -48,6 +49,15 @@ FLIGHT_GAIN_MARGIN = 9.0
 GAIN_FACTOR = 3.2
 """Factor on the gains with which vehicle and twin oscillate: from half to 1.6 times ArduCopter's defaults."""
 
+MIN_OSCILLATION_FREQUENCY = 4.0
+"""Lowest frequency of an oscillation of the rate loop, Hz: manoeuvres are slower. A choice."""
+
+LINE_HALF_WIDTH = 1.5
+"""Half of the width of the spectral line of an oscillation, Hz: a choice."""
+
+WINDOW_SECONDS = 2.5
+"""Length of the windows of the spectra, s, which resolve 0.4 Hz: a choice."""
+
 GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOFF"}
 """Parameter of the gyro's low-pass, by autopilot."""
 
@@ -55,9 +65,15 @@ GYRO_FILTER_PARAMETERS = {"ardupilot": "INS_GYRO_FILTER", "px4": "IMU_GYRO_CUTOF
 def random_vehicle(seed: int, number: int) -> Scenario:
     """Draws a vehicle, and returns its flight with all axes excited and a gain margin of ``FLIGHT_GAIN_MARGIN``.
 
+    The gain margin is proportional to one over the gains of the rate loop. So the vehicle hovers once with the gains
+    that it has, and the excess of its margin, dB, becomes the factor on its gains.
+
     Args:
         seed: seed of all vehicles.
         number: number of the vehicle.
+
+    Returns:
+        The scenario of the flight.
     """
     rng = default_rng([seed, number])
     values = draw_values(TABLES["twin"], rng) | {"seed": number}
@@ -67,8 +83,9 @@ def random_vehicle(seed: int, number: int) -> Scenario:
     sections = {key: defaults[key] | values[key] for key in ("vehicle", "sensors", "stream")}
     scenario = scenario_from_values(defaults | values | sections)
     hover = in_hover(scenario, 1.0)
-    margin = truth(hover, fly(hover))["roll_rate_margins"][2]
-    excess = margin - FLIGHT_GAIN_MARGIN
+    # The margins are crossover (Hz), phase margin (degrees), gain margin (dB), and so on.
+    gain_margin = truth(hover, fly(hover))["roll_rate_margins"][2]
+    excess = gain_margin - FLIGHT_GAIN_MARGIN
     return with_gains(scenario, 10 ** (excess / 20))
 
 
@@ -95,38 +112,60 @@ def in_hover(scenario: Scenario, factor: float) -> Scenario:
     return with_gains(with_vehicle(calm, scenario), factor)
 
 
-def oscillation(rates: Array, dt: float) -> tuple[float, float]:
-    """Measures the stronger oscillation of roll and pitch above 4 Hz.
+class Oscillation(NamedTuple):
+    """An oscillation of a body rate."""
+
+    frequency: float
+    """Mean frequency of its spectral line, Hz."""
+    sd: float
+    """Standard deviation of the line, °/s."""
+
+
+def oscillation(rates: Array, dt: float) -> Oscillation:
+    """Measures the stronger oscillation of roll and pitch above ``MIN_OSCILLATION_FREQUENCY``.
+
+    The power of an axis is the median over windows of ``WINDOW_SECONDS``, so that a short disturbance does not count.
 
     Args:
         rates: rates of roll and pitch (T, 2), rad/s.
         dt: time step, s.
 
     Returns:
-        Frequency, Hz, and standard deviation, °/s, of the spectral line within 1.5 Hz of the peak.
+        Frequency and size of the spectral line, within ``LINE_HALF_WIDTH`` of the highest peak.
     """
-    frequency, _, windows = spectrogram(rates.T, 1 / dt, nperseg=round(2.5 / dt))
-    powers = np.median(windows, axis=-1) * (frequency > 4)
-    strongest_axis = powers.max(axis=1).argmax()
-    power = powers[strongest_axis]
-    peak_frequency = frequency[power.argmax()]
-    power *= abs(frequency - peak_frequency) < 1.5
-    variance = power.sum() * frequency[1]
-    standard_deviation = np.degrees(np.sqrt(variance))
-    mean_frequency = power @ frequency / power.sum()
-    return float(mean_frequency), float(standard_deviation)
+    window_samples = round(WINDOW_SECONDS / dt)
+    frequency, _, windows = spectrogram(rates.T, 1 / dt, nperseg=window_samples)
+    # Densities (2 axes, F), (rad/s)²/Hz.
+    densities = np.median(windows, axis=-1) * (frequency > MIN_OSCILLATION_FREQUENCY)
+    strongest_axis = densities.max(axis=1).argmax()
+    density = densities[strongest_axis]
+    peak_frequency = frequency[density.argmax()]
+    density *= abs(frequency - peak_frequency) < LINE_HALF_WIDTH
+    frequency_step = frequency[1]
+    variance = density.sum() * frequency_step
+    mean_frequency = density @ frequency / density.sum()
+    return Oscillation(float(mean_frequency), sd=float(np.degrees(np.sqrt(variance))))
 
 
-def simulated_oscillation(scenario: Scenario) -> tuple[float, float]:
-    """Returns the oscillation of the scenario's vehicle in hover with larger gains."""
+def simulated_oscillation(scenario: Scenario) -> Oscillation:
+    """Returns the oscillation of the scenario's vehicle in hover with larger gains.
+
+    Args:
+        scenario: the scenario, whose vehicle and gains are used.
+    """
     hovering = in_hover(scenario, GAIN_FACTOR)
     motion = fly(hovering)
+    # The scenario of the hover has taken off by 8 s, and does not land before 16 s.
     hover = (motion.time > 8) & (motion.time < 16)
     return oscillation(motion.known_rates[hover, :2], scenario.cycle)
 
 
-def recorded_oscillation(path: str) -> tuple[float, float]:
-    """Returns frequency, Hz, and standard deviation, °/s, of the oscillation in a log."""
+def recorded_oscillation(path: str) -> Oscillation:
+    """Returns the oscillation of the body rates in a log.
+
+    Args:
+        path: path of the log.
+    """
     attitude = choose_vehicle(read_log(path).vehicles).messages["ATTITUDE"]
     time, first = np.unique(attitude["time"], return_index=True)
     step = np.median(np.diff(time))
@@ -135,15 +174,18 @@ def recorded_oscillation(path: str) -> tuple[float, float]:
     return oscillation(np.column_stack(rates), grid[1] - grid[0])
 
 
-def comparison_row(name: str, log: str, truth: tuple[float, float]) -> list[Values]:
+def comparison_row(name: str, log: str, truth: Oscillation) -> list[Values]:
     """Returns a row with the known oscillation of a vehicle, and that of the twin that is learned from its log.
 
     Args:
         name: name of the vehicle for the table.
         log: path of the log that the twin is learned from.
-        truth: frequency, Hz, and standard deviation, °/s, of the known oscillation.
+        truth: the known oscillation.
+
+    Returns:
+        One row; without a twin, it has the reason under "why not".
     """
-    row = {"vehicle": name, "Hz": truth[0], "°/s": truth[1]}
+    row = {"vehicle": name, "Hz": truth.frequency, "°/s": truth.sd}
     with TemporaryDirectory() as folder:
         twin_file = Path(folder) / "twin.toml"
         result = CliRunner().invoke(twin_command, [log, "--out", str(twin_file)])
@@ -185,12 +227,13 @@ def main(logs: tuple[str, ...], seed: int, vehicles: int, jobs: int) -> None:
         print_table("Recorded", comparison_row(Path(log).name, log, recorded_oscillation(hot)))
         return
     rows = evaluate_flights(partial(evaluate_vehicle, seed=seed), range(vehicles), jobs)
-    close, like = (
-        (abs(np.log(rows[f"{unit} of the twin"] / rows[unit])) <= np.log(factor)).sum()
-        for unit, factor in (("Hz", 1.05), ("°/s", 1.5))
-    )
-    under = f"{close} within 5 % of frequency, {like} within 1.5 of size."
-    print_table(f"{vehicles} vehicles, seed {seed}", rows, under)
+    counts = []
+    for unit, factor in (("Hz", 1.05), ("°/s", 1.5)):
+        log_ratios = np.log(rows[f"{unit} of the twin"] / rows[unit])
+        counts.append((abs(log_ratios) <= np.log(factor)).sum())
+    right_frequencies, right_sizes = counts
+    summary = f"{right_frequencies} within 5 % of frequency, {right_sizes} within 1.5 of size."
+    print_table(f"{vehicles} vehicles, seed {seed}", rows, summary)
 
 
 if __name__ == "__main__":

@@ -63,6 +63,10 @@ def draw_scenario(kind: str, vehicle: Values, rng: Generator) -> Scenario:
         kind: one of ``KINDS``.
         vehicle: the vehicle, as in a scenario's file.
         rng: generator of random numbers.
+
+    Returns:
+        The scenario. Ranges are choices: 0.4 to 1.7 times the wind, any direction, and sensors misaligned by 0.7° (one
+        standard deviation) about roll and pitch.
     """
     values = load(f"wind_{kind}").model_dump(mode="json") | {"vehicle": vehicle}
     speed_factor = rng.uniform(0.4, 1.7)
@@ -127,10 +131,19 @@ def evaluate_scenario(
 
 
 def draw_vehicle(rng: Generator) -> Values:
-    """Draws a vehicle whose drag differs between its axes by up to a third."""
+    """Draws a vehicle whose drag differs between its axes by up to a third.
+
+    Args:
+        rng: generator of random numbers.
+
+    Returns:
+        The section of the vehicle, as in a scenario's file.
+    """
+    # Ranges of the linear drag, 1/s, and the quadratic drag, 1/m, uniform in the logarithm; a choice.
     lowest = np.log([0.12, 0.003])
     highest = np.log([0.7, 0.04])
     linear_drag, quadratic_drag = np.exp(rng.uniform(lowest, highest))
+    # What one body axis has more than the mean, the other has less.
     axis_factors = rng.uniform(0.85, 1.15) ** np.array([1, -1])
     return {
         "model": str(rng.choice(["iris", "ardrone2"])),

@@ -1,4 +1,4 @@
-"""State-space models that methods other than DEM identify: how such a method is run, and how its model forecasts."""
+"""State-space models by other methods than DEM: how such a method is run, and how its model forecasts."""
 
 from __future__ import annotations
 

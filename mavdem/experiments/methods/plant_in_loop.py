@@ -1,4 +1,4 @@
-"""The plant in its loop: plant, wind, controller and setpoint as one linear-Gaussian model, with its forecasts."""
+"""Closed-loop identification: plant, wind, controller and setpoint as one linear-Gaussian model, with its forecasts."""
 
 from __future__ import annotations
 

@@ -171,6 +171,9 @@ def read_authors_window() -> Window:
     """Reads the authors' simulated data of System 2 (their case c2) as a window of 700 training and 150 test samples.
 
     Their inputs, motor pulse widths, are stored as (r, T), their outputs as (T, m). The sampling step is in s.
+
+    Returns:
+        The window, with inputs (T, r) and outputs (T, m).
     """
     data = _load_arrays("case_c2_data_p2")
     dt = data["dt"].item()

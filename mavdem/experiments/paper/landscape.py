@@ -244,7 +244,7 @@ def draw_manifolds(model: GenerativeModel, posteriors: list[Posterior]) -> Figur
     Returns:
         The figure.
     """
-    with new_figure(1.8) as figure:
+    with new_figure(height=1.8) as figure:
         panels = figure.subplots(1, len(posteriors), sharey=True)
         for axes, iteration, posterior in zip(panels, ITERATIONS_SHOWN, posteriors, strict=True):
             _draw_manifold(axes, model, posterior)
@@ -263,7 +263,7 @@ def draw_ascents(model: GenerativeModel, ascents: list[list[Posterior]]) -> Figu
     Returns:
         The figure.
     """
-    with new_figure(2.8) as figure:
+    with new_figure(height=2.8) as figure:
         axes = figure.subplots()
         _draw_manifold(axes, model, ascents[0][-1])
         for posteriors in ascents:

@@ -1,4 +1,4 @@
-"""Charts of the longest flights of two logs over each other, each from its own take-off on."""
+"""Charts of the longest flights of two logs, drawn over each other from take-off on."""
 
 from collections.abc import Iterator, Mapping
 from math import degrees
@@ -138,7 +138,12 @@ def flight_series_charts(
 
 
 def thinned_series(series: FlightSeries, max_points: int) -> FlightSeries:
-    """Returns series of at most about ``max_points`` samples each, which keep their peaks (``Line.resampled``)."""
+    """Returns series with fewer samples, which keep their peaks (``Line.resampled``).
+
+    Args:
+        series: times and values (2, N) of each quantity.
+        max_points: number of samples of a series, about, at most.
+    """
     thinned = {}
     for title, (times, values) in series.items():
         chart = Chart(title, TIME_AFTER_TAKE_OFF, Axis(title), (Line("", "", times, values),))

@@ -183,6 +183,7 @@ def loop_charts(loops: Mapping[str, Loop], loop_name: str = "rate") -> Charts:
     unnamed = tuple(mark._replace(name="") for mark in crossovers)
     axis = next(iter(loops.values())).axis.capitalize()
     title = f"{axis} {loop_name}"
+    # The limits show a wide range about the crossovers, at 0 dB and −180°, where the margins are read.
     return (
         Chart(
             f"{title}: gain (dB)",
@@ -251,6 +252,7 @@ def spectrum_chart(noise: MeasuredNoise, loop: Loop | None = None, name: str = G
     right_axis = None
     if loop is not None:
         lines.append(_filter_line(loop, max_frequency))
+        # Filters hardly amplify, and what they attenuate by more than 80 dB does not matter.
         right_axis = Axis("(dB)", limits=(-80.0, 3.0))
         marks.append(Mark(loop.crossover, "crossover", BAD))
     return Chart(

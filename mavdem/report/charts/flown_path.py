@@ -131,7 +131,12 @@ def _height_classes(height: Array, lowest: float, height_range: float) -> Array:
 
 
 def _height_keys(lowest: float, height_range: float) -> list[_Key]:
-    """Returns the legend of the colours by height: the range of each class, m."""
+    """Returns the legend of the colours by height: the range of each class, m.
+
+    Args:
+        lowest: lowest height of the path, m.
+        height_range: difference of the highest and the lowest height, m.
+    """
     edges = np.linspace(lowest, lowest + height_range, len(HEIGHT_COLOURS) + 1)
     # Neighbouring edges differ by at least one of the last digit.
     decimals = 0 if height_range >= len(HEIGHT_COLOURS) * WHOLE_METRES else 1

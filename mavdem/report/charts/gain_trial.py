@@ -1,4 +1,4 @@
-"""Charts of what advised gains would do, over the same with the gains that flew: steps, tracking, and lean in wind."""
+"""Charts of a trial of advised gains, over those of the present gains: step responses, tracking, and lean in wind."""
 
 import numpy as np
 

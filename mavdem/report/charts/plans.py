@@ -1,4 +1,4 @@
-"""Plans: drawings of a page with axes of their own: the vehicle from above, and the wind rose."""
+"""Drawings of a page that are no charts over an axis: the vehicle from above with its motors, and the wind rose."""
 
 from __future__ import annotations
 
@@ -97,6 +97,7 @@ def frame_plan(
     motor_texts = [
         f"motor {motor['name']} {motor['command']}, {motor['headroom']}" for motor in drawn_motors
     ]
+    # The radius of the discs, in the units of the drawing: those of eight motors on a circle still do not overlap.
     svg = svg_of("frame", motors=drawn_motors, size=150.0 / count**0.9)
     return Plan(
         "From above", f"Mean command, of its range, and headroom: {listed(motor_texts)}.", svg

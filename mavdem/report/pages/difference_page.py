@@ -15,7 +15,7 @@ from mavdem.fleet.quantities import (
     motor_log_estimates,
     relative_to_median_motor,
 )
-from mavdem.fleet.row import NOT_IDENTIFIABLE, value_at
+from mavdem.fleet.report_columns import NOT_IDENTIFIABLE, value_at
 from mavdem.report.blocks import Table, headline_sentence
 from mavdem.report.charts.change_plan import change_plan
 from mavdem.report.charts.chart import TIME_AFTER_STEP, Axis, Chart, Group, Line, LineStyle
@@ -168,6 +168,9 @@ def _with_single_side(chart: Chart) -> Chart:
     """Returns the chart of a quantity that one side alone has with that side in its title.
 
     A chart of a single line has no legend, so nothing else would say whose line it is.
+
+    Args:
+        chart: chart with a line for each side that has the quantity.
     """
     if len(chart.lines) != 1:
         return chart

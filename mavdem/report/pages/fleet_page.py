@@ -308,7 +308,7 @@ def _vehicle_parts(
             VehiclePart(
                 name=name,
                 label=vehicle_type(name, vehicle.last.frame, names),
-                serial=_serial(name, names, is_shared=name in shared_names),
+                serial=_name_remark(name, names, is_shared=name in shared_names),
                 searched=names.vehicle(name),
                 last=vehicle.last,
                 link=latest_line.link if latest_line is not None else "",
@@ -326,8 +326,10 @@ def _vehicle_parts(
     return parts
 
 
-def _serial(name: str, names: GivenNames, *, is_shared: bool) -> str:
-    """Returns what stands beside the label of a vehicle; empty where the label is the name of its logs.
+def _name_remark(name: str, names: GivenNames, *, is_shared: bool) -> str:
+    """Returns the remark beside a vehicle's label: its serial number, or that it has no name of its own.
+
+    The remark is empty if the label is the name in the logs.
 
     Args:
         name: what its logs call the vehicle.

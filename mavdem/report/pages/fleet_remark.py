@@ -1,4 +1,4 @@
-"""What the other flights of a vehicle say of one flight, on its page: a remark, and the light of its motors.
+"""How a flight differs from others of its vehicle, on its page: a remark, and the light (judgement) of its motors.
 
 The page of a flight is written from its log alone. When the vehicle is judged from all its flights, its top is changed.
 """

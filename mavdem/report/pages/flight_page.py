@@ -654,11 +654,14 @@ def live_page(
 
 
 def _live_anchors(timeline: Timeline | None, chapters: Sequence[Chapter]) -> dict[str, str]:
-    """Returns the anchors of what a live page has about its lights: the charts over time, and the advised gains.
+    """Returns the anchors to which the lights of a live page link: the charts over time, and the advised gains.
 
     Args:
         timeline: charts of the motors and the wind; None without any.
         chapters: chapters of the page.
+
+    Returns:
+        Anchors by name of the light.
     """
     anchors = {}
     if timeline is not None:

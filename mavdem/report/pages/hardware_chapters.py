@@ -1,4 +1,4 @@
-"""The chapters of a flight's page on hardware, setpoints and sticks: a sentence for each part, its charts folded."""
+"""The chapters of a flight's page on hardware, setpoints and sticks: a sentence for each part, with folded charts."""
 
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.hardware import hardware_facts

@@ -208,17 +208,17 @@ def vehicle_page(flights: Sequence[AxisRows], changes: Iterable[Block], **values
     return render_server_page("vehicle", words=summary, changes=[*changes], groups=groups, **values)
 
 
-def refusal_page(fact: Fact, *, asks: bool, **values: Any) -> str:
-    """Renders the page that is shown in the place of a refused one, with the reason.
+def refusal_page(fact: Fact, *, asks_for_token: bool, **values: Any) -> str:
+    """Renders the page that is shown instead of a refused one, with the reason.
 
     Args:
         fact: reason of the refusal.
-        asks: whether the page asks for the token.
+        asks_for_token: whether the page has a form for the token, by which a visitor signs in.
         **values: further values that the template uses, by name.
 
     Returns:
         The page as HTML.
     """
     return render_server_page(
-        "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks, **values
+        "message", sentence=fact.sentence, remedy=fact.remedy, asks=asks_for_token, **values
     )

@@ -1,4 +1,4 @@
-"""The page of ``mavdem tune``: gains to load, the steps and margins that decide on them, and what these rest on."""
+"""The page of ``mavdem tune``: gains to load, step responses and margins to decide by, and the evidence for them."""
 
 from collections.abc import Mapping, Sequence
 from itertools import chain

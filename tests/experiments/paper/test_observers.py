@@ -5,7 +5,11 @@ from numpy.random import default_rng
 from pytest import approx, fixture, mark
 from scipy.signal import lfilter
 
-from mavdem.experiments.paper.estimation import input_estimation, state_estimation
+from mavdem.experiments.paper.estimation import (
+    input_estimation,
+    state_estimation,
+    state_observers,
+)
 from mavdem.experiments.paper.estimation.dem_observer import embedding_derivative
 from mavdem.experiments.paper.estimation.observers import (
     DiscreteModel,
@@ -40,7 +44,7 @@ def window():
 
 @fixture(scope="module")
 def model(window):
-    return state_estimation.white_noise_model(window)
+    return state_observers.white_noise_model(window)
 
 
 def batch_states(model, noise_covariance, outputs, inputs):
@@ -98,7 +102,7 @@ def test_smikf_of_white_noise_is_the_kalman_filter(window, model):
 
 def test_smikf_is_better_than_the_kalman_filter_where_noise_is_coloured():
     coloured = simulated_window(0, smoothness=0.02, samples=150)
-    white_model = state_estimation.white_noise_model(coloured)
+    white_model = state_observers.white_noise_model(coloured)
     noise = coloured.process_noise
     smikf = smikf_states(white_model, noise, coloured.outputs, coloured.inputs)[:, 1]
     kalman = kalman_states(white_model, coloured.outputs, coloured.inputs)[:, 1]
@@ -122,7 +126,7 @@ def test_smooth_noise_has_the_autocorrelation_of_its_kernel():
 
 def test_dem_estimates_states_and_inputs_of_exact_data():
     window = simulated_window(1, smoothness=0.02, samples=200)
-    estimates = state_estimation.dem_states(window, window.outputs, window.inputs, p=6)
+    estimates = state_observers.dem_states(window, window.outputs, window.inputs, p=6)
     inner = slice(10, -10)
     deviation = np.abs(estimates[inner, 0] - window.outputs[inner, 0]).max()
     assert deviation < 0.02 * np.ptp(window.outputs)
@@ -189,8 +193,8 @@ def test_windows_beyond_the_authors_limit_are_left_out_and_counted():
         {}, dict.fromkeys(state_estimation.PUBLISHED_SSE, 100.0), {}
     )
     means = state_estimation.trimmed_errors([kept, kept, lost])
-    assert means[state_estimation.DEM] == TrimmedMean(2.0, 1)
-    assert np.isnan(state_estimation.trimmed_errors([lost])[state_estimation.DEM].sse)
+    assert means[state_observers.DEM] == TrimmedMean(2.0, 1)
+    assert np.isnan(state_estimation.trimmed_errors([lost])[state_observers.DEM].sse)
 
 
 @mark.slow

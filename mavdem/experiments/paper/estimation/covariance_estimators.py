@@ -1,4 +1,4 @@
-"""Standard estimators of the variances of measurement noise, all of which take both noises for white.
+"""Standard estimators of measurement noise variances, which assume white process and measurement noise.
 
 J. Duník, O. Straka, O. Kost and J. Havlík, "Noise covariance matrices in state-space models: A survey and comparison of
 estimation methods", International Journal of Adaptive Control and Signal Processing 31, 2017, has all but one of them.

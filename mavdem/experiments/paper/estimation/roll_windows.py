@@ -1,4 +1,4 @@
-"""Windows of roll flights with a known model, from which observers estimate what is hidden from them.
+"""Windows of roll flights with a known model, in which observers estimate hidden states or inputs.
 
 The model is the roll axis of the AR.Drone as Bos et al. publish it with their flights, without damping:
 

@@ -1,4 +1,4 @@
-"""The smoothness s of the noises learned by DEM: F̄ maximised over s, and how sure the estimate is.
+"""DEM learns the smoothness s of the noises: the free energy F̄ is maximised over s; and the uncertainty of s.
 
 A. Anil Meera and M. Wisse, "Free Energy Principle for the Noise Smoothness Estimation of Linear Systems with Colored
 Noise", 2022 (arXiv:2204.01796).
