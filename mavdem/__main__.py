@@ -36,8 +36,8 @@ def load() -> int:
 
 def _configure_process() -> None:
     """Sets environment variables that libraries read when they are imported, and makes garbage collection rare."""
-    # The matrices are so small that more threads of OpenBLAS only wait for each other: on two busy cores they doubled
-    # the time that `mavdem learn` takes.
+    # Matrices are so small that several threads of OpenBLAS mostly wait for each other: on two busy cores they doubled
+    # the time of `mavdem learn`.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Matplotlib writes pictures to files and opens no window. "agg" works even if a backend that the user has chosen is
     # not installed.

@@ -52,14 +52,14 @@ def error_message(error: Exception) -> str:
 def fact_from_error(error: BaseException) -> Fact:
     """Converts an error to a fact that can be shown or written to a document.
 
-    It serves where one method or flight of several may fail while the others go on.
+    It is used where one of several methods or flights may fail while the others continue.
 
     Args:
         error: Any error.
 
     Returns:
-        The fact of a ``Refusal``. Otherwise a fact with the error's message, and with the name of its type unless
-        that is ``ValueError``, which callers expect of data that do not fit.
+        The fact of a ``Refusal``. Otherwise a fact with the error's message, and with the name of its type unless that
+        is ``ValueError``, the expected error for unsuitable data.
     """
     if isinstance(error, Refusal):
         return error.fact

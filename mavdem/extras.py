@@ -65,7 +65,7 @@ def missing_extra_fact(extra: str, subject: str) -> Fact | None:
 def require_extra(extra: str, subject: str = "") -> None:
     """Raises ``MissingExtra`` unless all modules of an extra are installed.
 
-    Whoever needs an extra calls it before the import, so that the user reads what to install.
+    It is called before the import of an optional module, so that the user reads what to install.
 
     Args:
         extra: Name of the extra, a key of ``EXTRAS``.

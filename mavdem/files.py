@@ -40,7 +40,7 @@ def load_adjacent_toml(module: str, name: str) -> dict[str, Any]:
 def atomic_write(path: PathName, scratch: Path | None = None) -> Iterator[BinaryIO]:
     """Opens a file for writing, which appears under its name only after the block has ended without an error.
 
-    So a crash, a full disk or Ctrl-C leaves the former file, and never half a file.
+    So a crash, a full disk or Ctrl-C leaves the former file, and never a partial one.
 
     Args:
         path: Path of the file; a file that exists there is replaced.
@@ -86,7 +86,7 @@ def atomic_writes(*paths: PathName, scratch: Path | None = None) -> Iterator[tup
             )
             unfinished_by_target[target] = Path(folder) / target.name
         yield tuple(unfinished_by_target.values())
-        # All modes are copied first, since that may fail; a replacement in the same file system hardly can.
+        # All modes are copied before any file is replaced, since copying may fail, and renaming hardly ever does.
         for target, unfinished in unfinished_by_target.items():
             if target.exists():
                 shutil.copymode(target, unfinished)
@@ -128,8 +128,8 @@ def writable_target(path: PathName) -> Path:
         The path itself, with all symbolic links resolved.
 
     Raises:
-        OSError: A folder, a device or the like stands there, a name is too long, or the folder does not exist or is
-            not writable.
+        OSError: The path is a folder, a device or the like, a name is too long, or the folder does not exist or is not
+            writable.
     """
     target = Path(os.path.realpath(path))
     with suppress(FileNotFoundError):
@@ -149,7 +149,7 @@ def writable_target(path: PathName) -> Path:
 def is_writable(folder: Path) -> bool:
     """Returns whether files can be created in a folder.
 
-    It creates and removes one, because on some file systems the folder's mode does not say.
+    It creates and removes a folder as a test, because on some file systems the mode does not show it.
 
     Args:
         folder: The folder, which exists.

@@ -52,9 +52,9 @@ class FleetPages:
 def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> FleetPages:
     """Writes the index page of a fleet, and updates the pages of its flights.
 
-    The page of each flight states how the flight differs from others of its vehicle. That may change when flights are
-    added, and is updated on all pages of the vehicle. What the index shows of vehicles that were not judged since it
-    was last written is kept in the store.
+    The page of each flight states how the flight differs from others of its vehicle. This comparison may change when
+    flights are added, and is updated on all pages of the vehicle. For vehicles without new results since the index was
+    last written, their parts of the index are taken from the store.
 
     Args:
         store: The open store of the fleet.
@@ -84,7 +84,7 @@ def write_fleet_pages(store: Store, changes: Mapping[str, Sequence[Block]]) -> F
     try:
         summaries = _read_summaries(summary_texts)
     except ValueError:
-        # One that was kept is damaged. All can be made of the rows again.
+        # A stored summary is damaged. All summaries are made from the rows again.
         vehicles = [name for (name,) in store.db.execute("select vehicle from vehicle_parts")]
         summary_texts = kept_summaries(store, SUMMARY_VERSION, vehicles, make_summary)
         summaries = _read_summaries(summary_texts)
@@ -123,7 +123,7 @@ def _update_flight_pages(folder: Path, rows: FlightRows) -> None:
 def _update_flight_page(path: Path, remark: FleetRemark | None) -> None:
     """Replaces the comparison with other flights at the top of a flight's page.
 
-    Pages may be long, so that only their top is searched, and a page on which nothing changes is not written again.
+    Pages may be long, so only their top is searched, and an unchanged page is not written again.
 
     Args:
         path: Path of the page.

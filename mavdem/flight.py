@@ -414,13 +414,14 @@ def _uniform_step(time: Array, dt: float | None) -> float:
         steps = len(time) - 1
         if not steps:
             raise ValueError("dt must be given for a flight of one sample")
-        # Each stamp is divided before the difference is taken, which could overflow for stamps far apart.
+        # Each stamp is divided before the difference is taken, since the difference of huge stamps could overflow.
         dt = float(time[-1] / steps - time[0] / steps)
         if not dt > 0:
             raise ValueError(f"time must increase: its mean step is {dt} s")
     elif not (isinstance(dt, Real) and 0 < dt < np.inf):
         raise ValueError(f"dt must be positive seconds, not {dt!r}")
-    # The grid may begin anywhere: the best offset halves the range of the deviations from a grid that begins at 0.
+    # The offset of the grid is free: with the best offset the largest deviation is half the range of the deviations
+    # from a grid that begins at 0.
     grid_deviation = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
     if grid_deviation > MAX_GRID_DEVIATION:
         raise ValueError(

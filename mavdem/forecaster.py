@@ -57,9 +57,9 @@ class Forecaster(Protocol):
         """
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Predicts samples after the training data, beginning again at every ``steps``-th of them.
+        """Predicts samples after the training data, with a new prediction at every ``steps``-th of them.
 
-        Each prediction knows all samples before its beginning, and neither inputs nor outputs after it.
+        Each prediction uses all samples before its beginning, and neither inputs nor outputs after it.
 
         Args:
             steps: Number of samples from the beginning of one prediction to that of the next.
@@ -75,17 +75,17 @@ class Forecaster(Protocol):
 
         Args:
             inputs: Inputs after the training data, (H, r), in the unit of the training inputs.
-            from_zero: Whether to begin with state 0, as the paper's figures do, in place of the state at the end of
+            from_zero: Whether to begin with state 0, as the paper's figures do, instead of the state at the end of
                 training.
-            smooth: Whether each sample is estimated from all inputs, in place of those up to its own instant. That
-                matters where the method treats inputs as measurements.
+            smooth: Whether each sample is estimated from all inputs, instead of those up to its instant. This makes a
+                difference for methods that treat inputs as measurements.
 
         Returns:
             Forecast outputs, (H, m); row 0 is the first sample after the training data.
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """Forecasts samples after the training data, beginning again at every ``steps``-th of them.
+        """Forecasts samples after the training data, with a new forecast at every ``steps``-th of them.
 
         Each forecast begins with the state that the model's filter has after all samples before. With ``steps`` of H or
         more it is :meth:`forecast`; with 1 it is the one-step prediction.

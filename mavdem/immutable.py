@@ -36,10 +36,10 @@ class ReadOnlyDict(dict[Key, Value]):
 def freeze(value: ValueType) -> ValueType:
     """Makes a value immutable, with all that it contains.
 
-    Results are handed to callers and cached, so that a change by one of them would change the figures of all. Arrays
-    are set read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a
-    :class:`ReadOnlyDict`. Tuples, named tuples and dataclasses are searched for such values; a dataclass, also a frozen
-    one, gets its frozen values in place.
+    Results are cached and shared, so that a change by one caller would change the results of all others. Arrays are set
+    read-only in place, and NumPy's scalars become Python's numbers. Dictionaries are copied to a :class:`ReadOnlyDict`.
+    Tuples, named tuples and dataclasses are searched for such values; those of a dataclass, even a frozen one, are
+    replaced in place.
 
     Args:
         value: Any value. Other types, lists for example, are returned as they are.
@@ -51,14 +51,14 @@ def freeze(value: ValueType) -> ValueType:
         return value
     frozen: Any = value
     if isinstance(value, ImmutableResult):
-        # The values of an immutable result were frozen when it was made.
+        # The values of an immutable result were frozen when it was created.
         pass
     elif isinstance(value, np.ndarray):
         value.setflags(write=False)
     elif isinstance(value, np.generic):
         frozen = value.item()
     elif isinstance(value, dict) and not isinstance(value, ReadOnlyDict):
-        # Parameters of an autopilot are a thousand numbers: a call for each would take most of the time.
+        # An autopilot has a thousand parameters; a call for each number would take most of the time.
         frozen = ReadOnlyDict(
             {
                 key: item if type(item) in IMMUTABLE_TYPES else freeze(item)

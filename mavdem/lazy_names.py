@@ -14,7 +14,7 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> Callable[[str], Any]
     """
 
     def imported_name(name: str) -> Any:
-        """Returns what a public name stands for.
+        """Imports and returns the object of a public name.
 
         Args:
             name: the name.

@@ -26,10 +26,10 @@ def free_port() -> int:
 
 
 def return_freed_memory() -> None:
-    """Gives memory that Python has freed back to the system, where its library is glibc.
+    """Returns memory that Python has freed to the operating system, if the C library is glibc.
 
-    glibc keeps freed blocks of up to 32 MB for later ones (``M_MMAP_THRESHOLD`` in mallopt(3)), which after reading a
-    log of hours is hundreds of megabytes.
+    glibc keeps freed blocks of up to 32 MB for later allocations (``M_MMAP_THRESHOLD`` in mallopt(3)); after reading a
+    log of hours these are hundreds of megabytes.
     """
     if sys.platform.startswith("linux"):
         trim = getattr(ctypes.CDLL(None), "malloc_trim", None)

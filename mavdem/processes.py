@@ -45,7 +45,7 @@ class ResourceUse(NamedTuple):
 def resource_use(process_id: int) -> ResourceUse:
     """Returns the processor time and memory that a process of this machine has taken.
 
-    The memory is that which the process has allocated, if the system counts it: Windows as "private", Linux as "data".
+    The memory is that which the process has allocated, on systems that count it: Windows as "private", Linux as "data".
     On other systems it is the resident memory.
 
     Args:
@@ -79,9 +79,10 @@ def peak_megabytes() -> float:
 
 
 def limit_memory(megabytes: int) -> None:
-    """Lets allocations of this process beyond a limit fail, where the system can do that, which only Linux does.
+    """Makes allocations of this process beyond a limit fail; only Linux supports this, elsewhere nothing is limited.
 
-    The address space is not limited: mapped files and the reserved stacks of threads count in it, and take no memory.
+    The data segment is limited and not the address space, which also contains mapped files and the reserved stacks of
+    threads, which take no memory.
 
     Args:
         megabytes: limit of the memory that is allocated, MiB.
@@ -96,11 +97,11 @@ def limit_memory(megabytes: int) -> None:
 
 
 def keep_freed_memory() -> None:
-    """Lets glibc keep freed memory for the next arrays, instead of returning it to the system; others are left alone.
+    """Makes glibc keep freed memory for the next arrays, instead of returning it to the system.
 
-    By default each array of some hundred kB is taken from the system anew, page by page: one step of an identified
-    loop's search took 2.2 ms with that and 1.4 ms without. A review takes 0.93 to 0.96 of its processor time, and up to
-    13 % more memory.
+    By default each array of some hundred kB is requested from the system anew, page by page: one step of the search for
+    an identified loop took 2.2 ms in this way, and 1.4 ms with kept memory. A review then takes 0.93 to 0.96 of the
+    processor time, and up to 13 % more memory. With other C libraries nothing changes.
     """
     if sys.platform != "linux":
         return
@@ -124,7 +125,7 @@ def max_open_files() -> int:
 
 
 def lower_priority(niceness: int) -> None:
-    """Lets other processes go before this one, which keeps a lower priority that it was started with.
+    """Lowers the priority of this process, unless it was started with a still lower one.
 
     Args:
         niceness: 0 is normal, 19 the lowest priority. Windows has only one class below the normal priority.
@@ -142,7 +143,7 @@ def lower_priority(niceness: int) -> None:
 
 
 def kill_with_children(process_id: int) -> None:
-    """Kills a process and all that it has started, also where they hang; one that has ended already is no error.
+    """Kills a process and all its descendants, even if they hang; it is no error if they have ended already.
 
     Args:
         process_id: number of the process.

@@ -43,13 +43,13 @@ RESULT_FILES = (MODEL_FILE, REPORT_FILE, PAGE_FILE, *RECORDINGS)
 
 
 def result_files(assessment: Assessment, recordings: Names = ()) -> Names:
-    """Returns the names of the ``RESULT_FILES`` that are to be written for an assessment, before any is written.
+    """Returns the names of those ``RESULT_FILES`` that are to be written for an assessment.
 
     Without a model there are only the document and the page.
 
     Args:
         assessment: The assessment.
-        recordings: Those of the ``RECORDINGS`` that are asked for.
+        recordings: The requested ones of ``RECORDINGS``.
     """
     if assessment.model is None:
         return (REPORT_FILE, PAGE_FILE)
@@ -64,14 +64,14 @@ def possible_recordings() -> Names:
 
 
 def write_result_files(paths: Mapping[str, Path], document: str, assessment: Assessment) -> None:
-    """Writes the result files of an assessment: document and page always, with a model also that and recordings.
+    """Writes the result files of an assessment: document and page and, if there is a model, the model and recordings.
 
     Args:
         paths: Path to write to, for each name that :func:`result_files` returns.
         document: Text of the JSON document, which becomes the ``REPORT_FILE``.
         assessment: The assessment that the page, the model and the recordings show.
     """
-    # Pages and recordings are imported where they are written: the screen need not wait for it.
+    # Imported here, so that the output on the terminal does not wait for the import.
     from mavdem.report.pages.flight_page import review_page
 
     analysis = assessment.analysis

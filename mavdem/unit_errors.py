@@ -40,9 +40,9 @@ def suspected_unit_error(outputs: NDArray[np.float64], dt: float) -> Fact | None
     """Returns the unit error that an angle and its rate show, or None if they agree or are no such pair.
 
     The change of the angle over ``COMPARED_STEPS`` steps is regressed on the integral of the rate over the same steps.
-    The slope is 1 where both have consistent units; each unit error has a slope of its own (``RATIO_BY_UNIT_ERROR``).
-    Columns whose correlation is below ``MIN_CORRELATION`` are no angle with its rate. A slope of 1 also fits an angle
-    and a rate that are both in degrees: then only the size of the angle tells.
+    The slope is 1 if both have consistent units; each unit error has a different slope (``RATIO_BY_UNIT_ERROR``).
+    Columns whose correlation is below ``MIN_CORRELATION`` are not an angle and its rate. A slope of 1 also fits an
+    angle and a rate that are both in degrees, which are recognised by the magnitude of the angle.
 
     Args:
         outputs: Angle and rate, (T, 2), expected in rad and rad/s. Other numbers of columns are not judged.

@@ -90,10 +90,10 @@ def field_units(record: type) -> dict[str, str]:
 
 
 def _unit_in_hint(hint: Any) -> str:
-    """Finds the unit that annotates a type, or else a type within it.
+    """Finds the unit that annotates a type or, otherwise, one of its arguments.
 
-    ``Annotated`` keeps its annotations in ``__metadata__``. Types such as ``tuple[Seconds, ...]`` have no unit of their
-    own; the first of their arguments that has one gives it.
+    ``Annotated`` keeps its annotations in ``__metadata__``. A type such as ``tuple[Seconds, ...]`` has the unit of its
+    first argument with one.
 
     Args:
         hint: A type hint.

@@ -151,7 +151,7 @@ def messages(log: str, name: str = "", vehicle: str | None = None) -> JsonValues
     telemetry = with_all_messages(_telemetry(log, vehicle), log)
     listed: list[JsonValues] = []
     fields = 0
-    # The messages of a hostile log, of which there may be many, are described only as far as they are listed.
+    # A hostile log may have very many messages; they are described one by one, and only until the list is full.
     for message in messages_of(telemetry, name):
         fields += len(message.fields)
         if fields > MAX_LISTED_FIELDS:
@@ -219,11 +219,11 @@ def samples(
 
 
 def _telemetry(log: str, vehicle: str | None) -> Telemetry:
-    """Reads a log, and returns the messages of one vehicle.
+    """Returns the messages of one vehicle in a log.
 
     Args:
         log: Path of the log.
-        vehicle: "system" or "system:component", where the log holds several vehicles; None for the only one.
+        vehicle: "system" or "system:component", if the log has several vehicles; None for the only one.
 
     Raises:
         ToolError: The log cannot be read, or has several vehicles and none was chosen.
@@ -237,18 +237,21 @@ def _telemetry(log: str, vehicle: str | None) -> Telemetry:
 def _samples(
     telemetry: Telemetry, log: str, message: str, field: str, instance: int | None, boot: int
 ) -> FieldSamples:
-    """Returns all samples of one field, of a message of the log or else of the MAVLink message made of it.
+    """Returns all samples of one field of a message, by its name in the log or otherwise by its MAVLink name.
 
     Args:
         telemetry: The messages that mavdem translated to MAVLink.
         log: Path of the log, which has all messages under its own names.
         message: Name of the message.
         field: Name of the field.
-        instance: Which of several equal sensors; None for all.
-        boot: After which boot of the autopilot, from 0.
+        instance: Number of one of several equal sensors; None for all.
+        boot: Number of the boot of the autopilot, from 0.
+
+    Returns:
+        Times, s since boot, and values.
 
     Raises:
-        ToolError: There is no such message, field or instance; it says which there are.
+        ToolError: There is no such message, field or instance; the error lists those of the log.
     """
     whole_log = with_all_messages(telemetry, log)
     source = whole_log if message in whole_log.messages else telemetry
@@ -264,9 +267,10 @@ def _samples(
 def _command_document(
     command: str, logs: Sequence[str], options: Sequence[str] = (), *, has_folder: bool = True
 ) -> JsonValues:
-    """Runs a command of mavdem in a process of its own, and parses the JSON document that it prints.
+    """Runs a command of mavdem in a new process, and parses the JSON document that it prints.
 
-    A process of its own keeps what the command prints apart from the assistant's messages, and its memory goes with it.
+    In a new process the output of the command cannot mix with the messages to the assistant, which also use standard
+    output, and the memory of the command is freed at its end.
 
     Args:
         command: Name of the command.

@@ -1,4 +1,4 @@
-"""The command ``mavdem``: its group of commands, their completion by a shell, and the exit code of each error."""
+"""The command ``mavdem``: its group of commands, shell completion, and the exit code of each error."""
 
 import os
 import sys
@@ -99,16 +99,16 @@ class LazyCommandGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Finds and imports the command that the arguments name.
 
-        A log in the place of the command's name stands for ``mavdem review LOG``. That this may take a while is
-        reported before the import.
+        A log in the place of the command's name means ``mavdem review LOG``. The activity is announced before the
+        command is imported, since both import and reading may take a while.
 
         Args:
             ctx: Context of the group.
             args: Arguments after ``mavdem``, at least one.
 
         Returns:
-            The name of the command, the command, and its own arguments; the first two may be None while a shell asks
-            for completions.
+            The name of the command, the command, and its arguments; the first two may be None while a shell requests
+            completions.
         """
         if args[0] not in self.commands and looks_like_log_name(args[0]):
             args = ["review", *args]
@@ -141,7 +141,7 @@ def load_command(name: str) -> click.Command:
 
 
 def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Returns the value of an option, unless it is the name of another option; it is Click's callback for all options.
+    """Refuses the name of another option as the value of an option; Click's callback for all options without another.
 
     In ``--out --json`` the user has forgotten the value of ``--out``, and Click would write to a folder "--json".
 
@@ -149,6 +149,9 @@ def _refuse_option_as_value(context: click.Context, parameter: click.Parameter, 
         context: Context of the command.
         parameter: The option.
         value: Its value, of the type that the option has.
+
+    Returns:
+        The value.
 
     Raises:
         click.BadParameter: The value begins with two hyphens.
@@ -184,7 +187,7 @@ def _announce(activity: str, args: Sequence[str]) -> None:
     """
     previous = ""
     for argument in args:
-        # A log that is missing is not going to be read.
+        # A log that does not exist will not be read.
         if os.path.exists(argument) and not previous.startswith("-"):
             print_to_stderr(f"{activity} {argument} …")
         previous = argument
@@ -257,7 +260,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             Fact(RunEnd.STANDARD_OUTPUT_FAILED, because=error_message(error)), as_json=False
         )
         code = EXIT_ERROR
-    # Python flushes standard output once more at its exit. That must not fail again.
+    # Python flushes standard output again at its exit. It is replaced by the null device, so that this cannot fail.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return code
 

@@ -65,8 +65,8 @@ def convert_command(
 def _is_recording(source: str, out: str) -> bool:
     """Returns whether a conversion makes a recording of the flight and its model, instead of another kind of log.
 
-    An .rrd is always such a recording. An .mcap is one only if the log holds no MAVLink frames, which it would receive
-    otherwise.
+    An .rrd is always such a recording. An .mcap is one only if the log has no MAVLink frames; otherwise it receives the
+    frames.
 
     Args:
         source: Path of the log.

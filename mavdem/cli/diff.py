@@ -36,18 +36,18 @@ DOCUMENT_FILE = "diff.json"
 
 
 def _days(context: click.Context, parameter: click.Parameter, text: str | None) -> Days | None:
-    """Returns the days that a user has typed; it is Click's callback for --days-a and --days-b.
+    """Parses the days that a user has given; Click's callback for --days-a and --days-b.
 
     Args:
         context: Context of the command.
         parameter: The option.
         text: First and last day, as in "2026-01-05..2026-01-11", or a single day; None if the option was not given.
 
+    Returns:
+        The first and the last day, both included; None without the option.
+
     Raises:
         click.BadParameter: They are no dates, or the last one is before the first.
-
-    Returns:
-        The days, both included; None without the option.
     """
     if text is None:
         return None
@@ -175,7 +175,7 @@ def _flight_series(state: VehicleState) -> FlightSeries:
 
 
 def _read_state(name: str, source: str, vehicle: str | None, days: Days | None) -> VehicleState:
-    """Reads one of the two states that are compared: the flights of a vehicle in a log or a fleet.
+    """Returns one of the two compared states: the flights of a vehicle in a log or a fleet.
 
     Args:
         name: Name of the state in messages, "A" or "B".

@@ -159,7 +159,7 @@ def fly_command(
 
 
 def _list_scenarios(*, as_json: bool) -> None:
-    """Prints name and description of each scenario that mavdem brings, one a line or as a JSON document.
+    """Prints name and description of each built-in scenario, one per line or as a JSON document.
 
     Args:
         as_json: Whether to print a JSON document.
@@ -222,7 +222,7 @@ def _chosen_scenario(
     Everything is checked here, before the simulation, and each error names the option that caused it.
 
     Args:
-        name: Name of a scenario that mavdem brings, or the path of a .toml file.
+        name: Name of a built-in scenario, or the path of a .toml file.
         seed: Random seed; None for the scenario's.
         duration: Time from arming to disarming, s; None for the scenario's.
         vehicle: File with the vehicle to fly; None for the scenario's.

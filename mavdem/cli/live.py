@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 from rich.live import Live
 
+from mavdem.assessment.judgement import Judgement
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
 from mavdem.cli.live_status import StatusLines, print_fact
@@ -217,12 +218,7 @@ def live_command(
         session.report_end(status, judged_model)
         session.report_gain_advice(is_at_end=True)
         status = _with_final_judgement(status, session)
-        judgement = status.overall_judgement
-        headline_text = headline(judgement.headline)
-        print_to_stderr(headline_text)
-        # Where nothing can be done, the next step repeats what is the matter.
-        if str(judgement.next_step) not in headline_text:
-            print_to_stderr(f"Next: {judgement.next_step}")
+        _print_conclusion(status.overall_judgement)
         dashboard.report(status)
         resources.close()
         if dashboard.is_recording_empty:
@@ -234,16 +230,13 @@ def live_command(
             )
             is_page_lost = not _write_text(paths.page, page, "page")
         if as_json:
-            has_model = code == EXIT_DONE and paths.model is not None
-            has_page = paths.page is not None and not is_page_lost
-            files: JsonValues = {
-                "rrd": str(rrd) if dashboard.has_recording else None,
-                "record": None,
-                "model": str(paths.model) if has_model else None,
-                "html": str(paths.page) if has_page else None,
-            }
-            if recording is not None:
-                files["record"] = {"file": str(record), "frames": recording.frame_count}
+            written_paths = OutputPaths(
+                rrd=rrd if dashboard.has_recording else None,
+                record=record,
+                model=paths.model if code == EXIT_DONE else None,
+                page=None if is_page_lost else paths.page,
+            )
+            files = _written_files(written_paths, recording)
             print_json(live_document(session, status, account, files))
     # The session gives up a recording of the stream that it cannot write.
     is_stream_lost = session.intake.recording is not recording
@@ -272,7 +265,7 @@ def _stream_with_prior(
 
 
 def _refuse_silent_link(link: Link, name: str) -> None:
-    """Checks that a vehicle sends without being asked, where nothing is sent to it.
+    """Checks that data will arrive on a link to which nothing is sent.
 
     Args:
         link: The link.
@@ -330,8 +323,8 @@ def _run_and_show_status(
 ) -> None:
     """Runs a session until its end, and shows its status on standard error.
 
-    On a terminal the status is updated in place, every ``STATUS_PERIOD``. Elsewhere, as in a file, each status takes
-    further lines, so that it comes less often.
+    On a terminal the status is updated in place, every ``STATUS_PERIOD``. Elsewhere, for example in a file, each status
+    adds lines, so that it is printed only every ``PRINTED_STATUS_PERIOD``.
 
     Args:
         session: The session.
@@ -352,7 +345,8 @@ def _run_and_show_status(
 def _final_model(session: LiveSession, session_end: ExitStack) -> Learned | None:
     """Learns the model of the whole session while the vehicle's message rates are restored.
 
-    Both take seconds. The rates are restored over the link in this thread, so that learning is given to another one.
+    Both take seconds, and are done at the same time: the rates are restored over the link by this thread, and the model
+    is learned by another one.
 
     Args:
         session: The session, whose flight is over.
@@ -385,8 +379,42 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
     )
 
 
+def _print_conclusion(judgement: Judgement) -> None:
+    """Prints the headline of a judgement and its next step on standard error.
+
+    Args:
+        judgement: Judgement of the flight and its final model.
+    """
+    headline_text = headline(judgement.headline)
+    print_to_stderr(headline_text)
+    # If nothing can be done, the next step only repeats the headline.
+    if str(judgement.next_step) not in headline_text:
+        print_to_stderr(f"Next: {judgement.next_step}")
+
+
+def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:
+    """Returns the files that a session has written, as its JSON document lists them.
+
+    Args:
+        paths: Paths of the written files; None for a file that was not written.
+        recording: Raw recording of the stream, if there is one.
+
+    Returns:
+        Path by kind of the file, None for a file that was not written; for the raw recording path and frame count.
+    """
+    raw_recording = None
+    if recording is not None:
+        raw_recording = {"file": str(paths.record), "frames": recording.frame_count}
+    return {
+        "rrd": None if paths.rrd is None else str(paths.rrd),
+        "record": raw_recording,
+        "model": None if paths.model is None else str(paths.model),
+        "html": None if paths.page is None else str(paths.page),
+    }
+
+
 def _write_text(path: Path | None, text: str, subject: str) -> bool:
-    """Writes the model or the page, and reports on standard error what has become of it.
+    """Writes the model or the page, and reports on standard error whether it was written.
 
     Args:
         path: Path of the file; None if it is not to be written.

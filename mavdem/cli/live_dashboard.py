@@ -1,4 +1,4 @@
-"""Dashboard of a live flight: a Rerun viewer, browsers or a recording, as far as they are installed and wanted."""
+"""Dashboard of a live flight: a Rerun viewer, browsers or a recording, if they are installed and requested."""
 
 from __future__ import annotations
 
@@ -100,18 +100,18 @@ class Dashboard:
     @property
     def is_recording_broken(self) -> bool:
         """Whether something could not be written to the recording."""
-        return self.file is not None and self.file.broken
+        return self.file is not None and self.file.is_broken
 
     def open(self, row_format: RowFormat) -> LiveView | None:
-        """Prepares the view for rows of a new format, which it shows from now on.
+        """Prepares the view for rows of a new format, which follow.
 
-        The format is known only when messages have come in, and it may change during the flight.
+        The format is known only when messages have been received, and it may change during the flight.
 
         Args:
             row_format: Inputs, units and sampling step of the rows.
 
         Returns:
-            The view, which takes the rows; None if nothing shows them.
+            The view, which receives the rows; None if no viewer, browser or file shows them.
         """
         if self.view is None:
             return None
@@ -139,7 +139,7 @@ class Dashboard:
         if self.view is None:
             return
         self.view.status(status)
-        for problem in set(self.view.troubles) - self._reported_problems:
+        for problem in set(self.view.problems) - self._reported_problems:
             print_to_stderr(problem)
             self._reported_problems.add(problem)
 

@@ -1,4 +1,4 @@
-"""Status of a live session on standard error: one line that is updated on a terminal, elsewhere lines with news."""
+"""Status of a live session on standard error: two lines updated in place on a terminal, elsewhere lines with news."""
 
 from collections.abc import Hashable
 from contextlib import suppress
@@ -81,11 +81,11 @@ class StatusLines:
         self._terminal_text.update(Group(learning_line, second_line), refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
-        """Prints the quantities whose watching has begun or ended since the last call, and why.
+        """Prints the quantities that are watched, or are no longer watched, since the last call, with the reason.
 
         Args:
-            watch_facts: A fact for each quantity that is watched without a model, such as the battery: since when, or
-                why it is not.
+            watch_facts: A fact for each quantity that is watched without a model, such as the battery: since when it is
+                watched, or why it is not.
         """
         former_meanings = self._watch_meanings
         self._watch_meanings = {_meaning(fact) for fact in watch_facts}
@@ -94,14 +94,14 @@ class StatusLines:
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
     def _print_new(self, status: SessionStatus, sentences: list[str]) -> None:
-        """Prints a line where the state is another one than in the last line, or that was printed long ago.
+        """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
-        The session reports alarms, and an obstacle to learning, as facts where they begin. So they are in the line only
-        where that is a reminder.
+        The session itself reports alarms and obstacles to learning when they begin. So the line repeats them only as a
+        reminder, when the state has not changed for long.
 
         Args:
             status: The status.
-            sentences: First that on the learning, then those on problems.
+            sentences: The sentence about the learning, then those about problems.
         """
         state = PrintedState(
             status.vehicle,
@@ -123,10 +123,15 @@ class StatusLines:
 
 
 def _meaning(figure: Figure) -> Hashable:
-    """Returns what a fact says apart from its measurements, which vary from second to second and are no news.
+    """Returns the content of a fact without its measurements, so that two facts can be compared for news.
+
+    Measurements vary from second to second, and their changes are no news.
 
     Args:
-        figure: A fact, or a figure of one: its words count, and the facts within it, but not its numbers.
+        figure: A fact, or a value of one.
+
+    Returns:
+        A key of the fact's code, level, subject and values, with None in the place of every number.
     """
     if isinstance(figure, Fact):
         figures = tuple((name, _meaning(value)) for name, value in figure.figures.items())

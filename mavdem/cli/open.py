@@ -71,7 +71,7 @@ def open_command(
 def load(arguments: list[str]) -> int:
     """Writes the dashboard of a log to standard output: the data loader that the Rerun Viewer calls for any file.
 
-    While a model is being learned, the viewer shows that. If none can be learned, it shows why.
+    The viewer first shows that a model is being learned. If none can be learned, it then shows the reason.
 
     Args:
         arguments: Path of the file, and options of the viewer, of which --application-id is used
@@ -104,7 +104,7 @@ def load(arguments: list[str]) -> int:
     application_id = _application_id(arguments)
     with streamed(path.name, application_id or "mavdem") as recording:
         if application_id:
-            # A viewer waits for the recording.
+            # Only a viewer gives its id; it is waiting for the recording.
             write_words(recording, path.name, [Sentence("Learning from the log …")])
         _write_log(recording, path.name, log)
     return EXIT_DONE

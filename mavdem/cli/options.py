@@ -1,4 +1,4 @@
-"""Options that several commands share: which motion of which vehicle, which model, and which windows."""
+"""Options that several commands share: axis and vehicle, model settings, and lengths of training and test data."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class ModelOrders(NamedTuple):
 
 
 def model_orders() -> dict[str, ModelOrders]:
-    """Returns the numbers of states that --order accepts, by --preset.
+    """Returns the numbers of states that --order accepts, by the value of --preset.
 
     The prior of "real" has one state for each of its two outputs and at most p hidden states, where p is the embedding
-    order of the outputs. "paper" ends at 10, since a fit with n states takes memory of order n⁴.
+    order of the outputs. "paper" ends at 10, since the memory of a fit with n states grows with n⁴.
     """
     # Commands without a model need not wait for the import.
     from mavdem.dem import Settings
@@ -54,12 +54,15 @@ class NumberRange(click.FloatRange):
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> float:
-        """Returns the number that a user has typed.
+        """Parses the number that a user has given.
 
         Args:
             value: Text from the user, such as "7.5" or "7.5s", or the default.
             param: The option.
             ctx: Context of the command.
+
+        Returns:
+            The number.
 
         Raises:
             click.BadParameter: It is no number, or outside the range.
@@ -229,11 +232,11 @@ def model_options(command: Command) -> Command:
 def _settings_from_options(
     context: click.Context, parameter: click.Parameter, order: int | None
 ) -> Settings:
-    """Returns the settings that --preset and --order select; it is Click's callback for --order.
+    """Returns the settings that --preset and --order select; Click's callback for --order.
 
     Args:
-        context: Context of the command. The value of --preset, which Click has handled before since it is eager, is
-            taken from its parameters.
+        context: Context of the command. The value of --preset, which Click has processed before since it is eager, is
+            removed from its parameters, so that the command does not receive it.
         parameter: The option --order; not used.
         order: Number of states; None for that of the preset.
 
@@ -275,12 +278,15 @@ def window_options(train_default: str, test_help: str) -> Callable[[Command], Co
 def _length_from_text(
     context: click.Context, parameter: click.Parameter, text: str | None
 ) -> Length | None:
-    """Returns the length of flight that a user has typed; it is Click's callback for --train and --test.
+    """Parses a length of flight that a user has given; Click's callback for --train and --test.
 
     Args:
         context: Context of the command.
         parameter: The option.
         text: Seconds, as in "7s" or "1.5s", or samples, as in "700"; None if the option was not given.
+
+    Returns:
+        The length; None without the option.
 
     Raises:
         click.BadParameter: The text is neither, or the length is zero.

@@ -29,7 +29,7 @@ ROW_LINES = (None, 3, 2)
 
 
 def json_text(document: Any, name: str | None = None) -> str:
-    """Returns a document of the command line as JSON text, with the header that every document begins with.
+    """Returns a document of the command line as JSON text, beginning with the heading of all documents.
 
     NaN and infinity, which JSON lacks, become null.
 
@@ -125,7 +125,7 @@ def _block_lines(block: Block, row_lines: int | None = None) -> list[str]:
 
     Args:
         block: The sentence or table.
-        row_lines: Lines to which the texts of a table of text are shortened, about; None for whole texts.
+        row_lines: Approximate number of lines to which the texts of a table are shortened; None for whole texts.
     """
     console = Console(width=text_columns(), highlight=False, markup=False, emoji=False)
     with console.capture() as captured:
@@ -152,7 +152,7 @@ def progress(title: str, *, measured: bool = True) -> Iterator[Callable[[float],
 
     Args:
         title: Text before the bar.
-        measured: Whether the fraction that is done is known. Otherwise the bar only shows that work goes on.
+        measured: Whether the fraction that is done is known. Otherwise the bar only shows that work is in progress.
 
     Yields:
         A function to call with the fraction that is done, from 0 to 1.

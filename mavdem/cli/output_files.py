@@ -1,4 +1,4 @@
-"""Output files of a command: the check, before the work, that they can be written, and their atomic replacement."""
+"""Output files of a command: checking before the work that they can be written, and replacing them atomically."""
 
 import os
 from collections.abc import Iterator, Sequence
@@ -23,8 +23,8 @@ from mavdem.files import (
 def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | None) -> None:
     """Checks, before a command begins its work, that it can write its files into a folder.
 
-    Learning takes minutes, and its result must not be lost because of a wrong path. Nothing is created or changed: the
-    check looks at the nearest folder that exists already, in which the missing ones would be created.
+    Learning takes minutes, and its result must not be lost because of a wrong path. Nothing remains created or changed:
+    the check is made in the nearest folder that exists, in which the missing ones would be created.
 
     Args:
         folder: Folder for the results. It need not exist.
@@ -34,7 +34,7 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
     Raises:
         Unreadable: The folder or a file cannot be written, or a file to write is one of ``inputs``.
     """
-    # The first of the folder and its parents that exists. The root always does.
+    # The nearest existing folder: the folder itself or one of its parents, of which the root always exists.
     candidates = (folder, *folder.absolute().parents)
     existing = next(path for path in candidates if os.path.lexists(path))
     if not existing.is_dir():
@@ -43,7 +43,7 @@ def check_output_folder(folder: Path, names: Names = (), *inputs: PathName | Non
         raise Unreadable(Unwritable.OUT_NOT_WRITABLE, path=folder, existing=existing)
     with reporting_write_errors(folder, code=Unwritable.OUT_FAILED):
         for part in folder.parts:
-            # The status of a path that does not exist shows whether its name is too long for the file system.
+            # ``lstat`` raises an error if a name is too long for the file system, even if the path does not exist.
             with suppress(FileNotFoundError):
                 (existing / part).lstat()
     for name in names:

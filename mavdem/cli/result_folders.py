@@ -21,7 +21,7 @@ from mavdem.results import (
 
 
 def default_result_folder(source: str) -> Path:
-    """Returns the folder for the results of a log if the user names none.
+    """Returns the folder for the results of a log if the user has not named one.
 
     It is in the current folder and named after the log without its ending. If a folder of that name contains the
     results of another log, it gets a new name.
@@ -48,7 +48,10 @@ def available_folder(name: str, document_name: str, sources: Mapping[str, str]) 
     Args:
         name: Path of the first folder.
         document_name: Name of the JSON document that shows from which sources the results of a folder were made.
-        sources: Paths of the sources that the results are to be made of, by the document's key for each.
+        sources: Paths of the sources of the new results, by the document's key for each.
+
+    Returns:
+        Path of the folder, which need not exist.
     """
     folder = Path(name)
     number = 1
@@ -73,13 +76,13 @@ def _is_available(document_path: Path, sources: Mapping[str, str]) -> bool:
             if os.path.realpath(document[key]) != os.path.realpath(source):
                 return False
     except Exception:
-        # The file may be anything, made by another program, which is not to be replaced.
+        # The file was made by another program, may contain anything, and must not be replaced.
         return False
     return True
 
 
 def chosen_recordings(*, rrd: bool, mcap: bool) -> Names:
-    """Returns the names of the recordings that --rrd and --mcap ask for.
+    """Returns the names of the recordings that --rrd and --mcap request.
 
     Args:
         rrd: Whether --rrd was given.
@@ -109,7 +112,7 @@ def write_results(
         folder: Folder of the files.
         document: Document of the results, which receives the files' paths under its key "files".
         assessment: The assessment.
-        recordings: Names of the recordings that are asked for.
+        recordings: Names of the requested recordings.
 
     Raises:
         Unreadable: A file cannot be written; then none is replaced.

@@ -27,11 +27,14 @@ Result = TypeVar("Result")
 
 
 def read_source(source: str, params: Path | None = None) -> Log:
-    """Reads the log that a SOURCE names, and shows that on standard error.
+    """Reads the log that a SOURCE names, and shows on standard error that it is being read.
 
     Args:
         source: Path of the log.
         params: File with parameters of the autopilot, for those that the log does not have.
+
+    Returns:
+        The log, with the parameters of the file added.
 
     Raises:
         Unreadable: SOURCE is a link, or a file that cannot be read.
@@ -50,6 +53,9 @@ def read_sources(sources: Sequence[str], params: Path | None = None) -> Log:
     Args:
         sources: Paths of the logs, at least one.
         params: File with parameters of the autopilot, for those that the logs do not have.
+
+    Returns:
+        The joined log, with the parameters of the file added.
 
     Raises:
         click.BadParameter: A log is named twice.
@@ -87,7 +93,7 @@ def assess_without_model(
         start: Time at the beginning of the settled flight that is left out, s.
 
     Returns:
-        The assessment, and the evidence that it rests on.
+        The assessment, and the evidence on which it is based.
 
     Raises:
         Unreadable: The log cannot be read.

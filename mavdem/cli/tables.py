@@ -43,7 +43,7 @@ def terminal_tables(table: Table, width: int, row_lines: int | None) -> Iterator
     Args:
         table: The table. Its first column names the rows; the others are numbers, or text if ``table.words``.
         width: Width of the terminal, in characters.
-        row_lines: Lines to which texts in the last column are shortened, about; None for whole texts.
+        row_lines: Approximate number of lines to which texts in the last column are shortened; None for whole texts.
 
     Yields:
         Tables that Rich can print, without borders.
@@ -79,7 +79,8 @@ def _shortened_last_column(columns: list[Column], width: int, row_lines: int) ->
     Args:
         columns: All columns of the table.
         width: Width of the terminal, in characters.
-        row_lines: Lines that a text may take, but for the room that is left at the ends of lines.
+        row_lines: Number of lines that a text may take. Wrapping at words leaves some room at the ends of lines unused,
+            so that it may take a little more.
     """
     available_width = width - sum(column.full_width + COLUMN_GAP for column in columns[:-1])
     last_column = columns[-1]

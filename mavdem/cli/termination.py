@@ -1,4 +1,4 @@
-"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command at once, in order, or when it is ready.
+"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command, at once or when it is ready.
 
 Windows has SIGBREAK in the place of SIGHUP, and no program sends SIGTERM there.
 """
@@ -15,9 +15,9 @@ from mavdem.processes import TERMINATION_SIGNALS
 
 @contextmanager
 def default_interrupt_action() -> Iterator[None]:
-    """Lets Ctrl-C kill the process while the block runs, without a ``KeyboardInterrupt``.
+    """Context in which Ctrl-C ends the process at once, without a ``KeyboardInterrupt``.
 
-    It is meant for blocks that import modules: a library that is being imported may swallow the exception, or turn it
+    It is used while modules are imported, since a library that is being imported may catch the exception, or turn it
     into another one.
     """
     handler = signal.signal(signal.SIGINT, signal.SIG_DFL)

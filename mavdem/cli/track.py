@@ -222,9 +222,9 @@ def _differences_from_baseline(folder: Path, healthy: FlightRows) -> "BaselineDi
 def _track_with_progress(
     folder: Path, logs: Names, reader: Cluster | WorkerPool, baseline: Names
 ) -> TrackedLogs:
-    """Brings the table of a fleet up to date with logs, and shows on standard error how far it is.
+    """Updates the table of a fleet with logs, and shows the progress on standard error.
 
-    That is a progress bar on a terminal, otherwise a line for each log.
+    The progress is a bar on a terminal, otherwise a line for each log.
 
     Args:
         folder: Folder of the fleet.
@@ -232,22 +232,22 @@ def _track_with_progress(
         reader: Workers that read the logs, on this machine or on a cluster.
         baseline: Logs or a fleet of healthy flights; empty for those of the last run.
 
-    Raises:
-        KeyboardInterrupt: The user has pressed Ctrl-C. What was read stays in the table, and a message says so.
-
     Returns:
         The logs, how many of them were read now, the healthy flights and the problems.
+
+    Raises:
+        KeyboardInterrupt: The user has pressed Ctrl-C. Logs that were read stay in the table, as a message reports.
     """
     try:
         with progress_bar("Looking for logs") as show:
 
             def show_log(done: int, count: int, outcome: JobOutcome | None) -> None:
-                """Shows how many of the new logs are read, and the outcome of the last one; None before it."""
+                """Shows how many of the new logs are read, and the outcome of the last one (None before the first)."""
                 if done < count:
                     title = f"{done} of {counted(count, 'new log')} read"
                 else:
                     title = "Comparing flights"
-                # All logs may be known already: then there is none to read.
+                # If all logs are known already, there is none to read, and the count is 0.
                 show(done / max(count, 1), title)
                 if STDERR.is_terminal:
                     return
@@ -264,7 +264,7 @@ def _track_with_progress(
 
 
 def _outcome_line(outcome: JobOutcome) -> str:
-    """Returns one line on a log that was read: its path, how long the reading took, and why it has no flight, if so.
+    """Returns one line about a log that was read: its path, the duration, and if it has no flight the reason.
 
     Args:
         outcome: Outcome of reading the log.

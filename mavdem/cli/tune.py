@@ -143,7 +143,7 @@ def _write_tuning(
 
 
 def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None:
-    """Prints margins and gains, and of the judgement of the flight what bears on them.
+    """Prints margins and gains, with the parts of the flight's judgement that concern them.
 
     Args:
         tuning: The gains to set.
@@ -156,8 +156,8 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
     is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)
-    # A headline that says that the vehicle must not fly comes before its gains. Another one is of the loops, which the
-    # report is about, or of something that has no bearing on them.
+    # A headline that forbids flying comes before the gains. Other headlines are about the loops, which are reported
+    # here anyway, or about something else.
     if is_grounded:
         blocks = [headline_sentence(headline(judgement.headline)), *blocks]
     if is_grounded or tuning.refusal or is_of_loops(judgement.next_step, judgement):

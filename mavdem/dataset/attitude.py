@@ -1,4 +1,4 @@
-"""Attitude of a vehicle: Euler angle and body rate of each axis, from the messages that have them."""
+"""Attitude of a vehicle: Euler angle and body rate of each axis, from the messages that contain them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Axes of rotation of a vehicle, the outputs of a model of each, and the range of angles and body rates."""
+"""Axes of rotation of a vehicle, the outputs of a model of each, and the possible range of angles and body rates."""
 
 from math import tau
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""The batteries of a vehicle: voltage, current, charge and number of cells of each, as its messages have them.
+"""The batteries of a vehicle: voltage, current, charge and number of cells of each, from its messages.
 
 BATTERY_STATUS has the number of the battery in ``id``, from 0, and those of several batteries come one after the other.
 SYS_STATUS has the voltage of one battery: of the first (ArduPilot), or of the connected one with the least charge

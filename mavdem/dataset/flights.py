@@ -1,4 +1,4 @@
-"""Flights of a log that a model can be learned from, or the reason why a log has none."""
+"""Flights in a log from which a model can be learned, or the reason why there are none."""
 
 from collections.abc import Sequence
 from dataclasses import replace

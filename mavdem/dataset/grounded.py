@@ -1,4 +1,4 @@
-"""Flights that the ground holds: times in which the motors and the motion show that a vehicle stands, or is held.
+"""Times in which the ground carries or holds a vehicle although it is reported in flight, by its motors and motion.
 
 The autopilot's landed state may report flight all the same: on a test stand, in somebody's hand, or before take-off.
 """

@@ -1,4 +1,4 @@
-"""Quantities of the hardware that a log has as fields of some message: load, memory, temperatures, supply, current."""
+"""Quantities of the hardware that are a field of some message: load, memory, temperatures, supply, current."""
 
 from dataclasses import replace
 from typing import NamedTuple

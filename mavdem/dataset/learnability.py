@@ -1,4 +1,4 @@
-"""Learnability: whether a model of one axis can be learned from a log, why not, and what makes it less reliable."""
+"""Learnability: whether a model of one axis can be learned from a log, or why not, and what makes it less reliable."""
 
 from collections.abc import Iterator, Sequence
 
@@ -96,7 +96,7 @@ def segment_learnabilities(
 
     candidates = [segment for segment in segments if segment.duration >= MIN_SEGMENT_DURATION]
     if not candidates:
-        # All segments are too short. The longest one is judged all the same, since its refusal tells its duration.
+        # All segments are too short. The longest one is judged nevertheless, since its refusal states its duration.
         candidates = [segments[0]]
     best = best_segment(judge, candidates[:MAX_JUDGED_SEGMENTS])
     yield best
@@ -107,14 +107,17 @@ def segment_learnabilities(
 
 
 def _unusable_log(signals: Signals, components: Sequence[Component]) -> Fact | None:
-    """Returns the reason why a log cannot have a usable flight.
+    """Returns the reason why no segment of a log can be used, whatever its quality.
+
+    The vehicle must be a multirotor that was armed, with a recorded attitude and recorded model inputs, and the values
+    of the attitude must be finite and mostly possible.
 
     Args:
         signals: Signals of the vehicle for an axis.
-        components: All components in the log.
+        components: All components in the log, of which another one may be a multirotor.
 
     Returns:
-        The reason, as a fact; None if it can.
+        The reason, as a fact; None if segments may be usable.
     """
     telemetry = signals.telemetry
     attitude = signals.attitude

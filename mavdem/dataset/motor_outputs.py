@@ -1,4 +1,4 @@
-"""Motor outputs of a vehicle, or the controller's demand in their place: the inputs of a model, as recorded."""
+"""Inputs of a model, as recorded: the motor outputs of a vehicle or, instead, the controller's demand."""
 
 from __future__ import annotations
 
@@ -252,7 +252,9 @@ def _outputs_in_message(telemetry: Telemetry, message: str) -> MotorOutputs | Fa
     """
     name = telemetry.name_in_source(message)
     banks = _output_banks(message, telemetry.messages[message], telemetry.autopilot)
-    bank_of_channel = {channel: bank for bank in banks for channel in bank.channels}
+    bank_of_channel = {}
+    for bank in banks:
+        bank_of_channel.update(dict.fromkeys(bank.channels, bank))
     moving_channels = [
         channel for channel, bank in bank_of_channel.items() if _is_moving(bank.outputs(channel))
     ]

@@ -1,4 +1,4 @@
-"""The pilot's sticks and switches: all of them as the autopilot got them, from -100 to 100 % or in µs."""
+"""The pilot's sticks and switches as the autopilot received them, from -100 to 100 % or in µs."""
 
 from typing import NamedTuple
 
@@ -57,7 +57,9 @@ def pilot_input(signals: Signals) -> PilotInput:
     sticks = {}
     for stick, field in STICK_FIELDS.items():
         if field in columns:
-            series = clean_series(columns, 0.1 * float_column(columns, field))
+            # MAVLink has sticks from −1000 to 1000.
+            percent = 0.1 * float_column(columns, field)
+            series = clean_series(columns, percent)
             if len(series.time):
                 sticks[stick] = series
     if len(sticks) == len(STICKS):

@@ -1,4 +1,4 @@
-"""Position fixes: whether a satellite receiver, or another sensor, told the estimator where the vehicle is.
+"""Position fixes: whether a satellite receiver, or another sensor, supplied the estimator with the position.
 
 Without one, an estimator integrates accelerations, so that its velocity runs away, and some report it as valid.
 """

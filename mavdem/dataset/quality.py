@@ -302,6 +302,7 @@ def _snr_of_changes(time: Array, values: Array, step: float) -> float | None:
     changes = end_values - values[is_start]
     rounding_variance = step**2 / (ROUNDING_VARIANCE_DIVISOR / 2)
     if rounding_variance > 0 and len(changes):
+        # The variance of the rounded changes is that of the signal plus that of the rounding.
         return changes.var() / rounding_variance - 1
     return None
 

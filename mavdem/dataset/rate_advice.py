@@ -1,4 +1,4 @@
-"""Advice on how to get attitude and motor outputs faster from an autopilot, by the settings that its log shows."""
+"""Advice on how to obtain attitude and motor outputs at higher rates from an autopilot, by the settings in its log."""
 
 import re
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Resampling of recorded streams to one uniform grid of time, with a low-pass filter where the grid is slower."""
+"""Resampling of recorded streams to a uniform grid of time, with a low-pass filter if the grid is slower."""
 
 from collections.abc import Iterable
 from typing import NamedTuple

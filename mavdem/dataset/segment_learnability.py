@@ -182,7 +182,7 @@ def slow_streams(
 
 @dataclass(frozen=True, eq=False)
 class SegmentJudge:
-    """Decides for each segment of one log whether a model can be learned from it."""
+    """Judges for each segment of one log whether a model can be learned from it."""
 
     signals: Signals
     """Signals of the vehicle for an axis."""

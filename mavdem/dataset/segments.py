@@ -1,4 +1,4 @@
-"""Segments of a log: spans of one boot in which attitude and model inputs were recorded without gaps."""
+"""Segments of a log: parts of one boot in which attitude and model inputs were recorded without gaps."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Setpoints of attitude and body rate that a controller followed, and known signals that were added to its commands.
+"""Setpoints of attitude and body rate that a controller followed, and test signals that were added to its commands.
 
 A setpoint is a command: it holds until the next one, for ``MAX_SETPOINT_AGE`` at most. A sample therefore has the last
 setpoint at or before its own stamp, on average half an interval late.

@@ -1,4 +1,4 @@
-"""Signals of one vehicle for a model of one axis: which message means which quantity, in SI units.
+"""Signals of one vehicle for a model of one axis: quantities in SI units, and the messages from which they come.
 
 Names of messages and fields occur only here and in ``attitude``, ``motor_outputs`` and ``setpoints``. Every signal is a
 time series on the clock of the vehicle's boot; a signal that was not recorded is None. Stamps have the resolution of

@@ -1,4 +1,4 @@
-"""Speed controllers (ESCs): the speed of each motor as its controller measures it, and the errors that it counts.
+"""Speed controllers (ESCs): the speed of each motor as measured by its controller, and the controller's error counts.
 
 Each log names them in its own way: DataFlash's ESC and PX4's esc_status (both translated to ESC), MAVLink's ESC_STATUS
 with ESC_INFO (PX4), and ESC_TELEMETRY_1_TO_4 to 29_TO_32 (ArduPilot). Controllers are numbered from 1 here, as
@@ -39,7 +39,7 @@ UNKNOWN_INFO_TEMPERATURE = 32767
 
 @dataclass(frozen=True, eq=False)
 class SpeedController:
-    """One speed controller that reports the speed of its motor."""
+    """One electronic speed controller that reports the speed of its motor."""
 
     number: int
     """Number of the controller, from 1."""

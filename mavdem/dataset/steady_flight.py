@@ -1,4 +1,4 @@
-"""Steady flight: when motors may be compared, since the vehicle follows its attitude setpoint and keeps its heading.
+"""Steady flight, in which motors can be compared: the vehicle follows its attitude setpoint and keeps its heading.
 
 While the heading turns, the direction of wind and load changes relative to the vehicle, and the yaw controller works.
 The motors of a vehicle that does not follow its attitude setpoint work against something else than their own weakness.

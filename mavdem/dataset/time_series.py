@@ -1,4 +1,4 @@
-"""Time series of one quantity, made from the fields of recorded messages: sorted, finite, each stamp once."""
+"""Time series of one quantity from the fields of recorded messages: sorted, finite, without repeated stamps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Cache of what is derived from the signals of one vehicle, shared by the models of all its axes."""
+"""Cache of results that are derived from the signals of one vehicle, shared by the models of all its axes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def cached_per_vehicle(*attributes: str) -> Callable[[CachedFunction], CachedFun
     """
 
     def decorator(function: Any) -> Any:
-        """Returns the function with a cache in front of it: that of the signals, its first argument."""
+        """Wraps a function so that its results are stored in the cache of its first argument, the signals."""
 
         @wraps(function)
         def cached(signals: HasCache, *arguments: Hashable, **keywords: Hashable) -> Any:

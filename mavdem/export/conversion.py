@@ -1,4 +1,4 @@
-"""Conversion of a log into another stream format, or of its flight into a table or a path, by the files' endings."""
+"""Conversion of a log to another stream format, or of its flight to a table or a path, by the file's ending."""
 
 from pathlib import Path
 from typing import BinaryIO

@@ -1,4 +1,4 @@
-"""MCAP channels of a flight: what was measured, and what its model makes of it, for viewers such as Foxglove."""
+"""MCAP channels of a flight: its measurements, and the results of its model, for viewers such as Foxglove."""
 
 import re
 from collections.abc import Sequence

@@ -56,8 +56,11 @@ def column_name(name: str, unit: str) -> str:
     'motor_1_us'
 
     Args:
-        name: name of the signal.
+        name: name of the signal; a remark in brackets is left out.
         unit: its unit; empty for none.
+
+    Returns:
+        Name and unit in lower case, joined by underscores.
     """
     text = f"{without_remark(name)} {unit}".replace("µ", "u")
     return "_".join(re.findall(r"[^\W_]+", text.lower()))

@@ -1,4 +1,4 @@
-"""All messages of a log under the log's own names, for plots of any field: mavdem uses few of them otherwise."""
+"""All messages of a log under the names of the log, so that any field can be plotted."""
 
 from dataclasses import replace
 

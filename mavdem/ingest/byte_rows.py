@@ -1,4 +1,4 @@
-"""Pieces of equal length out of the bytes of a log, such as headers, time stamps and the values of one message.
+"""Extraction of byte strings of equal length from a log, such as headers, time stamps and the values of one message.
 
 A large log is mapped into memory instead of being read. Whatever is looked at of it becomes resident, so that the pages
 are released after every ``RESIDENT_BYTES``.

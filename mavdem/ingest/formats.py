@@ -1,4 +1,4 @@
-"""Reading a flight log of any format: the format is recognised by the file's first bytes, or else by its name."""
+"""Reading a flight log of any format, which is recognised by the first bytes of the file or by its name."""
 
 import os
 import re
@@ -52,6 +52,9 @@ def read_log(path: AnyPath) -> Log:
             or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz or zip archive of one; str, bytes or
             path-like.
 
+    Returns:
+        The log, with the telemetry of each vehicle in it.
+
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no flight.
         ValueError: ``path`` is not a path.
@@ -83,6 +86,9 @@ def read_stream(path: AnyPath) -> "FrameStream":
 
     Args:
         path: the file; str, bytes or path-like.
+
+    Returns:
+        The frames with their receive stamps.
 
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no MAVLink.

@@ -1,4 +1,4 @@
-"""Logs of one flight that the autopilot wrote one after the other, joined to one log.
+"""Joining logs of one flight that the autopilot wrote one after the other.
 
 An autopilot that restarts in flight (watchdog, brown-out) begins a new file, and so does a logger that begins anew
 while the autopilot runs on. Two files are of one flight where they are of one vehicle, the first ends armed, and the
@@ -245,13 +245,16 @@ def _joined_pair(earlier: Recording, later: Recording) -> Log:
 
 
 def _separation_of_vehicles(earlier: Telemetry, later: Telemetry) -> Separation | None:
-    """Returns the reason why two logs are not of the same vehicle.
+    """Returns the first reason why two logs cannot be of the same vehicle.
+
+    The MAVLink ids, the format and the kind of autopilot must agree, firmware and board as far as both logs have them,
+    and most parameters.
 
     Args:
         earlier, later: The vehicle as each log describes it, in the order of time.
 
     Returns:
-        The reason; None if nothing separates them.
+        The reason; None if both may be of one vehicle.
     """
     if (earlier.system, earlier.component) != (later.system, later.component):
         return Separation.OTHER_SYSTEM
@@ -291,12 +294,15 @@ def _separation_in_time(
 ) -> Separation | None:
     """Returns the reason why two logs of a vehicle are not of one flight.
 
+    The vehicle must be armed at the end of the first log, and the second must follow it within the time of a restart.
+    Without UTC, only the logs themselves can show this (:func:`_is_same_flight`).
+
     Args:
         earlier, later: The recordings in the order of time.
-        gap: Time by UTC between them, s; None if it is not known.
+        gap: Time by UTC between them, s; negative if they overlap, None if it is not known.
 
     Returns:
-        The reason; None if nothing separates them.
+        The reason; None if both may be of one flight.
     """
     armed_flags = _heartbeats(earlier.vehicle, earlier.last_boot)["base_mode"] & ARMED
     if len(armed_flags) and not armed_flags[-1]:

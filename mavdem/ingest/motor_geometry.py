@@ -1,4 +1,4 @@
-"""Finding a multirotor's motors by its autopilot's parameters: channel, position and direction of rotation of each.
+"""The geometry of a multirotor's motors from its parameters: output channel, position and rotation of each.
 
 Where parameters are missing, channels are assumed from the outputs that change, and positions from the X quadrotor.
 """
@@ -268,7 +268,7 @@ def _ardupilot_rotors(vehicle: str, parameters: Parameters, motors: Sequence[int
         frame_class = OLD_FRAME_CLASSES.get(vehicle, default_class)
         frame_type = int(parameters["FRAME"])
     if frame_class == FRAME_CLASS_TRI:
-        positions = {motor: _on_circle(b) for motor, b in TRICOPTER_BEARINGS.items()}
+        positions = {motor: _on_circle(bearing) for motor, bearing in TRICOPTER_BEARINGS.items()}
         return _Rotors(positions)
     return _frame_rotors(frame_class, frame_type)
 

@@ -1,4 +1,4 @@
-"""Scale of motor outputs: the unit of the numbers in a log, and which of them are no throttle and full throttle.
+"""Scale of motor outputs: the unit of the numbers in a log, and which of them mean no throttle and full throttle.
 
 Autopilots log pulse widths, DShot or UAVCAN commands, or shares of the range, and rarely say which. The scale follows
 from the values themselves and from the parameters of the output driver.

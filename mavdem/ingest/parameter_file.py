@@ -1,4 +1,4 @@
-"""Parameter files of ground stations, which stand in for the parameters that a log lacks.
+"""Parameter files of ground stations, which supply the parameters that a log lacks.
 
 QGroundControl's .params has a line of vehicle, component, name, value and type, separated by tabs; the .param of
 Mission Planner and of MAVProxy one of name and value, separated by a comma or spaces. Lines that begin with # are

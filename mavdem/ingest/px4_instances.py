@@ -1,4 +1,4 @@
-"""MAVLink messages made of PX4's topics that have an instance for each battery, estimator or sensor.
+"""MAVLink messages from PX4's topics that have an instance for each battery, estimator or sensor.
 
 Of batteries and estimators the one that counts becomes the message, and a table has all of them. Sensors beside the
 first become the further messages that MAVLink has for them: GPS2_RAW, SCALED_IMU2, SCALED_PRESSURE2 and so on.
@@ -251,7 +251,8 @@ def _sampled_ratios(topics: Topics, instance: int, ratio: EstimatorRatio, time: 
             ratios = np.sqrt(np.maximum(np.max(squares, axis=0), 0.0))
             # The window of a time has the samples since the time before, or at least the last sample.
             ends = np.searchsorted(sample_time, time, side="right")
-            starts = np.minimum(np.r_[ends[:1] - 1, ends[:-1]], ends - 1)
+            ends_before = np.append(ends[:1] - 1, ends[:-1])
+            starts = np.minimum(ends_before, ends - 1)
             is_recent = (ends > 0) & (time - sample_time[ends - 1] <= MAX_AID_AGE)
             if is_recent.any():
                 windows = np.column_stack([starts, ends])[is_recent]

@@ -1,4 +1,4 @@
-"""MAVLink messages made of PX4's topics, field by field; each function makes one message.
+"""MAVLink messages from PX4's topics, field by field; each function makes one message.
 
 PX4 translates in the same way when it sends these messages; each function names the file of
 https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. Fields that no topic has are
@@ -186,7 +186,7 @@ BODY_ANGLE_FIELDS = ("roll_body", "pitch_body", "yaw_body")
 
 
 def attitude_target_messages(topics: Topics) -> Fields:
-    """Makes ATTITUDE_TARGET (PX4's ATTITUDE_TARGET.hpp) of vehicle_attitude_setpoint and vehicle_rates_setpoint.
+    """Makes ATTITUDE_TARGET (PX4's ATTITUDE_TARGET.hpp) from vehicle_attitude_setpoint and vehicle_rates_setpoint.
 
     Each message of a topic becomes one ATTITUDE_TARGET, whose ``type_mask`` marks the other setpoint as not sent.
 
@@ -237,7 +237,7 @@ def renamed_message(topics: Topics, message: str) -> Fields:
 
 
 def highres_imu(topics: Topics) -> Fields:
-    """Makes HIGHRES_IMU (PX4's HIGHRES_IMU.hpp) of vehicle_acceleration, with the temperature of the first IMU, °C.
+    """Makes HIGHRES_IMU (PX4's HIGHRES_IMU.hpp) from vehicle_acceleration, with the temperature of the first IMU, °C.
 
     The temperature comes from vehicle_imu_status, which is logged less often: its last value is taken, and NaN before
     the first.
@@ -262,7 +262,7 @@ VIBRATION_IMUS = 3
 
 
 def vibration(topics: Topics) -> Fields:
-    """Makes VIBRATION (VIBRATION.hpp) of vehicle_imu_status: the level of vibration and the clipped samples by IMU.
+    """Makes VIBRATION (VIBRATION.hpp) from vehicle_imu_status: the level of vibration and the clipped samples by IMU.
 
     Each IMU is an instance of the topic, with different stamps; all are interpolated at the stamps of the first.
 
@@ -297,7 +297,7 @@ def system_time(topics: Topics) -> Fields:
 
 
 def injected_rates(topics: Topics) -> Fields:
-    """Makes SIDD, ArduPilot's message with test signals, of the rates that PX4's autotune adds to the setpoint.
+    """Makes SIDD, ArduPilot's message with test signals, from the rates that PX4's autotune adds to the setpoint.
 
     Args:
         topics: The logged topics, by name and number of the instance.
@@ -378,7 +378,7 @@ def current_mode(topics: Topics) -> Fields:
 
 
 def manual_control(topics: Topics) -> Fields:
-    """Makes MANUAL_CONTROL (PX4's MANUAL_CONTROL.hpp) of manual_control_setpoint: the sticks of the pilot.
+    """Makes MANUAL_CONTROL (PX4's MANUAL_CONTROL.hpp) from manual_control_setpoint: the sticks of the pilot.
 
     PX4 counts the throttle from -1 to 1 since 1.14, and from 0 to 1 before.
 
@@ -399,6 +399,7 @@ def manual_control(topics: Topics) -> Fields:
                 fields[name] = 1000 * sticks[choice].astype(np.float64)
                 break
     if "throttle" in sticks:
+        # From −1 to 1 to 0 to 1000.
         throttle = 500 * (1 + sticks["throttle"].astype(np.float64))
     else:
         throttle = 1000 * sticks["z"].astype(np.float64)
@@ -480,7 +481,7 @@ def extended_sys_state(topics: Topics) -> Fields:
 
 
 def local_position_ned(topics: Topics) -> Fields:
-    """Makes LOCAL_POSITION_NED (PX4's LOCAL_POSITION_NED.hpp) of vehicle_local_position; m and m/s.
+    """Makes LOCAL_POSITION_NED (PX4's LOCAL_POSITION_NED.hpp) from vehicle_local_position.
 
     Rows whose vertical speed is not valid are left out. Two columns are added to the message's fields: ``valid``,
     whether horizontal velocity and heading are valid, and ``resets``, ODOMETRY's counter of jumps.

@@ -1,4 +1,4 @@
-"""MAVLink messages of motors and their speed controllers, made of PX4's topics; each function makes one message.
+"""MAVLink messages of motors and their speed controllers from PX4's topics; each function makes one message.
 
 PX4 translates in the same way when it sends these messages; each function names the file of
 https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. A function raises KeyError
@@ -27,7 +27,7 @@ MIN_TURNS_PER_DRIVER = 2
 
 
 def servo_output_raw(topics: Topics) -> Fields:
-    """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) of actuator_outputs: each instance of the topic is a port of 16.
+    """Makes SERVO_OUTPUT_RAW (SERVO_OUTPUT_RAW.hpp) from actuator_outputs: each instance of the topic is a port of 16.
 
     The decimals that the message would cut off are kept. If two drivers publish the same instance by turns, each with
     its number of outputs (``noutputs``), it becomes two ports. The driver whose first output has the largest range gets
@@ -80,7 +80,7 @@ def _used_outputs(topic: Columns) -> Array:
 
 
 def hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> Fields:
-    """Makes HIL_ACTUATOR_CONTROLS, outputs as shares of their range, of the topic actuator_motors (PX4 1.13 and later).
+    """Makes HIL_ACTUATOR_CONTROLS, outputs as shares of their range, from actuator_motors (PX4 1.13 and later).
 
     The topic is indexed by motor, the message by channel: each motor is put on the channel that the parameters state. A
     motor that is off, NaN in the topic, becomes 0.
@@ -128,7 +128,7 @@ ZERO_CELSIUS = 273.15
 
 
 def motor_speeds(topics: Topics) -> Fields:
-    """Makes ESC, the message of DataFlash logs with the speeds of motors, of esc_status: a row for each controller.
+    """Makes ESC, the message of DataFlash logs with the speeds of motors, from esc_status: a row for each controller.
 
     Args:
         topics: The logged topics, by name and number of the instance.

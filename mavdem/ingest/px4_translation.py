@@ -1,4 +1,4 @@
-"""Translation of a vehicle's PX4 topics into MAVLink messages: which topic becomes which message; the vehicle type."""
+"""Translation of a vehicle's PX4 topics to MAVLink: which topic becomes which message, and the vehicle's type."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple

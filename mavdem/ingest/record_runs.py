@@ -1,4 +1,4 @@
-"""Records of a file that follow each other without a gap, found for a stretch of the file at once.
+"""Finding runs of records that follow each other in a file without a gap, for a part of the file at once.
 
 A log is a chain: the length of a record says where the next one begins. Following it record by record costs more than
 decoding all of them. Here every place that looks like the beginning of a record is found by comparing arrays, and those
@@ -46,7 +46,7 @@ class RecordRun(NamedTuple):
 
 
 class RecordRuns:
-    """Finds runs of records, stretch by stretch."""
+    """Finds runs of records in a file, one part of the file after the other."""
 
     def __init__(
         self, content: FileContent, find_records: Callable[[int, int], PossibleRecords]

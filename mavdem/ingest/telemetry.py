@@ -253,8 +253,11 @@ def concatenated_columns(parts: Sequence[Columns]) -> Fields:
     """
     if len(parts) == 1:
         return dict(parts[0])
-    common_names = [name for name in parts[0] if all(name in part for part in parts)]
-    return {name: np.concatenate([part[name] for part in parts]) for name in common_names}
+    joined_columns = {}
+    for name in parts[0]:
+        if all(name in part for part in parts):
+            joined_columns[name] = np.concatenate([part[name] for part in parts])
+    return joined_columns
 
 
 SourceFields = Mapping[str, Sequence[tuple[float, str]]]
@@ -378,7 +381,7 @@ def repair_facts(code: Repair, **figures: Any) -> Facts:
 
     Args:
         code: Kind of the repair.
-        figures: The fact's figures; ``count``, if there is one, is the number of repairs.
+        figures: Values of the fact; ``count``, if given, is the number of repairs.
 
     Returns:
         One fact; none if ``count`` is 0.

@@ -1,4 +1,4 @@
-"""Telemetry logs (.tlog): reading and writing MAVLink frames, each behind the 8-byte time at which it was received.
+"""Telemetry logs (.tlog): reading and writing MAVLink frames, each preceded by its receive time in 8 bytes.
 
 The receive stamp is big-endian microseconds since 1970. It may be late by seconds, so messages are placed in time by
 the autopilot's own stamps (``mavlink.clocks``) instead. Layout: pymavlink ``mavutil.mavlogfile``.
@@ -60,8 +60,8 @@ def read_tlog(path: PathName) -> Log:
 def tlog_stream(path: PathName) -> FrameStream:
     """Finds the frames of a telemetry log and their receive stamps, in the order received.
 
-    In an undamaged log the 8 bytes before each frame are its stamp. If the distance to the frame before is different,
-    some bytes are damaged, and the frame has no stamp. A file with hardly any frames for its size is something else.
+    In an undamaged log the 8 bytes between two frames are the stamp of the second one. If their number is different,
+    some bytes are damaged, and the frame has no stamp. A file with very few frames for its size is no telemetry log.
 
     Args:
         path: The log, or an archive of it.

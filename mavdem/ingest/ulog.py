@@ -1,4 +1,4 @@
-"""PX4's own logs (.ulg): topics on the boot clock, as MAVLink's messages.
+"""PX4's logs (.ulg, ULog): reading topics on the boot clock, as MAVLink messages.
 
 Damage is left out by ``ulog_records``. There are no checksums: a flipped value stays. ``ulog_topics`` decodes the data,
 ``ulog_other_records`` the rest, and ``px4_translation`` translates the topics.
@@ -133,17 +133,20 @@ def all_topics(path: PathName) -> dict[str, dict[int, Fields]]:
     parsed_records = parse_records(_sound_records_of(path), has_all_fields=True)
     start = parsed_records.other.start_stamp / MICROSECONDS
     topics, _ = _topics(parsed_records.topics, start)
-    return {
-        name: {number: dict(columns) for number, columns in instances.items()}
-        for name, instances in topics.items()
-    }
+    fields_by_topic = {}
+    for name, instances in topics.items():
+        fields_by_topic[name] = {number: dict(columns) for number, columns in instances.items()}
+    return fields_by_topic
 
 
 def _sound_records_of(path: PathName) -> SoundRecords:
-    """Finds the sound records of a ULog file.
+    """Opens a ULog file and finds its sound records.
 
     Args:
         path: The file.
+
+    Returns:
+        The sound records, with a summary of what was left out.
 
     Raises:
         Unreadable: The file cannot be opened, is no ULog, is cut in its header or its flags record, or is of a later
@@ -165,7 +168,7 @@ def _sound_records_of(path: PathName) -> SoundRecords:
 
 
 def _status_texts(texts: Sequence[LoggedText]) -> Columns:
-    """Makes STATUSTEXT of the N texts that PX4 logged.
+    """Makes STATUSTEXT from the N texts that PX4 logged.
 
     Their level is the ASCII character of a digit, 0 to 7, as in syslog; MAV_SEVERITY has the same numbers.
 
@@ -186,7 +189,7 @@ def _status_texts(texts: Sequence[LoggedText]) -> Columns:
 
 
 def _parameter_values(other: OtherRecords) -> Columns:
-    """Makes PARAM_VALUE of the parameters' values when the logger began, and of each that was set later.
+    """Makes PARAM_VALUE from the parameters' values when the logger began, and one for each later setting.
 
     All are of the type float32, also integer parameters. So PX4's encoding of integers as the bits of a float does not
     apply when they are decoded.

@@ -1,4 +1,4 @@
-"""The definitions in a ULog file, and whether a record fits them.
+"""The definitions in a ULog file, and checking whether a record fits them.
 
 A file defines its messages (the fields of each) and subscriptions (the number under which the records of one topic
 follow). Other records have a layout of their own.
@@ -472,7 +472,14 @@ class RecordDefinitions:
         return self._sizes[kind]
 
     def _size_of_fields(self, fields: Sequence[_Field]) -> _MessageSize | None:
-        """Returns the number of values and of bytes of all fields together; None if a definition is missing."""
+        """Returns the number of values and of bytes of all fields together; None if a definition is missing.
+
+        Args:
+            fields: Fields of a message, which may be arrays or nested messages.
+
+        Raises:
+            RecursionError: A nested message contains itself.
+        """
         numbers = 0
         length = 0
         has_distinct_names = len({field.name for field in fields}) == len(fields)
@@ -491,10 +498,13 @@ class RecordDefinitions:
         return field.elements * size.length if size is not None else 0
 
     def number_fields(self, name: str) -> Sequence[NumberField]:
-        """Lists the numbers of a message that has a layout, in the order of the file, without the padding at the end.
+        """Lists the numbers in a message, those of nested messages included, without the padding at the end.
 
         Args:
-            name: Name of the message.
+            name: Name of the message, which must have a layout.
+
+        Returns:
+            Name, type and offset of each number, in the order of the file.
         """
         numbers: list[NumberField] = []
         self._list_numbers(name, "", numbers)
@@ -523,7 +533,14 @@ class RecordDefinitions:
                 self._list_numbers(field.kind, element_name, numbers)
 
     def _fields_of(self, name: str) -> Sequence[_Field]:
-        """Returns the fields of a message; none if it is not defined."""
+        """Returns the fields of a message, which are parsed when they are first used.
+
+        Args:
+            name: Name of the message.
+
+        Returns:
+            The fields in the order of the definition; none if the message is not defined.
+        """
         if name not in self._fields:
             fields = []
             for kind, elements, field_name in FIELD.findall(self._formats.get(name, "")):

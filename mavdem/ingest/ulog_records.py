@@ -1,4 +1,4 @@
-"""The sound records of a ULog file: what damage, an old layout or a cut would make a parser misread is left out.
+"""The sound records of a ULog file, without those that a parser would misread because of damage or a cut.
 
 A ULog is a chain of records, each with a header of three bytes: its length (uint16) and its type, a letter. There are
 no checksums, and files before PX4 1.11 have no marks of synchronisation, so that one wrong length would shift all that

@@ -1,4 +1,4 @@
-"""MAVLink's constants, names of autopilots' parameters, and conversions of attitude that all readers of logs share.
+"""MAVLink constants, names of autopilot parameters, and conversions of attitude, shared by all readers of logs.
 
 Sources: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_STATE of MAVLink's ``minimal.xml`` and
 ``common.xml``; modes of ArduCopter's ``mode.h`` and PX4's ``px4_custom_mode.h``.
@@ -221,7 +221,7 @@ MIN_NUMBER_BYTES = 6
 def board_number_in_texts(texts: Iterable[str]) -> str:
     """Returns the board's number from the texts that ArduPilot sends at boot ("CUAVv5Nano 001A002F 30395113 33333539").
 
-    The number tells vehicles apart whose MAVLink ids are the same. The simulator has a text of another kind instead.
+    The number distinguishes vehicles with the same MAVLink ids. The simulator has another kind of text instead.
 
     Args:
         texts: The texts of the log, in any order.

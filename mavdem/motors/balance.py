@@ -1,4 +1,4 @@
-"""Balance of the motors in steady flight: roll, pitch and yaw commands over the thrust, and their change by lean.
+"""Balance of the motors in steady flight: roll, pitch and yaw commands relative to the thrust, and the effect of lean.
 
 Wind that a vehicle leans against asks for a steady torque too: by the flapping of its rotors, by drag above or below
 its centre of mass, or by a load beside it. docs/motors.md says how the balance is judged.

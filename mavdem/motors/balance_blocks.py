@@ -1,4 +1,4 @@
-"""Blocks of the motors' balance in flight: samples averaged over half a second, and the blocks of the flight so far."""
+"""Blocks of the motors' balance in flight: samples averaged over half a second, and the sequence of these blocks."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CommandBlock(NamedTuple):
 
 
 class BlockAverager:
-    """Averages samples over blocks of ``BLOCK_SECONDS`` of the clock, which takes out fast noise.
+    """Averages samples over blocks of ``BLOCK_SECONDS`` of the clock, which removes fast noise.
 
     The first sample of a new block completes the one before.
     """
@@ -92,7 +92,7 @@ class BlockAverager:
 
 
 class SampleRate:
-    """Counts samples, to tell whether they come fast enough for blocks."""
+    """Counts samples, to decide whether their rate is high enough for blocks."""
 
     def __init__(self) -> None:
         """Begins without a sample."""
@@ -127,7 +127,7 @@ class SampleRate:
 
 
 class BalanceBlocks:
-    """The blocks of the flight that later flight is compared with, in order of time.
+    """The blocks of the flight with which later flight is compared, in the order of time.
 
     Attributes:
         times: Ends of the blocks, s.

@@ -1,4 +1,4 @@
-"""How the commands of a vehicle's motors make its balance, and how a weak motor changes both."""
+"""How the balance follows from the commands of a vehicle's motors, and how a weak motor changes both."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RiseEstimate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class BalanceModel:
-    """The mixer of a vehicle with k motors, without thrust: the balance about a axes, and how weak motors change it.
+    """The mixer of a vehicle with k motors: the balance about a axes, and how weak motors change it.
 
     The balance is the torque about each axis that the motors' commands make, relative to their mean command.
     """

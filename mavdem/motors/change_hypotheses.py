@@ -204,7 +204,7 @@ class ChangeHypotheses:
         load_rows = self.groups["load"]
         motor_rows = self.groups["motor"]
         spread = self.spread.copy()
-        # If the vehicle leans, a load that shifted changes yaw too, since the drag acts beside the centre of gravity.
+        # If the vehicle leans, a load that shifted changes yaw too, since the drag acts off the centre of gravity.
         spread[load_rows, YAW] = spread[load_rows, ROLL] * deviation.lean
         scale = np.hypot(deviation.scale, spread)
         standard_scores = (deviation.change - self.change) / scale

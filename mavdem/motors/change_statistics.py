@@ -1,4 +1,4 @@
-"""Statistics of a change of the mean in a short, autocorrelated record: its size, its variance, and its likelihood.
+"""Statistics of a change of the mean in a short, autocorrelated record: its size, variance and likelihood.
 
 The record is a series of blocks. A window is a number of last blocks, in which the mean may differ from that before.
 """

@@ -1,4 +1,4 @@
-"""A motor that lost thrust within a flight, however slowly: the whole flight is compared, once it is over.
+"""Detection of a motor that lost thrust slowly within a flight, by a comparison over the whole flight after its end.
 
 The sequential test of a live session (``loss_detection.py``) looks for a change within the last seconds. A loss that
 takes ten seconds or more moves its reference along, and on a vehicle with six or eight motors the neighbours of the

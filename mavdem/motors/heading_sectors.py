@@ -1,4 +1,4 @@
-"""Whether a change of the motors' balance shows at several headings, and wind is not its cause."""
+"""Test whether a change of the motors' balance shows at several headings, so that wind is not its cause."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flights of one vehicle for the health of its motors, and which of them serve as healthy ones to compare with."""
+"""Flights of one vehicle for judging its motors, and the choice of the healthy ones with which others are compared."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ GEOMETRY_DECIMALS = 6
 
 @dataclass(frozen=True, eq=False)
 class HealthFigures:
-    """Figures of one flight of a vehicle by which the health of its motors is judged."""
+    """Measurements of one flight of a vehicle by which the health of its motors is judged."""
 
     name: str
     """Name of the flight."""

@@ -1,4 +1,4 @@
-"""Hover: how hard each motor works in settled flight, how much it has left, and how the vehicle leans."""
+"""Hover: how hard each motor works in settled flight, its headroom, and how the vehicle leans."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Whether a loss of thrust that was detected in flight lasts, or was a gust or a lean of some seconds.
+"""Confirmation of a loss of thrust that was detected in flight: whether it persists, or was a gust or lean of seconds.
 
 A change of the balance is detected within a second or more, and wind may push for longer than that. A motor that lost
 thrust stays weak. So the balance from ``MIN_LOSS_SECONDS`` after the change on is compared with both: with the balance
@@ -36,7 +36,7 @@ HALF_CHANGE = 0.5
 
 
 class LossConfirmation(NamedTuple):
-    """A loss of thrust that was detected a moment ago, with the balance before and after it.
+    """A loss of thrust that was just detected, with the balance before and after it, to be confirmed or withdrawn.
 
     The balance is the torque about each of a axes relative to the thrust; a block is half a second of flight.
     """

@@ -1,4 +1,4 @@
-"""Sequential detection of a motor that loses thrust in flight: which one works harder than before, lastingly.
+"""Sequential detection, in flight, of a motor that loses thrust and lastingly works harder than before.
 
 docs/motors.md says what is compared with what. The hypotheses exclude each other: nothing changed; motor i works
 harder, by 5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did;
@@ -131,7 +131,7 @@ class _DatedChange(NamedTuple):
 
 
 class MotorLossDetector:
-    """Sequential test, block by block in flight, of whether the balance of one vehicle's motors changed in one boot.
+    """Sequential test of whether the balance of a vehicle's motors changed in flight, block by block; for one boot.
 
     Attributes:
         alarms: Changes that were detected so far.
@@ -260,8 +260,9 @@ class MotorLossDetector:
     def _confirm_or_withdraw_loss(self) -> None:
         """Withdraws the loss that was detected last if the balance has returned to its value before.
 
-        Then a recovery of the motor is recorded, from the time at which the change was over. A loss that is not
-        withdrawn within its time for confirmation is confirmed.
+        Then the motor is no longer weak, its recovery is added to the alarms, and only the blocks since the return are
+        kept as a reference. A loss that is not withdrawn within its time for confirmation is confirmed, and not tested
+        again.
         """
         loss = self._unconfirmed_loss
         time = self._blocks.times[-1]

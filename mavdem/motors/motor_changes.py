@@ -34,7 +34,7 @@ MAX_ONSET_ERROR = 2.0
 
 
 class MotorAlarm(NamedTuple):
-    """A lasting change of the motors' balance in flight, which is an alarm where a motor lost thrust."""
+    """A lasting change of the motors' balance in flight; it is an alarm if a motor lost thrust."""
 
     time: float
     """When it was detected, s on the boot clock."""
@@ -143,7 +143,7 @@ def thrust_losses(changes: Sequence[MotorAlarm]) -> list[Fact]:
     for loss, end_time in ended_losses:
         level = Level.BAD if loss.size > smallest_lasting_size else Level.WATCH
         losses.append(loss.fact.replace(level, until=end_time))
-    # Losses that are bad come first, and of those the largest rise.
+    # Bad losses are sorted before others, and within each group by descending rise.
     losses.sort(key=lambda loss: (loss.level is Level.WATCH, -loss.figures["rise"]))
     bad_motors = dict.fromkeys(loss.subject for loss in losses if loss.is_bad)
     return [loss.replace(names=tuple(bad_motors)) for loss in losses]

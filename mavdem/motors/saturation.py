@@ -1,4 +1,4 @@
-"""Which motors were at their upper limit the most, by the time or the share of the time that each of them was there."""
+"""Which motors were at their upper limit for the longest time."""
 
 from collections.abc import Sequence
 

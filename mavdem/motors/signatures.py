@@ -1,4 +1,4 @@
-"""Signatures of weak motors: how thrust, roll, pitch and yaw commands change where a motor gives less thrust.
+"""Signatures of weak motors: how thrust, roll, pitch and yaw commands change if a motor gives less thrust.
 
 With four motors, a weak one changes its own command only. With six or eight the mixer commands thrust, roll, pitch and
 yaw only, so a weak motor also raises the commands of its neighbours: all commands change by the projection of the weak
@@ -23,7 +23,7 @@ MAX_SIGNATURE_COSINE = 0.99
 
 @dataclass(frozen=True)
 class MotorSignatures:
-    """Mixer of a vehicle with k motors, for the a axes that its geometry gives, and the signatures of weak motors."""
+    """Mixer of a vehicle with k motors, for the a axes known from its geometry, and the signatures of weak motors."""
 
     axes: Names
     """Names of the axes: "thrust", "roll" and "pitch" where positions are known, "yaw" where spins are known."""

@@ -1,4 +1,4 @@
-"""Loss of a motor's thrust, from the rise of the command by which its vehicle makes up for it."""
+"""Loss of a motor's thrust, from the rise of the command by which the controller compensates it."""
 
 from typing import TypeVar
 

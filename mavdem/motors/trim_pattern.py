@@ -1,4 +1,4 @@
-"""Trim of one flight: by which pattern its motors work unevenly, and how sure that is.
+"""Trim of one flight: the pattern by which its motors work unevenly, and the probability of this pattern.
 
 The yaw controller alone balances a twisted arm or motor; roll and pitch balance a centre of gravity beside the middle;
 a weak motor has its own signature, all three in the ratio of its position. Steady wind leans the vehicle and asks for
@@ -64,7 +64,7 @@ def trim_pattern(balance: BalanceFigures | None, geometry: MotorGeometry) -> Fac
         geometry: Positions and spins of the motors.
 
     Returns:
-        A fact (``TrimFact``): the pattern; or that the trim is even; or why neither can be said.
+        A fact (``TrimFact``): the pattern; or that the trim is even; or why neither is known.
     """
     signatures = motor_signatures(geometry)
     if len(signatures.axes) < len(ALL_AXES):

@@ -465,14 +465,14 @@ class Api:
     def _progress_of(self, entry: LibraryEntry, places: Mapping[str, QueuePlace]) -> Progress:
         """Returns the progress of a flight, with what the process that reads its log has reported.
 
-        While a log is read, its process reports in a file, and the index follows only at the end. So what the file has
-        of the columns of the index, such as the stage, replaces the entry's.
+        While a log is read, its process reports in a file, and the index is updated only at the end. So values in the
+        file for columns of the index, such as the stage, replace those of the entry.
 
         Args:
             entry: index entry of the flight.
             places: place in the queue of each log that waits or is read, by its id.
         """
-        # A log that a worker claimed after the places were listed is in none of them.
+        # A log that a worker claimed after the places were listed has none.
         queue_place = places.get(entry.id, QueuePlace())
         reading_progress: JsonValues = {}
         if entry.stage != Stage.WAITING and not entry.is_done:
@@ -493,7 +493,7 @@ def _values_of_keys(values: JsonValues, keys: Iterable[str]) -> JsonValues:
 
 
 def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:
-    """Returns the columns of the index that an upload sets for its logs.
+    """Returns the values that an upload form sets in the index for its logs.
 
     Args:
         fields: fields of the form, as Flight Review has them: ``description`` and ``public``; and ``keep``, which says

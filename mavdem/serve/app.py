@@ -1,4 +1,4 @@
-"""The web application of the server: its routes, and what all answers have in common, refusals above all."""
+"""The web application of the server: its routes, and what all responses have in common, such as refusals."""
 
 import asyncio
 import inspect
@@ -223,10 +223,10 @@ class Server:
         return response
 
     def _answer_to_refusal(self, request: HttpRequest, fact: Fact) -> Response:
-        """Returns the response that gives the reason of a refusal: JSON for programs, a page for browsers.
+        """Returns the response with the reason of a refusal: JSON for programs, a page for browsers.
 
         The path of the URL decides which of the two is sent. The page for a missing right asks for the token. The
-        caller adds the headers that all responses have (:func:`_response_headers`).
+        caller must add the headers that all responses have (:func:`_response_headers`).
 
         Args:
             request: the request that was refused.
@@ -235,7 +235,7 @@ class Server:
         Returns:
             A JSON document of the kind "error", or an HTML page. A status of 503 comes with the header Retry-After.
         """
-        # Codes of other enumerations come from reading an uploaded file that is no log.
+        # Codes of other enumerations are reasons why an uploaded file cannot be read as a log.
         default_status = HTTPStatus.UNSUPPORTED_MEDIA_TYPE
         if isinstance(fact.code, RefusalReason):
             default_status = HTTPStatus.BAD_REQUEST

@@ -1,4 +1,4 @@
-"""Any field of a log of the library: a worker process reads the log once, the server reads columns of what it wrote.
+"""Any field of a log in the library: a worker process reads the log once, and the server reads the columns it stored.
 
 The first request for a flight has its log read within the limits of every log, which takes seconds. The worker writes
 all columns into one file, one after another, and a list of where each begins. The server maps that file into memory, so
@@ -108,7 +108,7 @@ class KeptLog:
 
 
 class FieldStore:
-    """The columns of the logs that were asked for last, for all threads of one server.
+    """Cache of the columns of the most recently used logs, for all threads of one server.
 
     While one log is read, the fields of the others are answered: a lock of its own guards the reading of each log, and
     the lock of the store is held for moments only.
@@ -141,8 +141,8 @@ class FieldStore:
         Args:
             log: path of the log.
             vehicle: ``SYSTEM_COMPONENT`` of a vehicle of the log; empty for that of the flight's page.
-            document: path of the document that was written with the flight's page, which says of which vehicle the page
-                is; None for the first vehicle of the log.
+            document: path of the document that was written with the flight's page, which names the vehicle of the page;
+                None for the first vehicle of the log.
 
         Returns:
             A dictionary for each message (``MessageFields``).
@@ -163,6 +163,9 @@ class FieldStore:
             request: the field, with its message, instance, boot and vehicle.
             document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
+        Returns:
+            Times, s since boot, and values.
+
         Raises:
             Refusal: the log cannot be read, has no such field, or too many requests wait.
         """
@@ -176,9 +179,9 @@ class FieldStore:
                 raise Refusal(RefusalReason.NO_SUCH_FIELD, because=str(error)) from None
 
     def remove(self, log: Path) -> None:
-        """Removes the stored columns of a log, such as one that is deleted.
+        """Removes the stored columns of a log, for example when the log is deleted.
 
-        Columns that another request is using stay on the disk until its use ends (``_release``).
+        Columns that another request is using are removed from the disk when that request ends (``_release``).
 
         Args:
             log: path of the log.
@@ -191,14 +194,14 @@ class FieldStore:
                 kept_log = self._logs.pop(version)
                 if not kept_log.users:
                     unused_logs.append(kept_log)
-        # The disk is slow, and other requests need the lock.
+        # Files are removed without the lock, since the disk is slow and other requests need the lock.
         for kept_log in unused_logs:
             kept_log.remove_files()
 
     def stop(self) -> None:
         """Ends the worker process, even in the middle of a log, and removes the columns of all logs."""
         self._is_stopping.set()
-        # A log that is being read is given up within a moment.
+        # The reading of a log is aborted within a moment, and releases this lock.
         with self._reader_lock:
             self._reader.stop()
             if self._parent is not None:
@@ -208,7 +211,7 @@ class FieldStore:
 
     @contextmanager
     def _columns(self, log: Path, document: Path | None) -> Iterator[StoredLog]:
-        """Yields the columns of a log, and counts their use so that no other thread removes them meanwhile.
+        """Yields the columns of a log, and counts the users of them, so that no other thread removes them meanwhile.
 
         Args:
             log: path of the log.
@@ -238,8 +241,8 @@ class FieldStore:
     def _release(self, version: LogVersion, kept_log: KeptLog) -> None:
         """Ends one use of a log's columns, and removes all columns that are not needed any more.
 
-        Nobody needs the columns of a log whose reading was given up, those that :meth:`remove` took out of the store
-        while they were used, and those used longest ago where the store has more than ``MAX_KEPT_LOGS``.
+        These are the columns of a log whose reading was aborted, those that :meth:`remove` took out of the store while
+        they were used, and the least recently used ones if the store has more than ``MAX_KEPT_LOGS`` logs.
 
         Args:
             version: the log.
@@ -248,27 +251,27 @@ class FieldStore:
         unused_logs = []
         with self._lock:
             kept_log.users -= 1
-            is_given_up = kept_log.columns is None and not kept_log.problem
-            if is_given_up and not kept_log.users and self._logs.get(version) is kept_log:
+            was_aborted = kept_log.columns is None and not kept_log.problem
+            if was_aborted and not kept_log.users and self._logs.get(version) is kept_log:
                 del self._logs[version]
             for old_version, old_log in list(self._logs.items()):
                 if len(self._logs) <= MAX_KEPT_LOGS:
                     break
                 if not old_log.users:
                     unused_logs.append(self._logs.pop(old_version))
-            # Another log, or none, may be in the store under this version: then the last user removes this one.
+            # Columns that are no longer in the store under this version are removed by their last user.
             is_in_store = self._logs.get(version) is kept_log
             if not kept_log.users and not is_in_store and kept_log not in unused_logs:
                 unused_logs.append(kept_log)
-        # The disk is slow, and other requests need the lock.
+        # Files are removed without the lock, since the disk is slow and other requests need the lock.
         for unused_log in unused_logs:
             unused_log.remove_files()
 
     def _read_once(self, kept_log: KeptLog, log: Path, document: Path | None) -> StoredLog:
-        """Returns the columns of a log: has the log read, or waits while another request has it read.
+        """Returns the columns of a log, after having it read or waiting until another request has had it read.
 
         Args:
-            kept_log: gets the columns, or the reason why the log cannot be read.
+            kept_log: entry of the log in the store; its ``columns`` or ``problem`` is set.
             log: path of the log.
             document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
@@ -283,8 +286,8 @@ class FieldStore:
             )
         try:
             with kept_log.reading:
-                # Another request may have had it read while this one waited for the lock. A log that cannot be read
-                # is not tried again.
+                # Another request may have had it read while this one waited for the lock. A log with a problem is not
+                # tried again.
                 if kept_log.columns is None and not kept_log.problem:
                     with self._reader_lock:
                         self._read(kept_log, log, document)
@@ -297,11 +300,11 @@ class FieldStore:
     def _read(self, kept_log: KeptLog, log: Path, document: Path | None) -> None:
         """Has a log read by the worker process, which writes its columns into a temporary folder.
 
-        A reason that would be the same at the next attempt is stored; any other one is only raised, so that the next
-        request tries again.
+        A failure that would repeat itself is stored as the log's ``problem``; any other one is only raised, so that the
+        next request tries again.
 
         Args:
-            kept_log: gets the columns, or the reason why the log cannot be read.
+            kept_log: entry of the log in the store; its ``folder``, and ``columns`` or ``problem``, are set.
             log: path of the log.
             document: path of the document that names the vehicle of the flight's page; None for the first vehicle.
 
@@ -310,7 +313,7 @@ class FieldStore:
         """
         if self._is_stopping.is_set():
             raise _refusal_at_end()
-        # The folder of all columns of this server is made for the first log that somebody plots.
+        # The folder for all columns of this server is created for the first log that is plotted.
         if self._parent is None:
             _remove_leftovers()
             self._parent = Path(tempfile.mkdtemp(prefix=FOLDER_PREFIX))
@@ -318,12 +321,12 @@ class FieldStore:
         kept_log.folder = Path(tempfile.mkdtemp(dir=self._parent))
         read = partial(write_columns, kept_log.folder, document)
         outcome = self._reader.read(Job(str(log)), self._limits, read)
-        # A job that fails has a row with the reason.
+        # A failed job has a row with the reason as its status; a successful one has no rows here.
         if outcome is not None and outcome.ended == "read" and not outcome.rows:
             kept_log.columns = open_columns(kept_log.folder)
             return
         shutil.rmtree(kept_log.folder, ignore_errors=True)
-        # A job without an outcome was given up because the server is ending.
+        # A job without an outcome was aborted because the server is ending.
         if outcome is None:
             raise _refusal_at_end()
         problem = str(outcome.rows[0].status)
@@ -338,7 +341,7 @@ def _refusal_at_end() -> Refusal:
 
 
 def _remove_leftovers() -> None:
-    """Removes the temporary folders with columns of servers that were killed: nobody holds the lock of their file."""
+    """Removes the temporary folders of servers that were killed: those whose file is not locked by any process."""
     for folder in Path(tempfile.gettempdir()).glob(f"{FOLDER_PREFIX}*"):
         # Folders of other users cannot be opened. A folder without the file belongs to a server that is just starting.
         with suppress(OSError):

@@ -149,8 +149,8 @@ INDEXES_SQL = Path(__file__).with_suffix(".sql").read_text(encoding="utf-8")
 def create_or_update_table(db: sqlite3.Connection) -> None:
     """Creates the table ``entries`` with its indexes, or adds the columns that an earlier version did not have.
 
-    Columns have no types and the default '': SQLite keeps values as they are, and :func:`entry_from_row` turns empty
-    ones into the defaults of the fields.
+    Columns have no types and the default '': SQLite stores values unchanged, and :func:`entry_from_row` replaces empty
+    ones by the defaults of the fields.
 
     Args:
         db: the fleet's SQLite file.
@@ -180,8 +180,8 @@ def find_by_digest(db: sqlite3.Connection, digest: str) -> LibraryEntry | None:
 def entry_from_row(row: sqlite3.Row) -> LibraryEntry:
     """Converts a row of the table to an entry.
 
-    Empty columns get the defaults of the fields. The digest becomes part of paths, and must not lead out of the
-    library's folder even if somebody altered the index; so one that is not a SHA-256 is dropped.
+    Empty columns get the defaults of the fields. The digest becomes part of paths, which must not lead out of the
+    library's folder even if the index was tampered with; so a digest that is not a SHA-256 is dropped.
 
     Args:
         row: a row of the table ``entries``.
@@ -204,7 +204,7 @@ def new_id() -> str:
 def entry_of_fleet_log(file: str, rows: FlightRows) -> LibraryEntry:
     """Makes the index entry of a log that ``mavdem track`` has read, so that the server lists it with its own logs.
 
-    The log stays where it is and has no digest here: the server has neither a copy nor results of its own.
+    The log stays where it is and has no digest here: the server has neither a copy nor results of it.
 
     Args:
         file: path of the log, as the fleet's rows have it.
@@ -239,8 +239,8 @@ def columns_of_flight(rows: Sequence[FlightRow]) -> JsonValues:
     """Returns the columns of the index that follow from the fleet's rows of a log.
 
     Args:
-        rows: rows of the log, at least one. The first stands for the flight; the suspected motor is the first that
-            any of them has.
+        rows: rows of the log, at least one. Values are taken from the first, except for the suspected motor, which is
+            the first that any row has.
 
     Returns:
         Values by the names of the columns.

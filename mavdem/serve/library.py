@@ -1,4 +1,4 @@
-"""The library: the logs that the server keeps with their results, and the index of them in the fleet's SQLite file.
+"""The library: the logs that the server stores, with their results and their index in the fleet's SQLite file.
 
 The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; the figures of flights are in the tables of
 ``mavdem.fleet.store``. A log is the file ``logs/DIGEST/NAME``, where DIGEST is the SHA-256 of its content, and
@@ -138,8 +138,8 @@ class Library:
     def log_path(self, entry: LibraryEntry) -> Path:
         """Returns the path of the log of an entry.
 
-        A log with a digest is always in the library's own folder. The path in the index is not trusted there, since
-        somebody may have altered the index.
+        A log with a digest is always in the library's folder. Of its path in the index only the name is used, since the
+        index may have been tampered with.
 
         Args:
             entry: index entry of the flight.
@@ -155,8 +155,8 @@ class Library:
     def progress(self, entry: LibraryEntry) -> JsonValues:
         """Returns the progress of the process that works on a log, from its progress file.
 
-        The file is in the final folder of results or, while the log is worked on, in a hidden folder beside it. It is
-        missing before the work begins, and for a moment while the folder is renamed; then there are no values.
+        The file is in the final folder of results or, while the log is processed, in a hidden folder beside it. It is
+        missing before the process begins, and for a moment while the folder is renamed; then there are no values.
 
         Args:
             entry: the log that is being read, or whose recordings are being made.
@@ -198,7 +198,7 @@ class Library:
         Raises:
             Refusal: there is no room.
         """
-        # Somebody may have removed the folders while the server runs.
+        # The folders may have been removed while the server runs.
         self._create_folders()
         # Uploads that are being received count too.
         used = self.used_bytes
@@ -293,9 +293,9 @@ class Library:
     def add_fleet_logs(self) -> None:
         """Adds entries of logs that ``mavdem track`` has read, if the SQLite file changed since the last call.
 
-        A log is left out if the index has its path, or another path of the same content. SQLite's data version changes
-        with every commit of another connection; comparing it is cheap enough to be done every second. The version of
-        the last call is kept for each thread, since each thread has a connection of its own.
+        A log is left out if the index has its path, or another path with the same content. SQLite's ``data_version``
+        changes with every commit of another connection; comparing it is cheap enough to be done every second. The value
+        at the last call is stored for each thread, since each thread has a separate connection.
         """
         (version,) = self.db.execute("pragma data_version").fetchone()
         if version == self._thread_state.fleet_version:
@@ -338,8 +338,8 @@ class Library:
     ) -> FoundEntries:
         """Finds the entries that satisfy a condition.
 
-        The condition is evaluated once for each entry: the ids of all matches are found first, which also counts them,
-        and then the wanted entries are fetched.
+        The condition is evaluated once for each entry: first the ids of all matches are found, which also counts them,
+        and then the entries to return are fetched.
 
         Args:
             condition: SQL expression on the table ``entries``, with a ``?`` for each value.
@@ -347,6 +347,9 @@ class Library:
             limit: largest number of entries that are returned.
             offset: number of entries that are skipped.
             order: the order in which entries are returned and skipped.
+
+        Returns:
+            The entries, and the number of all matches.
         """
         id_query = f"select rowid from entries where {condition} order by {SQL_ORDERS[order]}"
         matching_ids = [id for (id,) in self.db.execute(id_query, list(values))]
@@ -419,8 +422,8 @@ class Library:
             name: its new name, as it was typed.
 
         Raises:
-            Refusal: the entry has no hash of the log's content, by which names are stored. So it is with logs outside
-                the library's folder that an older version added.
+            Refusal: the entry has no hash of the log's content, under which names are stored, as with logs outside the
+                library's folder that an older version added.
         """
         if not entry.content_hash:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
@@ -435,7 +438,7 @@ class Library:
             name: the name, as it was typed.
 
         Returns:
-            The name as it is kept.
+            The name as it is stored, without characters that are not allowed.
 
         Raises:
             Refusal: the library has no flight of such a vehicle.
@@ -453,13 +456,13 @@ class Library:
 
         Args:
             entry: index entry of the flight.
-            sharing: whom the new upload shares it with; it counts only if that is wider than before.
-            note: note of the new upload; it counts only if there is none yet.
+            sharing: with whom the new upload shares it; used only if that is wider than before.
+            note: note of the new upload; used only if the entry has none.
 
         Returns:
             The changed entry.
         """
-        # The members of Sharing are in the order of how many people see the flight.
+        # The members of ``Sharing`` are ordered from the fewest to the most people who see the flight.
         narrow_to_wide = [str(member) for member in Sharing]
         widest = max(entry.sharing, sharing, key=narrow_to_wide.index)
         return self.change(entry.id, sharing=widest, note=entry.note or note)
@@ -498,9 +501,9 @@ class Library:
     # Reading logs
 
     def claim(self) -> LibraryEntry | None:
-        """Marks the log that has waited longest as being read by this server.
+        """Claims the log that has waited longest: marks it as being read by this server.
 
-        Finding and marking it are one SQL statement, so that no two threads or servers get the same log.
+        It is found and marked in one SQL statement, so that no two threads or servers get the same log.
 
         Returns:
             The entry of the log; ``None`` if no log waits.
@@ -517,9 +520,9 @@ class Library:
     def finish_reading(self, entry: LibraryEntry, outcome: JobOutcome, limits: JobLimits) -> None:
         """Stores the outcome of a log that was read: its rows in the fleet's store, its columns in the index.
 
-        A log that cannot be read is removed, unless its entry says that it is to be kept, or it is sound as far as is
-        known: a package that its format needs is missing, or its file could not be opened. If the entry was deleted
-        while the log was read, the results are removed.
+        A log that cannot be read is removed, unless its uploader wants to keep it (``entry.keep``) or the cause is not
+        the log itself: a package that its format needs is missing, or its file could not be opened
+        (``outcome.ended == "source"``). If the entry was deleted while the log was read, the results are removed.
 
         Args:
             entry: the log, as it was claimed.
@@ -531,7 +534,7 @@ class Library:
         keeps_log = entry.keep or outcome.ended == "source"
         removes_log = columns["stage"] == Stage.FAILED and not keeps_log
         if removes_log:
-            # The log has no path any more. The id takes its place, since paths in the index are unique.
+            # The log has no path any more, but paths in the index must be unique, so the id is stored as one.
             columns |= {"size": 0, "path": entry.id}
         source = source_of(str(self.log_path(entry)))
         try:
@@ -552,8 +555,8 @@ class Library:
     def _columns_of_outcome(self, entry: LibraryEntry, outcome: JobOutcome) -> JsonValues:
         """Returns the columns of the index that reading a log has changed, and removes its progress file.
 
-        The log was read with success if its folder of results has a page. Otherwise the status of its first row says
-        why not.
+        The log was read successfully if its folder of results has a page. Otherwise the status of its first row is the
+        reason of the failure.
 
         Args:
             entry: the log, as it was claimed.
@@ -568,7 +571,7 @@ class Library:
             return columns | {"stage": Stage.FAILED, "problem": outcome.rows[0].status}
         (results / PROGRESS).unlink(missing_ok=True)
         paths = list(results.iterdir())
-        # The progress file names the recordings too, which are made when somebody asks for them.
+        # The progress file also names the recordings that can be made on request.
         names = {path.name for path in paths} - {SERIES_FILE}
         names.update(filter(None, columns.get("files", "").split(",")))
         return columns | {
@@ -589,7 +592,7 @@ class Library:
         """Removes the log and the results of a deleted entry, unless the same log was uploaded again meanwhile.
 
         Args:
-            db: the connection, within a transaction, which keeps such an upload waiting.
+            db: the connection, within a transaction, which blocks such an upload until it ends.
             entry: the entry that was deleted.
         """
         if entry.digest and find_by_digest(db, entry.digest) is None:
@@ -599,8 +602,8 @@ class Library:
     def _remove_log(self, entry: LibraryEntry) -> None:
         """Removes a log from the library's folder.
 
-        An error of the disk is raised, so that the transaction fails and the entry stays: the next start would add a
-        log without an entry again.
+        An error of the disk is raised, so that the transaction fails and the entry remains. Otherwise the next start of
+        the server would add the log again, since it adds logs without an entry.
 
         Args:
             entry: the entry of the log; one outside the library's folder stays on the disk.
@@ -616,7 +619,7 @@ class Library:
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Makes all changes of its block or none, while other threads and servers wait.
+        """Opens a transaction: all changes of its block are made or none, while other threads and servers wait.
 
         Raises:
             Refusal: the disk is full.

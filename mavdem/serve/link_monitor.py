@@ -95,7 +95,7 @@ class LinkMonitor:
         return self._page
 
     def _run(self) -> None:
-        """Runs in the thread: holds one session after the other until the server ends or a session fails."""
+        """Runs in the thread: runs one session after the other until the server ends or a session fails."""
         try:
             with LearningProcess() as executor:
                 while not self._is_stopping.is_set():
@@ -176,11 +176,11 @@ class LinkMonitor:
         # A recording that fails ends the session before its next page.
         assert recording is not None
         frames = recording.frame_count
-        # Before the first frame the session waits for a vehicle, for as long as it takes.
+        # Before the first frame the session waits for a vehicle without a limit.
         is_silent = frames > 0 and frames == self._frames_at_last_page
         self._silent_pages = self._silent_pages + 1 if is_silent else 0
         self._frames_at_last_page = frames
-        # Who reads the page in a browser has no options of `mavdem live` to add.
+        # Sentences for a browser must not advise options of `mavdem live`, which its reader cannot give.
         with sentences_for(Medium(has_terminal=False)):
             self._page = live_page(
                 session.link.name,
@@ -199,7 +199,7 @@ def _ignore(_: object) -> None:
 
 
 def _raise_when_recording_ended(fact: Fact) -> None:
-    """Ends the session by an error when its recording cannot be written any more; ignores all other facts.
+    """Raises an error, which ends the session, if a fact reports that its recording can no longer be written.
 
     Args:
         fact: fact that the session reports about its link.

@@ -1,4 +1,4 @@
-"""The OpenAPI 3.1 description of the server's interface for programs, made from the models of its documents."""
+"""The OpenAPI 3.1 description of the server's interface for programs, generated from the models of its documents."""
 
 import re
 from collections.abc import Sequence
@@ -84,8 +84,8 @@ def openapi() -> JsonValues:
 def _operation_object(operation: Operation) -> JsonValues:
     """Returns the OpenAPI description of one operation (an Operation Object of OpenAPI 3.1, section 4.8.10).
 
-    It has the parameters, the body of the request, the answer of a success, and for all other statuses the document
-    ``Error``.
+    It has the parameters, the body of the request, the answer in case of success, and for all other statuses the
+    document ``Error``.
 
     Args:
         operation: the operation: method, path, and what it takes and answers.

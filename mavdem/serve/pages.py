@@ -1,4 +1,4 @@
-"""Endpoints of the server for browsers: the HTML pages, the files of flights, and signing in and out."""
+"""Endpoints of the server for browsers: HTML pages, the files of flights, and signing in and out."""
 
 import asyncio
 import json
@@ -115,8 +115,8 @@ class Pages:
     def list_flights(self, request: HttpRequest) -> Response:
         """Answers with the list of flights, newest first, or with those that a search finds.
 
-        The visible library checks what the request asks for: a visitor without the right to read sees only public
-        flights, and neither names of vehicles nor troubles with motors.
+        A visitor without the right to read sees only public flights, and neither names of vehicles nor problems of
+        motors.
 
         Args:
             request: the request, whose query may contain a search.
@@ -154,8 +154,8 @@ class Pages:
     def flight(self, request: HttpRequest) -> Response:
         """Answers with the page of a flight, below the bar of the library with its downloads and settings.
 
-        While the log is being read, or if it cannot be read, a page says so, with the plots that are ready. The query
-        ``vehicle`` chooses another vehicle of the log.
+        While the log is being read, or if it cannot be read, a page with this state and the plots that are ready is
+        sent. The query ``vehicle`` chooses another vehicle of the log.
 
         Args:
             request: the request, with the id of the flight in its path.
@@ -170,7 +170,7 @@ class Pages:
         values = self._visible_library.visitor_values(request) | {"flight": entry}
         vehicle = request.query_params.get("vehicle", "")
         path = self._page_path(entry, vehicle)
-        # A log with a digest is stored here, with its page. One that only `mavdem track` has read may have lost it.
+        # A log with a digest is stored here, with its page. The page of a log that `mavdem track` has read may be gone.
         is_stored = bool(entry.digest)
         if entry.stage != Stage.DONE or not (is_stored or path.is_file()):
             values["first_plots"] = Markup(self._library.first_plots(entry))
@@ -192,8 +192,8 @@ class Pages:
     def viewer(self, request: HttpRequest) -> Response:
         """Answers with the page that shows the recording of a flight in Rerun's viewer, in a frame.
 
-        The page itself has no recording. While it is visible, its script asks the server every half minute to keep the
-        viewer running, or to start it again. A server that cannot open recordings has no such page.
+        The page itself does not contain the recording. While it is visible, its script requests every half minute that
+        the server keeps the viewer running, or starts it again. A server that cannot open recordings has no such page.
 
         Args:
             request: the request, with the id of the flight in its path.
@@ -224,7 +224,7 @@ class Pages:
             vehicle: ``SYSTEM_COMPONENT`` of another vehicle of its log; if it has no page, that of the log is returned.
         """
         if not entry.digest:
-            # Only the name is used: an altered index must not lead to other folders.
+            # Only the name is used, since an index that was tampered with must not lead to other folders.
             return self._library.folder / PAGES / Path(entry.files).name
         page_name = f"vehicle_{vehicle}.html"
         if page_name not in entry.file_names:
@@ -279,8 +279,8 @@ class Pages:
     def _file_response(self, request: HttpRequest, entry: LibraryEntry, name: str) -> Response:
         """Returns the answer with a result file of a flight, or its log.
 
-        Only files that the index lists are given out, whatever the URL says. The log needs the right to read all
-        flights, unless its owner shares it with those who may see the flight.
+        Only files that the index lists are sent, whatever the URL names. Whoever requests the log needs the right to
+        read all flights, unless its owner shares it with those who may see the flight.
 
         Args:
             request: the request, for the sender's rights.
@@ -292,7 +292,7 @@ class Pages:
         if name == "log":
             path = self._visible_library.log_path(request, entry)
             if not is_stored and path.is_file():
-                # Somebody may have altered this path in the index. Whatever it is, only logs are given out.
+                # This path in the index may have been tampered with. Only a file that is recognised as a log is sent.
                 detect_format(path)
             name = entry.name
         elif is_stored and name in entry.file_names:
@@ -317,7 +317,8 @@ class Pages:
     def vehicle(self, request: HttpRequest) -> Response:
         """Answers with the page of a vehicle: its flights over time, and how the latest differs from the baseline.
 
-        The query ``name`` is the vehicle's name. Logs may have several vehicles, so that rows are filtered by it again.
+        The query ``name`` is the vehicle's name. Since a log may have several vehicles, its rows are filtered by the
+        name, too.
 
         Args:
             request: the request, with the name of the vehicle in its query.
@@ -373,7 +374,7 @@ class Pages:
         self._rights.require(request, Permission.READ)
         before = self._library.entry(request.query_params.get("a", ""))
         after = self._library.entry(request.query_params.get("b", ""))
-        # A is the earlier flight, so that what became worse in time is not called better.
+        # A is the earlier flight, so that a change for the worse is not presented as an improvement.
         if before.date and after.date and after.date < before.date:
             before, after = after, before
         rows_before = self._rows_of_listed_vehicle(before)

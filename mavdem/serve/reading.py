@@ -1,4 +1,4 @@
-"""Reading one log for the library, in a worker process: its rows for the fleet, and its folder of result files.
+"""Reading one log for the library, in a worker process: its rows for the fleet's table, and its folder of result files.
 
 The folder is made under a hidden name and renamed when it is complete. Meanwhile a progress file in it has the stage of
 the work and what is known of the log so far, for the pages of those who wait.
@@ -88,7 +88,7 @@ class ProgressFile:
 
     @contextmanager
     def show_step(self, title: str, *, measured: bool = True) -> Iterator[Callable[[float], None]]:
-        """Writes into the file which step of the present stage is being done, and how much of it.
+        """Writes into the file which step of the present stage is being done, and the share of it that is done.
 
         The assessment of a flight calls this for each of its steps (``mavdem.assessment.axis.options.ShowStep``).
 
@@ -112,11 +112,14 @@ class ProgressFile:
 def read_stored_log(path: Path) -> Log:
     """Reads a log of the library.
 
-    The results show the path by which a log was read. So the log is read by its name alone, from within its folder:
-    visitors of the server need not see the folders of its machine.
+    The results show the path by which a log was read. So the log is read by its name alone, from within its folder, so
+    that visitors of the server do not see the folders of its machine.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
+
+    Returns:
+        The log, with at least one vehicle.
 
     Raises:
         Unreadable: the log cannot be read, or has no vehicle.
@@ -131,9 +134,9 @@ def read_stored_log(path: Path) -> Log:
 def read_for_library(path: Path, key: str, page: object) -> LogRows:
     """Reads a log of the library and writes its folder of results; a ``ReadLog`` function for worker processes.
 
-    Its work has stages that are reported to the progress file: reading, judging, learning, drawing. If the log has
-    several vehicles, the main page and the document are those of the worst that flew, and each other vehicle has a page
-    ``vehicle_SYSTEM_COMPONENT.html``.
+    Its stages are reported in the progress file: reading, judging, learning, drawing. If the log has several vehicles,
+    the main page and the document are about the vehicle whose flight was judged worst, and each other vehicle has a
+    page ``vehicle_SYSTEM_COMPONENT.html``.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
@@ -190,10 +193,10 @@ def publish_table(path: Path, key: str, page: object) -> LogRows:
 # Damaged messages hold infinite numbers and NaN.
 @np.errstate(all="ignore")
 def _write_first_plots(log: Log, path: Path) -> None:
-    """Writes plots of a flight over time, which are shown while its assessment is awaited.
+    """Writes plots of a flight over time, which are shown until its assessment is complete.
 
-    The assessment takes ten times as long as the reading. The plots are those of the first vehicle of the log that has
-    any; without one, no file is written.
+    The assessment takes ten times as long as the reading. The plots are those of the first vehicle with a time history;
+    without one, no file is written.
 
     Args:
         log: the log.
@@ -212,10 +215,11 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
 
     Args:
         log: the log, with at least one vehicle.
-        progress: gets the stages and, as soon as they are known, the sentences and levels of each assessment.
+        progress: file that receives the stages and, as soon as they are known, the sentences and levels of each
+            assessment.
 
     Returns:
-        The vehicles, the worst that flew first.
+        The vehicles in the order of descending severity.
     """
     vehicles = []
     for telemetry in log.vehicles:
@@ -228,12 +232,12 @@ def _assessed_vehicles(log: Log, progress: ProgressFile) -> list[AssessedVehicle
 
 
 def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[str]:
-    """Writes the result files of a log into a folder: all files of the vehicle that flew worst, a page of each other.
+    """Writes the result files of a log into a folder: all files of the first vehicle, and a page of each other one.
 
-    Its recordings are not written: they are made when somebody asks for them (``recordings``).
+    Recordings are not written, since they are made on request (``mavdem.serve.recordings``).
 
     Args:
-        vehicles: the vehicles of the log. The files are those of the first one, with a page for each other.
+        vehicles: the vehicles of the log, the one with the worst judgement first.
         folder: the folder.
 
     Returns:
@@ -256,7 +260,7 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 
 
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
-    """Returns the columns of the index that an assessment has: its sentences and the levels of its lights.
+    """Returns the columns of the index that follow from an assessment: its sentences and the levels of its lights.
 
     Args:
         assessment: assessment of the log.
@@ -273,7 +277,7 @@ def _index_columns(assessment: Assessment, rows: FlightRows) -> JsonValues:
     """Returns all columns of the index that follow from the content of a log.
 
     Args:
-        assessment: the assessment that stands for the log.
+        assessment: the assessment whose sentences and events the index shows for the log.
         rows: the fleet's rows of the log, those of this assessment first.
     """
     assert assessment.evidence is not None

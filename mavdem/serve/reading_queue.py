@@ -1,4 +1,4 @@
-"""The queue of logs that are to be read: how many come before each, and when it will probably have been read.
+"""The queue of logs to be read: how many are before each log, and when it will probably have been read.
 
 How long a log takes is estimated from those that were read before: by the logs of the nearest sizes, in proportion.
 """
@@ -49,11 +49,11 @@ class QueuePlace(NamedTuple):
 
 
 def queue_places(library: Library) -> dict[str, QueuePlace]:
-    """Returns the places of all logs that wait or are being read, by their ids.
+    """Returns the places in the queue of all logs that wait or are being read, with the estimated end of each reading.
 
-    The end of a log that is being read follows from the estimated duration of its reading and its beginning. A waiting
-    log begins when the work before it is done. That work is shared by as many processes as read logs now, since all
-    processes are busy while logs wait.
+    For a log that is being read, the end follows from the begin of the reading and its estimated duration. The reading
+    of a waiting log begins when the work before it is done. That work is shared by as many processes as read logs now,
+    since all processes are busy while logs wait.
 
     Args:
         library: the library with the logs.
@@ -67,7 +67,7 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
     query = "select id, size from entries where stage = ? order by received"
     waiting = library.db.execute(query, [Stage.WAITING]).fetchall()
     reading = library.find("stage = ?", [Stage.READING], sys.maxsize).entries
-    # The estimate for each size is made once: a thousand waiting logs are looked at five times a second.
+    # The estimate for each size is made once, since a queue of a thousand logs is listed five times a second.
     seconds_by_size = dict[int, float]()
     if len(history) >= MIN_HISTORY:
         sizes = {size for _, size in waiting} | {entry.size for entry in reading}
@@ -93,9 +93,10 @@ def queue_places(library: Library) -> dict[str, QueuePlace]:
 
 
 def _remaining_seconds(estimate: float, seconds_so_far: float) -> float:
-    """Returns the time that the reading of a log probably still takes.
+    """Estimates the remaining time of the reading of a log.
 
-    A log that has taken longer than its estimate is expected to go on for ``MIN_REMAINING_SHARE`` of the time so far.
+    A reading that has taken longer than its estimate is expected to take ``MIN_REMAINING_SHARE`` of the time so far in
+    addition.
 
     Args:
         estimate: estimated duration of the whole reading, s.

@@ -1,4 +1,4 @@
-"""Threads that take waiting logs from the library and have each read, by a worker process or by a Dask cluster.
+"""Threads that claim waiting logs of the library and have each read, by a worker process or a Dask cluster.
 
 They have recordings made in the same way, for those who ask for them.
 """
@@ -71,7 +71,7 @@ class ReadingThreads:
             self._log_added.notify()
 
     def stop(self) -> None:
-        """Ends the threads and kills their processes, whatever they do; returns when all have ended."""
+        """Ends the threads and kills their processes, even in the middle of a log; returns when all have ended."""
         self._is_stopping.set()
         with self._log_added:
             self._log_added.notify_all()
@@ -83,10 +83,10 @@ class ReadingThreads:
     def _run(self) -> None:
         """Runs in each thread: reads waiting logs one after the other, and writes the fleet's table when none waits.
 
-        Recordings come first: somebody waits for them, and each flight's are made once. Reading comes next. The table
-        is written once for all logs that were read since.
+        Recordings have priority, since a visitor waits for them; then logs are read. The table is written when nothing
+        waits, once for all logs that were read since.
 
-        After an error that may pass, the thread waits and goes on.
+        After an error that may pass (``TEMPORARY_ERRORS``), the thread waits for ``RETRY_SECONDS`` and continues.
         """
         reader = self._cluster or LogReader(self._is_stopping.is_set)
         # A worker process imports its modules when it writes the table for the first time. That is done at once, so
@@ -113,8 +113,8 @@ class ReadingThreads:
     def _wait_for_log(self) -> None:
         """Waits until a log is added, for ``RETRY_SECONDS`` at most.
 
-        Before it waits, it does what nothing else announces: it takes over the logs of servers that have died, and
-        adds those that ``mavdem track`` has read.
+        Before it waits, it looks for work that no other thread announces: it takes over the logs of servers that have
+        died, and adds the logs that ``mavdem track`` has read.
         """
         if dead_servers(self._library):
             recover(self._library)
@@ -125,7 +125,7 @@ class ReadingThreads:
     def _read_log(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has a claimed log read, and stores its outcome.
 
-        There is no outcome where the server ends while the log is read: another server, or the next start, reads it.
+        If the server ends meanwhile, there is no outcome; another server, or the next start, reads the log.
 
         Args:
             reader: reader of the log, within the limits of time and memory.
@@ -148,7 +148,7 @@ class ReadingThreads:
     def _make_recordings(self, reader: LogReader | Cluster, entry: LibraryEntry) -> None:
         """Has the recordings of a flight made, and stores the outcome.
 
-        There is no outcome where the server ends meanwhile: the recordings are then made later.
+        If the server ends meanwhile, there is no outcome; the recordings are then made later.
 
         Args:
             reader: runs the work, within the limits of time and memory.
@@ -187,7 +187,7 @@ class ReadingThreads:
                     return
 
     def _publish_table(self, reader: LogReader | Cluster) -> None:
-        """Has the fleet's table of flights written again, on this machine also where a cluster reads the logs.
+        """Has the fleet's table of flights written again, always on this machine, even if a cluster reads the logs.
 
         Args:
             reader: reader of logs: a process of this machine, or the workers of a cluster.

@@ -1,4 +1,4 @@
-"""Recordings of flights in the library, ``flight.rrd`` and ``flight.mcap``, which are made when somebody asks for them.
+"""Recordings of flights in the library, ``flight.rrd`` and ``flight.mcap``, which are made on request.
 
 Writing them takes as long as everything else that is done for a log, and few are ever opened. The column
 ``recording_stage`` of a flight's entry has its state: empty before anybody asks and when the files are there, then
@@ -41,9 +41,9 @@ class RecordingRequests:
         return [name for name in names if not (folder / name).is_file()]
 
     def request(self, entry: LibraryEntry) -> LibraryEntry:
-        """Asks for the recordings of a flight, unless they exist or are being made.
+        """Queues the making of a flight's recordings, unless they exist, are queued already or are being made.
 
-        After a failure it asks again.
+        Recordings that failed before are tried again.
 
         Args:
             entry: index entry of the flight.
@@ -71,10 +71,10 @@ class RecordingRequests:
         return self._library.entry(entry.id)
 
     def claim(self) -> LibraryEntry | None:
-        """Marks the recordings of a flight that are waited for as being made by this server.
+        """Claims requested recordings of a flight: marks them as being made by this server.
 
         Returns:
-            The entry of their flight; None if nobody waits for recordings.
+            The entry of the flight; None if no recordings are requested.
         """
         with self._library.transaction() as db:
             row = db.execute(
@@ -94,7 +94,7 @@ class RecordingRequests:
 
         Args:
             entry: the flight, as it was claimed.
-            outcome: its first row has the reason where they could not be made.
+            outcome: outcome of the work; if it failed, the status of its first row is the reason.
         """
         results = self._library.results_folder(entry)
         shutil.rmtree(_unfinished_folder(results), ignore_errors=True)
@@ -124,8 +124,8 @@ class RecordingRequests:
 def make_recordings(path: Path, key: str, page: object) -> LogRows:
     """Makes the recordings of a log of the library; a ``ReadLog`` function for worker processes.
 
-    The log is read and its model learned again: storing the model with all that the recordings show would take more of
-    the disk than the log. They appear in the folder of results when both are complete.
+    The log is read and its model learned again, since storing all that the recordings show would take more disk space
+    than the log. The recordings appear in the folder of results when both are complete.
 
     Args:
         path: path of the log, ``FOLDER/logs/DIGEST/NAME``.
@@ -170,7 +170,7 @@ def _unfinished_folder(results: Path) -> Path:
 
 
 def vehicle_of_page(log: Log, document_path: Path) -> Telemetry:
-    """Returns the vehicle of a log that its page is about.
+    """Returns the vehicle of a log that is shown on its page.
 
     Args:
         log: a log with at least one vehicle.

@@ -1,4 +1,4 @@
-"""Recovery of a library after a server has died: its unfinished work, and an index that agrees with the files."""
+"""Recovery of a library after a server has died: its unfinished work is taken over, and the index repaired."""
 
 import shutil
 import sqlite3
@@ -46,10 +46,11 @@ class RecoverableLibrary(Protocol):
 def dead_servers(library: RecoverableLibrary) -> list[str]:
     """Returns the names of servers of a library's folder that have ended without releasing their claims.
 
-    A running server holds a lock on the file with its name in the folder of servers.
+    A running server holds a lock on the file with its name in the folder of servers; the file of a dead server is not
+    locked.
 
     Args:
-        library: the library of this server, which does not count itself.
+        library: the library of this server, which is left out itself.
     """
     server_names = []
     for path in (library.folder / SERVERS).glob("[0-9a-f]" * 2 * SERVER_NAME_BYTES):
@@ -68,7 +69,7 @@ def recover(library: RecoverableLibrary) -> None:
     Args:
         library: the library of this server.
     """
-    # The list is made once: if a server dies meanwhile, its recordings would be removed instead of added.
+    # The list is made only once: a server that died between the two loops would lose its recordings.
     server_names = dead_servers(library)
     for server in server_names:
         _add_recordings(library, server)
@@ -94,7 +95,7 @@ def release_claims(db: sqlite3.Connection, server: str) -> None:
         db: the connection, within a transaction.
         server: name of the server.
     """
-    # A claimed log whose reading is done was claimed for its recordings.
+    # A claimed log whose stage is "done" was claimed for its recordings, not for reading.
     db.execute(
         """update entries set claimed = '',
         stage = iif(stage = :done, stage, :waiting),
@@ -105,10 +106,10 @@ def release_claims(db: sqlite3.Connection, server: str) -> None:
 
 
 def import_former_index(library: RecoverableLibrary) -> None:
-    """Copies the entries of an earlier version's index, a file of its own, into this one, and removes that file.
+    """Copies the entries of an earlier version's index, a separate file, into this one, and removes that file.
 
-    Entries with an id that this index has already were copied before, by an import that was interrupted. The columns of
-    the earlier version that today's has not are left out; its own get their defaults.
+    Entries with an id that this index has already were copied before, by an import that was interrupted. Columns that
+    only the earlier version had are left out; new columns get their defaults.
 
     Args:
         library: the library, whose folder may hold the earlier index.
@@ -144,7 +145,7 @@ def _add_recordings(library: RecoverableLibrary, server: str) -> None:
 
 
 def _restore_digests(db: sqlite3.Connection) -> None:
-    """Sets the digest of each entry to that in the path of its log, in case somebody has altered the index.
+    """Sets the digest of each entry to that in the path of its log, in case the index was tampered with.
 
     Args:
         db: the fleet's database.
@@ -160,7 +161,7 @@ def _restore_digests(db: sqlite3.Connection) -> None:
 def _remove_orphaned_results(results: Path, used_names: set[str]) -> None:
     """Removes the folders of results, also unfinished ones, that no entry of the index uses.
 
-    Folders whose names are no digest are left alone: others have put them there.
+    Folders whose names are no digest are kept, since they are not from this program.
 
     Args:
         results: the folder with all results.
@@ -176,8 +177,8 @@ def _remove_orphaned_results(results: Path, used_names: set[str]) -> None:
 def _add_unindexed_logs(logs: Path, db: sqlite3.Connection, indexed_digests: set[str]) -> None:
     """Adds entries for logs that lie in the library's folder but are missing in the index.
 
-    A log lies at ``logs/DIGEST/NAME``, so that its entry can be made again from the path. It is then waiting to be
-    read. In place of the time of its upload, which is lost, the file's time of change is taken.
+    A log lies at ``logs/DIGEST/NAME``, so that its entry can be made again from the path. It then waits to be read. The
+    time of its upload is lost; the modification time of the file is used instead.
 
     Args:
         logs: the folder with all logs.

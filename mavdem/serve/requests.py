@@ -1,4 +1,4 @@
-"""Parts of HTTP requests and answers: bodies, numbers and texts that clients send, and the document of an error."""
+"""Parts of HTTP requests and responses: bodies, numbers and texts from clients, and the document of an error."""
 
 import re
 from math import isfinite, nan

@@ -1,4 +1,4 @@
-"""Access rights: who may read, upload and change flights, by one secret token, and from which sites browsers may ask.
+"""Access rights: who may read, upload and change flights, by one secret token, and which sites may send requests.
 
 Without a token the server listens on this machine only, or a proxy has checked who comes in, and everybody who reaches
 it owns all flights. With a token, keys derived from it allow less than the token itself: the cookie of a browser only
@@ -86,7 +86,7 @@ class Rights:
             Permission.READ: request.cookies.get(COOKIE_NAME),
             Permission.UPLOAD: request.path_params.get("key"),
         }
-        # A request without a secret guesses nothing.
+        # A request without a secret is no attempt to guess it.
         sent_secrets = {use: secret for use, secret in secrets.items() if secret}
         return not all(self._secret_allows(secret, use) for use, secret in sent_secrets.items())
 
@@ -157,7 +157,10 @@ def rights_for_host(host: str, token: str, *, is_behind_proxy: bool) -> Rights:
     Args:
         host: name or address that the server listens on.
         token: secret of the owner; empty for none.
-        is_behind_proxy: whether a reverse proxy checks who comes in.
+        is_behind_proxy: whether a reverse proxy in front of the server checks its users.
+
+    Returns:
+        The rights.
 
     Raises:
         Unreadable: the token is too short, or other machines could reach the server and it has no token.

@@ -148,14 +148,14 @@ class Connection(H11Protocol):
         self.loop.call_later(MAX_REQUEST_DELAY, self._close_if_idle_since, None)
 
     def on_response_complete(self) -> None:
-        """Begins the time in which the next request must come; called by uvicorn after each answer.
+        """Starts the timeout for the next request of this connection; called by uvicorn after each answer.
 
-        ``cycle`` is uvicorn's object of the latest request. If it is still the same when the time is over, no further
-        request has come.
+        ``cycle`` is uvicorn's object of the latest request. If it is still the same after the timeout, no further
+        request has arrived.
         """
         answered_request = self.cycle
         super().on_response_complete()
-        # A client that still sends the body of a refused request gets longer: it reads the reason only afterwards.
+        # A client that still sends the body of a refused request reads the reason only afterwards, and gets more time.
         is_sending_body = self.conn.their_state is h11.SEND_BODY
         delay = MAX_CHUNK_DELAY if is_sending_body else MAX_REQUEST_DELAY
         self.loop.call_later(delay, self._close_if_idle_since, answered_request)

@@ -1,4 +1,4 @@
-"""Search in the library: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` becomes a condition of SQL."""
+"""Search in the library: a line such as ``quad-7 motors:bad wind>5 ATC_RAT_RLL_P>0.1`` is translated to SQL."""
 
 import re
 from collections.abc import Iterator
@@ -94,7 +94,7 @@ def search_condition(text: str) -> SqlCondition:
     Returns:
         The condition on the table ``entries``; all entries meet that of an empty search.
     """
-    # The condition that is always true stands first, so that an empty search has one.
+    # The first condition is always true, so that an empty search is a valid expression.
     conditions = [SqlCondition("1")]
     for word in text.split()[:MAX_SEARCH_WORDS]:
         term = TERM_PATTERN.fullmatch(word)
@@ -111,10 +111,13 @@ def search_condition(text: str) -> SqlCondition:
 
 
 def search_problems(text: str) -> list[str]:
-    """Returns what is wrong with the values in a search, such as a number or a level that is none.
+    """Finds wrong values in a search, such as a word that compares a number, a level or a choice with something else.
 
     Args:
         text: words of the search.
+
+    Returns:
+        A phrase on each wrong value, for the user.
     """
     problems = []
     for name, operator, value in _terms(text):

@@ -116,11 +116,11 @@ def write_columns(
 ) -> LogRows:
     """Reads a log and writes all its numeric columns into one file, and a list of them into another.
 
-    A worker process runs a ``ReadLog``, a function with the last three arguments, so that the caller fills in the first
-    two (``functools.partial``). ``open_columns`` reads both files.
+    Worker processes call a ``ReadLog`` function with the last three arguments; the caller binds the first two
+    (``functools.partial``). ``open_columns`` reads both files.
 
     Args:
-        folder: the folder that gets the files.
+        folder: the folder for the files.
         document: path of the document that names the vehicle of the flight's page; None, or one that does not exist,
             for the first vehicle of the log.
         path: path of the log.
@@ -143,7 +143,7 @@ def write_columns(
     with Path(folder, COLUMNS_FILE).open("wb") as file:
         for vehicle in [first_vehicle, *other_vehicles]:
             telemetry = with_all_messages(vehicle, path)
-            # The columns are counted first: the list of half a million fields takes minutes.
+            # The columns are counted first, since listing half a million fields would take minutes.
             for columns in telemetry.messages.values():
                 field_count += _numeric_columns(columns)
             if field_count > MAX_FIELDS:
@@ -168,7 +168,7 @@ def open_columns(folder: Path) -> StoredLog:
     """
     vehicles = []
     for vehicle_values in json.loads(Path(folder, VEHICLES_FILE).read_text("utf-8")):
-        # JSON has lists in the place of the named tuples.
+        # JSON stores named tuples as lists.
         vehicle = StoredVehicle(*vehicle_values)
         columns: dict[str, dict[str, StoredColumn]] = {}
         for message, stored_fields in vehicle.columns.items():

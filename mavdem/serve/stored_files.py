@@ -62,11 +62,11 @@ MAX_FILE_NAME_BYTES = 150
 
 
 def stored_file_name(name: str) -> str:
-    """Returns the name that a log has on the disk: its own name, without characters that could form a path.
+    """Returns the name under which a log is stored: its name without characters that could form a path.
 
-    Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension stays. Names that Windows
-    reserves for devices, with any extension, get a letter before them, and no name ends with a dot: a folder of logs
-    may be moved there.
+    Names of more than ``MAX_FILE_NAME_BYTES`` lose their beginning, so that the extension remains. A name that Windows
+    reserves for a device, with any extension, gets an underscore before it, and dots at the end are removed, since a
+    folder of logs may be moved to Windows.
 
     Args:
         name: name of the uploaded file, of any characters.
@@ -82,7 +82,7 @@ def stored_file_name(name: str) -> str:
 
 @contextmanager
 def refuse_full_disk() -> Iterator[None]:
-    """Returns a context that turns errors of SQLite or the operating system about a full disk into refusals.
+    """Converts errors of SQLite or the operating system about a full disk, in its block, to refusals.
 
     Raises:
         Refusal: the disk, or the user's quota on it, is full.
@@ -103,7 +103,7 @@ def random_name() -> str:
 
 
 class ServerLock:
-    """What a running server holds until its process ends in any way, so that others see whether it lives.
+    """Lock that a running server holds until its process ends, by which other servers see that it is running.
 
     It is a lock on the file beside the server's own. On POSIX it is one on the server's own file too, which is the only
     one that earlier versions take and look at; Windows, where a locked file cannot be read, has no such versions.
@@ -160,10 +160,10 @@ def register_server(path: Path) -> ServerLock:
 
 
 def is_locked(path: Path) -> bool:
-    """Returns whether the server of a file is running, since it then holds the lock of that file.
+    """Returns whether a process holds the lock of a server's file, which means that the server is running.
 
-    The operating system releases the lock when the process ends in any way. To find out, the lock is taken, and
-    released at once.
+    The operating system releases the lock when the process ends in any way. The test takes the lock, and releases it at
+    once.
 
     Args:
         path: path of the server's file.

@@ -1,4 +1,4 @@
-"""Time series of a flight, kept beside its results: a comparison of two flights draws them over each other."""
+"""Time series of a flight, stored with its results, so that a comparison of two flights can plot them together."""
 
 import zlib
 from pathlib import Path
@@ -37,7 +37,7 @@ def read_series(folder: Path) -> FlightSeries | None:
     """
     path = Path(folder, SERIES_FILE)
     try:
-        # The checksums tell damage first: NumPy raises further kinds of errors where the head of an array is damaged.
+        # The checksums are tested first, since NumPy raises many kinds of errors if the head of an array is damaged.
         with ZipFile(path) as archive:
             if archive.testzip() is not None:
                 return None

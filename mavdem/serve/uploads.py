@@ -162,12 +162,12 @@ def refuse_other_files(path: Path, name: str) -> None:
     with path.open("rb") as file:
         is_packed = file.read(MAX_SIGNATURE_BYTES).startswith(ARCHIVE_SIGNATURES)
     log_format = detect_format(path)[1]
-    # Any binary file of another name may be a telemetry log, which its frames show.
+    # Any binary file that is not recognised otherwise may be a telemetry log; whether it is, its frames show.
     if log_format is Format.TLOG and not is_packed:
         try:
             check_beginning(path)
         except Unreadable:
-            # By its name it was meant to be another log, of which it has nothing either.
+            # By its name it should be a DataFlash log, but it has no message of one either.
             if FORMAT_OF_ENDING.get(Path(name.lower()).suffix) is Format.DATAFLASH:
                 raise Unreadable(SourceFact.DATAFLASH_WITHOUT_MESSAGES, path=name) from None
             raise

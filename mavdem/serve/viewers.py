@@ -37,7 +37,7 @@ MAX_IDLE_SECONDS = 600.0
 
 
 class RecordingViewer:
-    """Shows one recording at a time, the last one that was opened: a viewer holds up to a gigabyte of it in memory.
+    """Shows the recording that was opened last; only one, since a viewer takes up to a gigabyte of memory for it.
 
     It ends when its tab is gone, or after ten minutes in which nobody looked at it. What somebody does in the viewer
     stays in the browser, where the viewer's process sees nothing of it. So the page around the viewer opens it again
@@ -52,9 +52,9 @@ class RecordingViewer:
         self._lock = threading.Lock()
 
     def open(self, recording: Path) -> str:
-        """Starts a viewer for a recording, in place of the one for another recording, unless it runs already.
+        """Starts a viewer for a recording, unless it is running; a viewer of another recording is ended.
 
-        Either way the time after which an unused viewer ends begins again.
+        In either case the timeout of an unused viewer starts again.
 
         Args:
             recording: path of the recording.
@@ -73,7 +73,7 @@ class RecordingViewer:
                 server = _start_viewer(recording)
                 self._server = server
                 self._recording = recording
-                # It ends the viewer when nobody uses it any more.
+                # This thread ends the viewer when nobody uses it any more.
                 threading.Thread(target=self._watch, args=(server,), daemon=True).start()
             self._opened = time.monotonic()
             self._last_visit = self._opened
@@ -82,8 +82,8 @@ class RecordingViewer:
     def _watch(self, server: WebServer) -> None:
         """Runs in a thread for each viewer: ends the viewer when nobody uses it any more.
 
-        A viewer is unused when no browser was connected for ``MAX_SECONDS_WITHOUT_TAB``, or when its page did not ask
-        for it (``open``) for ``MAX_IDLE_SECONDS``. The thread ends with its viewer, or when another replaces it.
+        A viewer is unused if no browser was connected for ``MAX_SECONDS_WITHOUT_TAB``, or if its page did not request
+        it (``open``) for ``MAX_IDLE_SECONDS``. The thread ends with its viewer, or when another viewer replaces it.
 
         Args:
             server: the process of the viewer.
@@ -111,7 +111,7 @@ class RecordingViewer:
 
 
 def has_connections(process_id: int) -> bool:
-    """Returns whether somebody is connected to a process or one of its children; False if it has ended.
+    """Returns whether a client is connected by TCP to a process or one of its children; False if it has ended.
 
     Args:
         process_id: number of the process.

@@ -1,4 +1,4 @@
-"""The library as the sender of a request may see it: flights, searches, and values that all pages need."""
+"""The library as the sender of a request may see it: flights, searches, and values for all pages."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -68,7 +68,7 @@ class VisibleLibrary:
 
         Raises:
             Refusal: there is no such flight, or the sender may not see it. The reason is the same in both cases, so
-                that nobody can find out which flights exist.
+                that a sender cannot find out which flights exist.
         """
         entry = self.library.entry(id)
         if not self.rights.allows_viewing(request, entry):
@@ -78,7 +78,7 @@ class VisibleLibrary:
     def log_path(self, request: HttpRequest, entry: LibraryEntry) -> Path:
         """Returns the path of the log of a flight, after checking that the sender of a request may have it.
 
-        Whoever may read all flights may have the log, or any field of it; others only where its owner shares it with
+        Senders who may read all flights may have the log and any field of it; others only if its owner shares it with
         those who may see the flight.
 
         Args:
@@ -111,7 +111,7 @@ class VisibleLibrary:
         is_by_flight = request.query_params.get("sort") == ListingOrder.FLIGHT
         order = ListingOrder.FLIGHT if is_by_flight else ListingOrder.UPLOAD
         condition, values = search_condition(query)
-        # Whoever may not read all flights finds only the public ones.
+        # Senders without the right to read all flights find only the public ones.
         if not self.rights.allows(request, Permission.READ):
             condition = f"sharing = '{Sharing.PUBLIC}' and ({condition})"
         entries, total = self.library.find(condition, values, limit, offset, order)
@@ -128,14 +128,14 @@ class VisibleLibrary:
         """
         if not entry.date or entry.vehicle in ("", UNNAMED_VEHICLE):
             return None
-        # Copies of the log have the same date: only an earlier one is another flight.
+        # Copies of the log have the same date, so only an entry with an earlier date is another flight.
         condition = "vehicle = ? and stage = ? and digest != '' and date != '' and date < ?"
         values = [entry.vehicle, Stage.DONE, entry.date]
         entries = self.library.find(condition, values, 1, order=ListingOrder.FLIGHT).entries
         return entries[0] if entries else None
 
     def rows_with_trouble(self, entries: Sequence[LibraryEntry]) -> dict[str, FlightRow]:
-        """Finds the flights whose motors differ from those of the other flights of their vehicle: a fault or a drift.
+        """Finds the flights with a fault or drift of the motors, compared with other flights of their vehicle.
 
         Args:
             entries: the flights to look at.
@@ -191,9 +191,9 @@ class VisibleLibrary:
             return dict(json.loads(path.read_bytes()))
 
     def recordings(self, entry: LibraryEntry) -> Recordings:
-        """Returns the document on how far the recordings of a flight are.
+        """Returns the document with the state of the recordings of a flight.
 
-        Whoever may see a flight may have its recordings made.
+        Every sender who may see a flight may request its recordings.
 
         Args:
             entry: index entry of the flight.

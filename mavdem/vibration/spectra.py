@@ -1,4 +1,4 @@
-"""Power spectral densities of gyro and accelerometer in flight, by time and throttle, before and behind the filters.
+"""Power spectral densities of gyro and accelerometer in flight, over time and throttle, before and after the filters.
 
 Densities are one-sided, from half-overlapping windows of about a second with Hann's taper. What was logged decides the
 highest frequency: batches and raw samples go up to half of the sensor's rate, rates of the autopilot to a hundred hertz

@@ -1,4 +1,4 @@
-"""Spectral lines, named by how their frequency moves with the throttle or with the speeds that motors report.
+"""Spectral lines, whose cause is identified by how their frequency depends on throttle or motor speed.
 
 In windows w with relative drive s_w, the motors' speed or else the throttle over its median, a line is at f s_w^γ. The
 exponent γ is that along which the windows' logarithmic spectra are highest in the mean. A line that stays is of the

@@ -1,4 +1,4 @@
-"""Vibration and clipping of each IMU as the autopilot measures them on board and reports them in VIBRATION."""
+"""Vibration and clipping of each IMU as measured by the autopilot and reported in VIBRATION."""
 
 from dataclasses import dataclass, replace
 

@@ -32,9 +32,9 @@ WIDTH_PER_SPAN = 1 / (1 - LEGEND_SHARE)
 def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERVALS) -> Interval:
     """Widens a range of values until the viewer numbers at least ``MIN_TICKS`` ticks in it.
 
-    The distance of the ticks is the smallest power of ten with which the range has no more than ``intervals`` of them.
-    While there are too few ticks, the range is extended to the next tick below or above, whichever is nearer. A range
-    without negative values is not extended below zero, since such values are mostly sizes.
+    The distance of the ticks is the smallest power of ten for which the range has at most ``intervals`` of them. While
+    there are too few ticks, the range is extended to the next tick below or above, whichever is nearer. A range without
+    negative values is not extended below zero, since such quantities are mostly magnitudes.
 
     Args:
         low: smallest value.
@@ -44,7 +44,7 @@ def range_with_ticks(low: float, high: float, intervals: float = MAX_TICK_INTERV
     Returns:
         Ends of the widened range.
     """
-    # A constant has no span of its own; the viewer shows it in a span that is a share of its size.
+    # A constant has a span of 0; a span relative to its magnitude is used instead, as the viewer does.
     smallest_span = max(SMALLEST_RELATIVE_SPAN * max(abs(low), abs(high)), SMALLEST_SPAN)
     span = max(high - low, smallest_span)
     distance = 10.0 ** ceil(log10(span / intervals))

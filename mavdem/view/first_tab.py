@@ -93,7 +93,7 @@ def first_tab(plots: Mapping[str, rrb.View], side: SideTexts) -> rrb.Container:
 
 
 def events_text(events: Iterable[Event]) -> str:
-    """Returns events as Markdown, whose lines the viewer wraps; rows of its event log are cut at the edge.
+    """Returns events as Markdown. The viewer wraps its lines, while it cuts long rows of its event log off.
 
     Args:
         events: events in the order in which they are listed.

@@ -46,7 +46,7 @@ EYE_TARGET = (0.0, 0.9, -0.2)
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """A simulated flight to be shown, N samples; axes of the world are NED, of the body forward, right, down."""
+    """N samples of a simulated flight for the 3D view; the world is NED, the body forward, right, down."""
 
     time: Array
     """(N,) s"""
@@ -85,11 +85,8 @@ class Pose:
     def airborne_samples(self) -> Flags:
         """Returns flags (N,) of the airborne samples, by the speed of the rotors; all samples if none is.
 
-        The median of the mean rotor speed while armed stands for the speed in hover, since most of a flight is near
-        hover. In a descent slightly slower rotors carry the vehicle, hence ``AIRBORNE_SPEED_SHARE``.
-
-        Returns:
-            Flags (N,).
+        The speed in hover is estimated as the median, while armed, of the mean rotor speed, since most of a flight is
+        near hover. In a descent slightly slower rotors carry the vehicle, hence the factor ``AIRBORNE_SPEED_SHARE``.
         """
         speed = self.rotor_speeds.mean(axis=1)
         hover_speed = np.median(speed[self.armed]) if self.armed.any() else np.inf
@@ -114,8 +111,8 @@ class Pose:
 def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
     """Collects what the 3D view shows of a simulated flight: its motion, and the positions of the rotors.
 
-    The simulator is a package of its own, which the view does not import. So its record is read by attributes that have
-    the names of the fields of ``Pose``.
+    The simulator is a separate package, which the view does not import. So its record is read by attributes with the
+    names of the fields of ``Pose``.
 
     Args:
         motion: record of the simulated motion, with an attribute for each field of ``Pose`` except ``rotors``.
@@ -181,7 +178,7 @@ def motion_charts(pose: Pose) -> list[Chart]:
     time = pose.time[rows]
     roll, pitch, yaw = euler_angles(pose.attitude[rows])
     outputs = pose.outputs[rows]
-    # The common part of the motors only carries the vehicle. What turns it is the difference between them.
+    # The mean of the motors carries the vehicle; the differences between them rotate it, and are plotted.
     output_deviations = outputs - outputs.mean(axis=1, keepdims=True)
     angles = np.degrees([roll, pitch, np.unwrap(yaw)])
     return [
@@ -210,7 +207,7 @@ def _chart(title: str, unit: str, names: Names, time: Array, series: Array) -> C
 
 
 def scene_view(pose: Pose) -> rrb.View:
-    """Returns the view in which the vehicle is seen in 3D; its title has the scale of the arrows.
+    """Returns the 3D view of the vehicle; its title states the scale of the arrows.
 
     Args:
         pose: the simulated flight to show.

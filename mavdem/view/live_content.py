@@ -76,8 +76,8 @@ class Channels(NamedTuple):
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
     """Returns the layout of a live flight in five tabs: the flight, the rest of its motion, 3D, free energy, status.
 
-    The first tab has five plots over the last seconds, and beside them the figures of now with the events. The paths of
-    entities are those that ``LiveWriter`` and ``SinkThread`` write to.
+    The first tab has five plots over the last seconds, and beside them the present figures and the events. The paths of
+    the data are those to which ``LiveWriter`` and ``SinkThread`` write.
 
     Args:
         channels: names and units of what is shown.
@@ -134,8 +134,8 @@ def first_tab_paths(axis: str) -> dict[str, str]:
         "angle": f"axes/{axis}",
         "free_energy": "free_energy",
         "parameters": "parameters",
-        # The paths of the last two are named otherwise than the plots: the velocity of the wind, m/s, is under "air",
-        # and the torque that the wind exerts on the vehicle under "wind".
+        # The paths of the last two differ from the names of the plots: the velocity of the wind, m/s, is under "air",
+        # and the torque that the wind exerts on the vehicle is under "wind".
         "wind": "air",
         "torque": "wind",
     }
@@ -144,8 +144,8 @@ def first_tab_paths(axis: str) -> dict[str, str]:
 def live_plot(title: str, origin: str) -> rrb.View:
     """Returns a plot of the last ``FLIGHT_SECONDS`` before the time cursor, and of the predictions after it.
 
-    The viewer loads only the samples of this range, which keeps it fast during a long flight. The axis goes on after
-    them, where the legend is.
+    The viewer loads only the samples of this range, which keeps it fast during a long flight. The axis extends beyond
+    them, to leave room for the legend.
 
     Args:
         title: title of the plot.
@@ -203,7 +203,7 @@ def figures(
 
 
 def _missing_model_reason(status: SessionStatus, trained_until: float | None) -> str:
-    """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning goes on.
+    """Returns the reason why there is no model, or no newer one, as a sentence; empty while learning proceeds.
 
     Args:
         status: state of the session, with the obstacle to learning if there is one.

@@ -1,4 +1,4 @@
-"""The 3D tab of a live flight: the vehicle, which moves and turns on its path as it does now, and the wind.
+"""The 3D tab of a live flight: the vehicle with its present position, attitude and path, and the wind.
 
 It is drawn by the same parts as that of a log (``vehicle_scene``). A log's path is known from the start; here it grows,
 piece by piece.
@@ -56,7 +56,7 @@ def live_scene_view() -> rrb.View:
 
 
 class LiveScene:
-    """Draws the poses of a live flight in 3D, from the first row on that has a position."""
+    """Draws the poses of a live flight in 3D, beginning with the first row that has a position."""
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         """Draws nothing yet.
@@ -77,7 +77,7 @@ class LiveScene:
         """Moves and turns the vehicle, adds to its path, and updates the arrow of the wind.
 
         Args:
-            rows: rows in the order of their times; those without a position are passed over.
+            rows: rows in the order of their times; those without a position are skipped.
         """
         times = []
         positions = []
@@ -106,11 +106,15 @@ class LiveScene:
         self._draw_wind(rows[-1])
 
     def _add_to_path(self, position: Numbers, segment: int) -> None:
-        """Adds a point to the path; a full piece ends with it, and one that precedes a gap without it.
+        """Adds a point to the path, which is drawn in pieces of at most ``MAX_PIECE_POINTS`` points.
+
+        A piece that is full continues in a new piece, which begins with its last point. After a gap a new piece begins
+        without a connection.
 
         Args:
             position: north, east and down, m.
-            segment: number of the segment; another one follows a gap, in which the path is not known.
+            segment: number of the segment of data; a new number means that a gap, in which the path is not known, lies
+                before.
         """
         follows_gap = self._last_segment is not None and segment != self._last_segment
         if follows_gap or len(self._piece) >= MAX_PIECE_POINTS:
@@ -129,7 +133,7 @@ class LiveScene:
         self._recording.log(f"world/path/{self._piece_number}", line)
 
     def _draw_wind(self, row: DisplayRow) -> None:
-        """Draws the arrow of the wind, where the estimate is new.
+        """Draws the arrow of the wind if the row has a new estimate.
 
         Args:
             row: the latest row.

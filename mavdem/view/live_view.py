@@ -1,4 +1,4 @@
-"""The view of a live flight: a thread for each file, viewer or server that the flight is sent to.
+"""The view of a live flight: a thread for each file, viewer or server to which the flight is sent.
 
 A slow or hanging viewer delays neither learning nor a file: rows wait for each sink in a bounded queue, which drops the
 oldest, and Rerun is called from the sinks' threads only.
@@ -46,7 +46,7 @@ class SinkThread(threading.Thread):
         dropped: number of rows that were dropped, since too many waited.
         is_paused: whether rows wait; they are sent when this is unset, or when the thread ends.
         status: the latest status of the session.
-        trouble: why nothing arrives at the sink, in one sentence for the user; empty if all arrives.
+        problem: why nothing arrives at the sink, in one sentence for the user; empty if all arrives.
         closing: event by which the owner asks the thread to send the rest and to end.
     """
 
@@ -62,10 +62,10 @@ class SinkThread(threading.Thread):
         """
         super().__init__(name=f"to {sink.name}", daemon=True)
         self.sink = sink
-        self.dropped = 0
+        self.dropped_rows = 0
         self.is_paused = False
         self.status = SessionStatus()
-        self.trouble = ""
+        self.problem = ""
         self.closing = threading.Event()
         self._recording_id = recording_id
         self._rows: deque[tuple[Channels, DisplayRow]] = deque(maxlen=MAX_SAMPLES)
@@ -82,14 +82,14 @@ class SinkThread(threading.Thread):
         self._next_attempt = 0.0
 
     def put(self, channels: Channels, row: DisplayRow) -> None:
-        """Adds a row that is to be sent; drops the oldest one if too many wait.
+        """Appends a row to the queue of rows to send; if the queue is full, the oldest row is dropped and counted.
 
         Args:
             channels: names and units of what the row contains.
             row: the row.
         """
         if len(self._rows) == self._rows.maxlen:
-            self.dropped += 1
+            self.dropped_rows += 1
         self._rows.append((channels, row))
 
     def log(self, event: Event) -> None:
@@ -97,12 +97,12 @@ class SinkThread(threading.Thread):
         self._events.append(event)
 
     def run(self) -> None:
-        """Sends what waits, once in each period of the sink, until ``closing`` is set; then sends the rest and ends."""
+        """Sends the queued data once in each period of the sink; after ``closing`` is set, sends the rest and ends."""
         is_ending = False
         while not is_ending:
             is_ending = self.closing.wait(self.sink.period)
             if is_ending:
-                # The last status is sent at once, whenever the one before was.
+                # The last status is sent at once, without waiting for ``STATUS_PERIOD``.
                 self._next_status = 0.0
             self.send_waiting()
         if self._recording is not None:
@@ -116,11 +116,11 @@ class SinkThread(threading.Thread):
     def _attempt(self, work: Callable[[], None]) -> None:
         """Calls a function that works with the sink, and catches all its errors.
 
-        Nothing that goes wrong with one sink may end the flight or disturb the other sinks. If the sink fails,
-        ``trouble`` says why, and a later turn may try again.
+        An error of one sink must not end the flight or disturb the other sinks. If the sink fails, ``problem`` gets the
+        reason, and a later turn may try again.
 
         Args:
-            work: the function.
+            work: the function, without arguments or result.
         """
         start_time = wall.monotonic()
         try:
@@ -128,7 +128,7 @@ class SinkThread(threading.Thread):
         except (RuntimeError, OSError) as error:
             # Rerun has one type of error for a sink that fails and for one that takes too long.
             if wall.monotonic() - start_time >= FLUSH_SECONDS:
-                self.trouble = f"{self.sink.name} does not respond"
+                self.problem = f"{self.sink.name} does not respond"
             else:
                 self._give_up_recording(error)
         # A row that cannot be drawn ends neither the view nor the flight.
@@ -137,58 +137,58 @@ class SinkThread(threading.Thread):
             self.log(Event(time, Fact(SessionFact.ROW_NOT_DRAWN, because=error)))
 
     def _give_up_recording(self, error: Exception) -> None:
-        """Reports the failure of the sink in ``trouble``, which the user sees, and disconnects the recording.
+        """Reports the failure of the sink in ``problem``, which the user sees, and disconnects the recording.
 
         The sink is the file, viewer or server; the recording is Rerun's stream of data to it. After an error Rerun
-        writes nothing more to this stream. So the thread goes on without a recording, until ``_open`` opens the sink
-        with a new one, if the sink is of a kind that is tried again.
+        writes nothing more to this stream. So the thread continues without a recording, until ``_open`` opens the sink
+        with a new one, which it does only for sinks with ``is_retried``.
 
         Args:
             error: error of Rerun or the operating system while the sink was opened or data was sent.
         """
         if self._recording is None:
             # The sink could not even be opened.
-            self.trouble = f"{self.sink.name} cannot be written: {error}"
+            self.problem = f"{self.sink.name} cannot be written: {error}"
             return
-        self.trouble = f"{self.sink.name} failed: {error}"
+        self.problem = f"{self.sink.name} failed: {error}"
         # A failed recording disconnects without waiting.
         self._recording.disconnect()
         self._recording = None
         # Part of the latest batch may be in the sink. A file then cuts off its incomplete end, so that it can be read.
-        # If that fails too, the trouble above is all there is to report.
+        # If that fails too, the problem above is all there is to report.
         with suppress(OSError):
             self.sink.end_batch(is_complete=False)
 
     def _open(self) -> None:
-        """Opens the sink with a new recording, if it is not open, rows wait for it, and an attempt is due.
+        """Opens the sink with a new recording, if it is not open, rows are queued, and an attempt is due.
 
-        A viewer that is not there yet is tried again every ``RETRY_SECONDS``, and ``trouble`` says so meanwhile. A file
-        that cannot be opened is not tried again. A new recording has no layout yet, so the writer, which sends one, is
-        made again with the next rows.
+        A viewer that does not run yet is tried again every ``RETRY_SECONDS``, with the reason in ``problem``. A file
+        that cannot be opened is not tried again. A new recording has no layout yet; the writer, which sends the layout,
+        is therefore made anew with the next rows.
         """
         is_due = wall.monotonic() >= self._next_attempt
         if self._recording is not None or not self._rows or not is_due:
             return
-        self._next_attempt = wall.monotonic() + RETRY_SECONDS if self.sink.retried else inf
+        self._next_attempt = wall.monotonic() + RETRY_SECONDS if self.sink.is_retried else inf
         recording = rr.RecordingStream("mavdem", recording_id=self._recording_id)
         recording.set_log_time_enabled(False)
         recording.set_log_tick_enabled(False)
         if not self.sink.open(recording):
-            self.trouble = f"there is no viewer at {self.sink.name}"
+            self.problem = f"there is no viewer at {self.sink.name}"
             return
         self._recording = recording
         self._writer = None
 
     def _send(self) -> None:
-        """Sends the rows, events and status that wait, if the sink is open.
+        """Sends the queued rows and events, and the status if it is due, provided that the sink is open.
 
         While the view is paused rows stay in their queue, unless the flight is ending. Rows are drawn before events,
-        since an alarm is marked in plots that must exist, and the status only when its turn has come.
+        since an alarm is marked in plots, which must exist. The status is sent every ``STATUS_PERIOD``.
         """
         if self._recording is None:
             return
         recording = self._recording
-        # Other threads may add to the queues meanwhile, so that only what waits now is taken.
+        # Other threads may append to the queues meanwhile, so the numbers of items to send are fixed here.
         rows_stay = self.is_paused and not self.closing.is_set()
         row_count = 0 if rows_stay else len(self._rows)
         rows = [self._rows.popleft() for _ in range(row_count)]
@@ -202,14 +202,14 @@ class SinkThread(threading.Thread):
             self._send_status(recording, self._last_row, self._writer.channels)
         recording.flush(timeout_sec=FLUSH_SECONDS)
         self.sink.end_batch()
-        self.trouble = ""
+        self.problem = ""
 
     def _send_rows(
         self, recording: rr.RecordingStream, channels: Channels, rows: list[DisplayRow]
     ) -> None:
-        """Draws rows into the sink's recording, and notes what later texts need of them.
+        """Draws rows into the sink's recording, and remembers the last row and the end of training for later texts.
 
-        ``channels`` are the names and units of what the rows contain. They decide which plots there are. If they have
+        ``channels`` are the names and units of the values in the rows, and decide which plots there are. If they have
         changed, for example with the model's inputs, a new ``LiveWriter`` sends a new layout.
 
         Args:
@@ -222,7 +222,7 @@ class SinkThread(threading.Thread):
         elif channels != self._writer.channels:
             self._writer = LiveWriter(channels, recording, self._writer.scene)
         self._last_row = rows[-1]
-        # The status text says up to when the data was used for training. Rows before the first model have none.
+        # The status text states up to which time the data were used for training. Rows before the first model do not.
         estimate = self._last_row.estimate
         if estimate is not None and estimate.model is not None:
             self._trained_until = estimate.until
@@ -231,7 +231,7 @@ class SinkThread(threading.Thread):
     def _send_event(self, recording: rr.RecordingStream, event: Event) -> None:
         """Writes an event into the log and the list of events, and marks it in the plots if it is an alarm.
 
-        If a motor has lost thrust or recovered it, what looked like wind torque since then was the motor's, and is
+        If a motor has lost thrust or recovered it, the estimated wind torque since then was caused by the motor, and is
         marked as such.
 
         Args:
@@ -254,14 +254,14 @@ class SinkThread(threading.Thread):
     def _send_status(
         self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
     ) -> None:
-        """Writes the texts beside the plots, and an event if this view has dropped rows since the last time.
+        """Writes the texts beside the plots, and an event if rows have been dropped since the last status.
 
         Args:
             recording: the recording of the sink.
             row: the latest row that was drawn, whose time the texts get.
             channels: names and units of the row.
         """
-        new_drops = self.dropped - self._reported_drops
+        new_drops = self.dropped_rows - self._reported_drops
         if new_drops:
             sentence = f"{new_drops} rows are not shown here: this view is too slow"
             log_event(recording, row.timeline_time, sentence, Level.WATCH)
@@ -277,9 +277,9 @@ class SinkThread(threading.Thread):
 
 
 class LiveView:
-    """Takes rows, events and statuses of a live flight, and never makes their sender wait.
+    """Receives rows, events and statuses of a live flight, and never makes the caller wait.
 
-    It opens its sinks with the first row; ``troubles`` reports those that cannot be written.
+    It opens its sinks with the first row; ``problems`` reports those that cannot be written.
     """
 
     def __init__(self, sinks: Sequence[Sink]) -> None:
@@ -329,12 +329,12 @@ class LiveView:
             thread.status = status
 
     @property
-    def troubles(self) -> list[str]:
+    def problems(self) -> list[str]:
         """One sentence for each sink that receives nothing."""
-        return [thread.trouble for thread in self._threads if thread.trouble]
+        return [thread.problem for thread in self._threads if thread.problem]
 
     def close(self) -> None:
-        """Sends what waits and closes the sinks; a sink that hangs is abandoned after ``CLOSING_SECONDS``."""
+        """Sends the queued data and closes the sinks; a sink that hangs is abandoned after ``CLOSING_SECONDS``."""
         if self._closed:
             return
         self._closed = True
@@ -346,7 +346,7 @@ class LiveView:
             thread.join(max(0.0, deadline - wall.monotonic()))
             if thread.is_alive():
                 name = thread.sink.name
-                thread.trouble = f"{name} does not respond; the last rows may be missing"
+                thread.problem = f"{name} does not respond; the last rows may be missing"
                 # Otherwise Rerun waits for the hanging viewer when Python ends.
                 rr.unregister_shutdown()
             thread.sink.close()

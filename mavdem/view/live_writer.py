@@ -176,14 +176,14 @@ class LiveWriter:
         for row, estimate in estimates:
             if estimate.unusual:
                 angle_plot = f"axes/{self.channels.output_names[0]}"
-                mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), filled=True)
+                mark = Lines(f"{angle_plot}/8_surprises", ("surprise",), (LIMITED,), is_filled=True)
                 self._mark(mark, estimate.seen + row.timeline_offset)
         self._widen_axes()
 
     def mark_motor_torque(self, start_time: float) -> None:
-        """Draws the wind torque of the last seconds once more in red: it was not the wind's, but that of a motor.
+        """Draws the wind torque of the last seconds again in red: it was not caused by wind, but by a motor.
 
-        The line starts when a motor lost thrust or recovered it, and ends now.
+        The red line begins when the motor lost thrust or recovered it, and ends now.
 
         Args:
             start_time: time of the change of the motor, s on the timeline.
@@ -196,20 +196,20 @@ class LiveWriter:
         self._draw(Lines(MOTOR_TORQUE_PATH, ("of a motor",), (BAD,), 3.0), samples)
 
     def mark_alarm(self, time: float) -> None:
-        """Marks an alarm by an upright line in every plot but that of the parameters, whose legend has no more room.
+        """Marks an alarm by a vertical line in every plot except that of the parameters, whose legend has no room left.
 
         Args:
             time: time of the alarm, s on the timeline; NaN, for an alarm without a time, marks nothing.
         """
         for plot in self._plot_ranges:
             if plot != "parameters":
-                self._mark(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), filled=True), time)
+                self._mark(Lines(f"{plot}/9_alarms", ("alarm",), (BAD,), is_filled=True), time)
 
     def _mark(self, line: Lines, time: float) -> None:
-        """Marks a time by an upright line, as high as the values that were drawn in its plot so far.
+        """Marks a time by a vertical line over the range of the values that were drawn in its plot so far.
 
         Args:
-            line: the entity, one for all marks of a kind.
+            line: the entity, shared by all marks of a kind in one plot.
             time: s on the timeline; NaN marks nothing.
         """
         plot_range = self._plot_ranges.get(plot_of(line))
@@ -223,9 +223,9 @@ class LiveWriter:
     def _widen_axes(self) -> None:
         """Draws two invisible lines in each plot of the first tab, so that its axis has enough numbered ticks.
 
-        The viewer fits the axis of values to all lines in sight, and takes no range that moves. So the range of what
-        was drawn in the last ``FLIGHT_SECONDS`` is widened until it has enough ticks, and a line is drawn at either end
-        of it.
+        The viewer fits the axis of values to all visible lines, and cannot be given a range that changes with time. So
+        the range of the values in the last ``FLIGHT_SECONDS`` is widened until it has enough ticks, and an invisible
+        line is drawn at either end of it.
         """
         for plot, ranges in self._latest_ranges.items():
             newest_time = ranges[-1].time
@@ -238,10 +238,10 @@ class LiveWriter:
             self._recording.log(axis_path(plot), rr.Scalars(ends))
 
     def _draw(self, lines: Lines, samples: Sequence[Sample], clip: bool = False) -> None:
-        """Adds samples to lines; the lines break where a new segment begins.
+        """Adds samples to lines; the lines are interrupted where a new segment begins.
 
         Only samples later than the last drawn one are added. Lines without any finite value so far, such as a setpoint
-        that the vehicle does not send, are not begun.
+        that the vehicle does not send, are not drawn at all, and do not enter the legend.
 
         Args:
             lines: the lines, an entity of the recording.
@@ -250,7 +250,7 @@ class LiveWriter:
                 of the axis.
         """
         latest = self._latest_samples.get(lines, LatestSample(CONTINUOUS_SEGMENT, -np.inf))
-        # The dictionary keeps one sample for each time, the last one.
+        # Of several samples with the same time, the dictionary keeps the last one.
         new_samples = {sample.time: sample for sample in samples if sample.time > latest.time}
         if not new_samples:
             return
@@ -266,7 +266,7 @@ class LiveWriter:
         self._latest_samples[lines] = LatestSample(segments[-1], time[-1])
         values = self._clipped_to_plot(lines, values, finite_values, clip)
         finite_values = values[np.isfinite(values)]
-        # For the plots of the first tab the ranges of values are kept, from which ``_widen_axes`` chooses their axes.
+        # For the plots of the first tab the ranges of values are stored, from which ``_widen_axes`` chooses the axes.
         if plot_of(lines) in self._tick_intervals and len(finite_values):
             ranges = self._latest_ranges.setdefault(plot_of(lines), deque())
             if not ranges:
@@ -285,7 +285,7 @@ class LiveWriter:
     def _clipped_to_plot(
         self, lines: Lines, values: Array, finite_values: Array, clip: bool
     ) -> Array:
-        """Clips values to the range of their plot, or else extends this range so that it includes them.
+        """Clips values to the range of their plot or, without ``clip``, extends this range so that it includes them.
 
         Args:
             lines: the lines, whose path begins with that of the plot.
@@ -313,8 +313,8 @@ class LiveWriter:
     def _draw_predicted_angle(self, rows: list[DisplayRow]) -> None:
         """Draws the measured angle of the model's axis, and its prediction for a fraction of a second ahead.
 
-        The prediction is that of the learner's horizon nearest to ``REPORTED_HORIZON``. It is drawn at the time that it
-        is for, not at the time at which it was made. Rows without an estimate give NaN, which breaks the line.
+        The prediction is that of the learner's horizon nearest to ``REPORTED_HORIZON``. It is drawn at the predicted
+        time, not at the time at which it was made. Rows without an estimate give NaN, which interrupts the line.
 
         Args:
             rows: rows of the live flight, in the order of their times.
@@ -375,7 +375,7 @@ class LiveWriter:
             edges.append(Sample(segment, time, edge_values))
             line_samples.append(Sample(segment, time, [scale * value]))
         shade = colour_on_dark(line.colours[0], BAND_OPACITY)
-        self._draw(Lines(band_path, ("90 % band",), (shade,), filled=True), edges, clip)
+        self._draw(Lines(band_path, ("90 % band",), (shade,), is_filled=True), edges, clip)
         self._draw(line, line_samples, clip)
         return line_samples
 
@@ -388,7 +388,7 @@ class LiveWriter:
         may lie far beyond the angles that are flown.
 
         Args:
-            rows: rows in the order of their times; those without a pose are passed over.
+            rows: rows in the order of their times; those without a pose are skipped.
         """
         poses = []
         for row in rows:
@@ -417,7 +417,7 @@ class LiveWriter:
         """Draws the estimated wind speed and the ends of its 90 % interval, m/s.
 
         Args:
-            rows: rows in the order of their times; those without an estimate of the wind are passed over.
+            rows: rows in the order of their times; those without an estimate of the wind are skipped.
         """
         speeds = []
         edges = []
@@ -428,7 +428,7 @@ class LiveWriter:
                 speeds.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed]))
                 edges.append(Sample(CONTINUOUS_SEGMENT, time, [wind.speed_low, wind.speed_high]))
         shade = colour_on_dark(DISTURBANCE, WIND_EDGE_OPACITY)
-        # Estimates are half a second apart. A band of upright strokes would have gaps, so its edges are drawn as lines.
+        # Estimates are half a second apart, so that a band of vertical strokes would have gaps: its edges are lines.
         names = ("90 % band", "90 % band")
         self._draw(Lines("air/0_band", names, (shade, shade)), edges)
         self._draw(Lines("air/1_speed", ("wind",), (DISTURBANCE,)), speeds)
@@ -483,10 +483,10 @@ class LiveWriter:
     def _draw_free_energy(self, estimates: Sequence[tuple[DisplayRow, Estimate]]) -> None:
         """Draws the free energy F(t) of each sample, nats, with its terms and the surprise, and F̄ of each model.
 
-        F(t) says how well a sample agrees with the model, and surprise how far it drops below its recent median. F(t)
-        is known only when the window of samples around a time is complete, so it is drawn at the centre of the window,
-        ``estimate.seen``. The free energy action F̄ of a model is drawn at the last sample that the model was learned
-        from; divided by the number of its samples, it is the mean of their F(t). A constant line at 1 shows the
+        F(t) measures how well a sample agrees with the model; surprise measures how far it drops below its recent
+        median. F(t) is known only when the window of samples around a time is complete, so it is drawn at the centre of
+        the window, ``estimate.seen``. The free energy action F̄ of a model is drawn at the last sample of its training
+        data; divided by the number of these samples, it is the mean of their F(t). A constant line at 1 shows the
         surprise that one of twenty samples exceeds without a change.
 
         Args:

@@ -38,13 +38,13 @@ def parameter_traces(physical: Physical, input_unit: str) -> tuple[ParameterTrac
     """Returns how control effectiveness, damping and motor time constant are drawn, in this order.
 
     Args:
-        physical: the first estimate, whose sizes decide the power of ten of each unit.
+        physical: the first estimate, whose magnitudes decide the power of ten of each unit.
         input_unit: unit of the inputs.
 
     Returns:
         Name, unit, scale and colour of each of the three lines.
     """
-    # Estimates of parameters that are not identifiable yet are numbers, too, and give a scale.
+    # Parameters that are not identifiable yet have an estimate, too, whose magnitude is good enough for the scale.
     mean_effect, _ = physical.mean_effect()
     effect_unit = unit_per_input(TORQUE_UNIT, input_unit)
     return (

@@ -70,7 +70,7 @@ class Lines:
     """(k,) colours of the palette."""
     width: float = 1.5
     """Width of the lines, points."""
-    filled: bool = False
+    is_filled: bool = False
     """Whether the values are the edges of an area, which is drawn as one line of upright strokes."""
 
     def send_style(self, recording: rr.RecordingStream) -> None:
@@ -79,12 +79,12 @@ class Lines:
         Args:
             recording: recording to draw into.
         """
-        width = STROKE_WIDTH if self.filled else self.width
+        width = STROKE_WIDTH if self.is_filled else self.width
         style = rr.SeriesLines(
             names=self.names,
             colors=[palette.channels(colour) for colour in self.colours],
             widths=[width] * len(self.names),
-            # Averaging within a pixel would hide gusts, and make a point of a stroke.
+            # The viewer's averaging within a pixel would hide gusts, and reduce a vertical stroke to a point.
             aggregation_policy=rr.components.AggregationPolicy.Off,
         )
         recording.log(self.path, style, static=True)
@@ -99,8 +99,8 @@ class Lines:
         """
         if not len(time):
             return
-        if self.filled:
-            # An upright stroke is two points at one time.
+        if self.is_filled:
+            # A vertical stroke consists of two points at the same time.
             time = np.repeat(time, 2)
             values = values.reshape(-1, 1)
         columns = rr.Scalars.columns(scalars=values.ravel())
@@ -178,7 +178,7 @@ def draw_chart(
         path = f"{origin}/{rr.escape_entity_path_part(name)}"
         is_band = drawn_line.values.ndim > 1
         lines = Lines(
-            path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, filled=is_band
+            path, (drawn_line.name,), (drawn_line.colour,), drawn_line.width, is_filled=is_band
         )
         lines.send_style(recording)
         lines.send(recording, drawn_line.time, drawn_line.values)
@@ -227,9 +227,9 @@ def _band_and_line(line: Line, value_range: Interval) -> Iterator[_DrawnLine]:
             # Strokes at few samples would leave gaps between them.
             band = line.resampled(np.linspace(line.x[0], line.x[-1], MIN_STROKES))
         assert band.lower_edge is not None and band.upper_edge is not None
-        # Edges far beyond what is in sight are drawn as far as the viewer may be scrolled.
+        # Edges far beyond the values are clipped one span beyond the range, as far as the user may scroll.
         edges = np.clip([band.lower_edge, band.upper_edge], 2 * low - high, 2 * high - low).T
-        # Of a longer band only every step-th sample is drawn.
+        # Of a longer band only every ``step``-th sample is drawn.
         step = ceil(len(band.x) / MAX_STROKES)
         yield _DrawnLine(
             "90 % band", colour=shade, width=0.0, time=band.x[::step], values=edges[::step]

@@ -65,9 +65,9 @@ SENSITIVITY_FREQUENCIES = np.linspace(0.5, 30.0, 60)
 def write_recording(target: Target, assessment: Assessment) -> None:
     """Writes the assessment of a flight with its model as a recording for the Rerun viewer.
 
-    The recording has a layout of its own, a row of tabs. The first one has the same plots as the first tab of a live
-    session. Then come motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as text.
-    Angles are in degrees, and alarms are marked in every plot.
+    The recording contains its layout, a row of tabs. The first one has the same plots as the first tab of a live
+    session. The others are motion, space, vehicle, wind, loops, free energy, forecasts, learning, and the report as
+    text. Angles are in degrees, and alarms are marked in every plot.
 
     Args:
         target: a file, which appears completely or not at all, or a stream.
@@ -100,7 +100,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
             log_text(recording, "report", "Report", report),
         ]
         for event in timeline.events:
-            # What was so before the record has no finite time: it is listed at the start.
+            # An event that began before the record has no finite time, and is listed at the start.
             time = event.seconds if event.has_time else timeline.span[0]
             log_event(recording, time, event.fact.sentence, event.fact.level)
         layout = blueprint(rrb.Tabs(*views, active_tab=0), play_state="paused")
@@ -108,7 +108,7 @@ def write_recording(target: Target, assessment: Assessment) -> None:
 
 
 def write_words(target: Target, name: str, blocks: Sequence[Block]) -> None:
-    """Writes a recording of text alone, in place of the text before.
+    """Writes a recording that contains only a text; it replaces the text that was written before.
 
     Args:
         target: a file or a stream.
@@ -273,7 +273,7 @@ class RecordingTabs:
         gusts = torque.gusts if torque else ()
         gust_starts = [float(sample_times[gust.sample]) for gust in gusts]
         marks = EventMarks(f"gust ({len(gust_starts)})", palette.GUST, gust_starts)
-        # The charts are stored under the path that the wind of a live session has too.
+        # A live session stores its wind under the same path.
         views = self._draw_charts("air", self._timeline.wind_charts, marks)
         return [rrb.Vertical(*views, name="Wind")]
 
@@ -389,7 +389,7 @@ class RecordingTabs:
             The tab "Learning".
         """
         energy = learned.free_energy.total
-        # A fit of one or two iterations still shows its last one.
+        # The first iterations are left out, but of a fit with very few at least the last one is shown.
         first = min(FIRST_ITERATION, len(energy) - 1)
         title = f"F̄ below its maximum of {energy.max():,.0f} nats, by iteration"
         iterations = np.arange(first, len(energy), dtype=np.float64)
@@ -518,13 +518,13 @@ def free_energy_chart(learned: Learned, free_energy: Series) -> Chart:
 
 
 def parameter_chart(assessment: Assessment) -> Chart:
-    """Returns a chart of the physical parameters over the flight, each part estimated by itself, with their bands.
+    """Returns a chart of the physical parameters over the flight, estimated separately in each part, with their bands.
 
     Args:
         assessment: assessment of a log from which a model was learned.
 
     Returns:
-        The chart; it has no lines where no parameters can be estimated.
+        The chart; it has no lines if no parameters can be estimated.
     """
     analysis = assessment.analysis
     assert analysis is not None
@@ -544,7 +544,7 @@ def parameter_chart(assessment: Assessment) -> Chart:
             np.full((1, *estimates.shape), np.nan),
         ]
     time = np.concatenate(times)
-    # Samples by parameters by value and half width.
+    # Shape (samples, parameters, 2): value and half width.
     table = np.concatenate(estimates_over_time)
     lines = []
     traces = parameter_traces(history[0].physical, analysis.flights[0].input_units[0])

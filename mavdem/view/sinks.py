@@ -1,4 +1,4 @@
-"""Sinks: the places that a live flight is sent to, and the programs that show it there.
+"""Sinks: the destinations of a live flight (file, viewer, web server), and the programs that show it there.
 
 These run as processes of their own: Rerun's ``serve_grpc`` and ``spawn`` know no address to listen at, so that all who
 reach this machine would see the flight; a server in this process would also keep its memory.
@@ -104,7 +104,7 @@ def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Po
     environment.pop("FORCE_RERUN_ANALYTICS", None)
     return subprocess.Popen(
         command,
-        # A session of its own, so that Ctrl-C ends the flight and not its picture. Windows has groups instead.
+        # In a new session (on Windows: process group) the viewer does not receive the Ctrl-C that ends mavdem.
         start_new_session=True,
         creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),
         stdin=subprocess.PIPE if ends_with_process else subprocess.DEVNULL,
@@ -120,12 +120,12 @@ class Sink:
     Attributes:
         name: what a user calls it.
         period: s between batches.
-        retried: whether one that fails, or does not exist yet, is tried again.
+        is_retried: whether one that fails, or does not exist yet, is tried again.
     """
 
     name: str
     period = 0.1
-    retried = True
+    is_retried = True
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Directs the recording to the sink, and returns whether that was possible now.
@@ -156,18 +156,18 @@ class RecordingFile(Sink):
 
     Attributes:
         path: path of the file.
-        broken: whether something could not be written.
+        is_broken: whether something could not be written.
         complete_bytes: bytes up to the end of the last complete message.
     """
 
     # Each chunk has a kilobyte of overhead, so that a file has one a second.
     period = 1.0
-    retried = False
+    is_retried = False
 
     def __init__(self, path: PathName) -> None:
         self.path = Path(path)
         self.name = str(self.path)
-        self.broken = False
+        self.is_broken = False
         self.complete_bytes = 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
@@ -179,7 +179,7 @@ class RecordingFile(Sink):
         """Remembers how much has arrived, and cuts the file where not all did; see :class:`Sink`."""
         self.complete_bytes = self.path.stat().st_size
         if not is_complete:
-            self.broken = True
+            self.is_broken = True
             self._cut_to_complete_messages()
 
     def close(self) -> None:
@@ -188,10 +188,10 @@ class RecordingFile(Sink):
         A viewer opens a file without the index too, but more slowly. An error leaves the file as it is.
         """
         with suppress(OSError, subprocess.TimeoutExpired):
-            # A write that failed now would be reported by Rerun's next write, which does not come.
+            # Rerun reports a failed write only at the next write, which does not follow here. So the file is checked.
             was_cut = self._cut_to_complete_messages()
-            self.broken = self.broken or was_cut
-            if not self.broken:
+            self.is_broken = self.is_broken or was_cut
+            if not self.is_broken:
                 self._add_index()
 
     def _add_index(self) -> None:
@@ -214,7 +214,7 @@ class RecordingFile(Sink):
         """Cuts the file after its last complete message.
 
         Each message has a header with its length, by which the next header is found. The loop ends at the first header
-        that is incomplete, or that lies beyond the end of the file because the message before it is.
+        that is incomplete, or beyond the end of the file because the message before it is incomplete.
 
         Returns:
             Whether an incomplete message was cut off.
@@ -236,7 +236,7 @@ class RecordingFile(Sink):
 
 
 class Viewer(Sink):
-    """A Rerun viewer or server at a URL, which may come and go.
+    """A Rerun viewer or server at a URL, which may start and end at any time.
 
     It connects only where a viewer accepts connections: without one, Rerun's client keeps everything, blocks its caller
     at some size, and delays the end of the process by ten seconds. A client that has lost its connection does not.
@@ -258,7 +258,7 @@ class Viewer(Sink):
         self._address = address["host"], int(address["port"])
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """Begins to send a recording to the viewer, if one answers at the URL.
+        """Connects a recording to the viewer, if one answers at the URL.
 
         A plain connection is tried first, since Rerun itself would wait for a viewer and report nothing.
 
@@ -266,7 +266,7 @@ class Viewer(Sink):
             recording: the stream of a live flight.
 
         Returns:
-            Whether the viewer is there.
+            Whether the viewer answered.
         """
         try:
             socket.create_connection(self._address, timeout=CONNECTION_TIMEOUT).close()
@@ -321,9 +321,9 @@ class WebServer(Viewer):
 def sinks_for(
     rrd: PathName | None = None, serve: bool = False, connect: str | None = None
 ) -> list[Sink]:
-    """Returns the sinks that a user has requested; if there is none, but a screen, a viewer in a new window.
+    """Returns the sinks that a user has requested; without a request, a viewer in a new window if there is a screen.
 
-    A sink is a place that a live flight is sent to. The view that gets the sinks closes them.
+    A sink is a destination to which a live flight is sent. The view that receives the sinks closes them.
 
     Args:
         rrd: a file to record in.
@@ -350,7 +350,7 @@ def sinks_for(
 
 
 def open_window() -> Viewer:
-    """Starts the Rerun viewer in a window of its own.
+    """Starts the Rerun viewer in a new window.
 
     The viewer takes a free port, so that several can run. It stays open after this process ends. Both its server and
     the window itself drop the oldest data beyond their limits of memory.

@@ -1,4 +1,4 @@
-"""Parts of a 3D view: the vehicle, which moves along its path and turns, the path, and the arrow of the wind.
+"""Parts of a 3D view: the vehicle with position and attitude, its path, and the arrow of the wind.
 
 Axes of the world are north, east, down; those of the body forward, right, down. All lengths are in m.
 """
@@ -72,7 +72,7 @@ def log_axes(recording: rr.RecordingStream) -> None:
 def log_motion(
     recording: rr.RecordingStream, time: Array, position: Array, attitude: Array
 ) -> None:
-    """Moves and turns the vehicle: position and attitude are those of two entities, one within the other.
+    """Moves and rotates the vehicle: two nested entities have its position and its attitude.
 
     Args:
         recording: Rerun recording to draw into.
@@ -139,7 +139,7 @@ def log_wind(recording: rr.RecordingStream, time: Array, wind: Array, arm: float
         arm: length of an arm, m.
     """
     speed = np.linalg.norm(wind, axis=1, keepdims=True)
-    # The arrow lies on the side that the wind comes from, and its head is at a fixed distance from the vehicle.
+    # The arrow is upwind of the vehicle, with its head at a fixed distance from it.
     vectors = WIND_ARROW_SCALE * arm * wind
     heads = -WIND_ARROW_DISTANCE * arm * wind / np.maximum(speed, SMALLEST_SPEED)
     colour = palette.channels(palette.DISTURBANCE)

@@ -165,7 +165,7 @@ def recording(tmp_path_factory):
             wind = replace(WIND, time=round(t, 1))
             view.put(DisplayRow(t, 0.0, 0, y, u, known, None, wind, pose))
         view.log(Occurrence(TIME[-1], prose("link lost")))
-    assert view.troubles == [] and not file.broken
+    assert view.problems == [] and not file.is_broken
     assert b"FOOT" in path.read_bytes()[-12:]  # it has the table of its chunks
     return path
 
@@ -304,7 +304,7 @@ def test_a_gap_parts_every_line_and_time_goes_on_where_a_reboot_sets_the_clock_b
 class Held(RecordingFile):
     """A sink that does not open until it is let go."""
 
-    retried = True
+    is_retried = True
 
     def __init__(self, path):
         super().__init__(path)
@@ -330,9 +330,9 @@ def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path,
             view.put(ROW._replace(time=50.0 + DT * i, estimate=known))
             if i % 500 == 499:
                 until(lambda: not waiting)
-        assert [thread.dropped for thread in view._threads] == [500, 0]
+        assert [thread.dropped_rows for thread in view._threads] == [500, 0]
         stalled.go.set()
-    assert view.troubles == []
+    assert view.problems == []
     assert len(drawn(other.path)["motors"][0]) == rows
     assert_allclose(drawn(stalled.path)["motors"][0], 50.0 + DT * np.arange(500, rows), atol=1e-7)
     assert "500 rows are not shown here: this view is too slow" in texts(stalled.path)
@@ -378,8 +378,8 @@ def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_end_nothin
     view.put(ROW)  # closed, it shows nothing more
     view.close()
     assert path.stat().st_size == size
-    (trouble,) = view.troubles
-    assert "nowhere/flight.rrd cannot be written" in trouble
+    (problem,) = view.problems
+    assert "nowhere/flight.rrd cannot be written" in problem
     assert texts(path)[0].startswith("not drawn: ") and len(drawn(path)["motors"][0]) >= 1
 
 
@@ -402,7 +402,7 @@ with closing(LiveView([sink])) as view:
     shutil.copy(sink.path, sys.argv[2])  # as a process that is killed leaves it
     resource.setrlimit(resource.RLIMIT_FSIZE, (sink.path.stat().st_size + 3000,) * 2)
     # What fails while it is flushed is noticed by a later flush, or Rerun no longer answers.
-    until(lambda: [view.put(ROW) for _ in range(500)] and view.troubles)
+    until(lambda: [view.put(ROW) for _ in range(500)] and view.problems)
 """
 
 
@@ -451,8 +451,8 @@ def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch):
     monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: fail("connected"))
     with showing(Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")) as view:
         view.put(ROW)
-        until(lambda: view.troubles)
-        assert "there is no viewer at rerun+http" in view.troubles[0]
+        until(lambda: view.problems)
+        assert "there is no viewer at rerun+http" in view.problems[0]
 
 
 SERVING = """
@@ -487,7 +487,7 @@ def test_the_server_is_local_reports_to_nobody_and_ends_with_its_starter(
         with showing(Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")) as view:
             view.put(ROW)
             until(lambda: not view._threads[0]._rows)
-        assert view.troubles == []
+        assert view.problems == []
         with urllib.request.urlopen(page) as document:
             assert b"rerun" in document.read().lower()
         # In a notebook, Rerun's page reports nothing to Rerun; what reports begins with a file that says who it is.

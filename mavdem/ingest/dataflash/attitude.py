@@ -93,8 +93,8 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
         tables: DataFlash's messages by name.
 
     Returns:
-        RATE's units per degree/s, 1 or 100, and the repair where it is 100. It is 1 where there are too few samples in
-        a turn to tell.
+        RATE's units per degree/s, 1 or 100, and the repair if it is 100. It is 1 if there are too few samples in turns
+        to decide.
     """
     rates = messages_with_fields(tables, "RATE", RATE_FIELDS)
     gyro = rows_of_instance(messages_with_fields(tables, "IMU", GYRO_FIELDS), "I", 0)
@@ -118,7 +118,7 @@ def rate_unit(tables: Tables) -> tuple[float, Facts]:
 def attitude(tables: Tables, units_per_degree: float) -> NamedMessage:
     """Makes ATTITUDE from the Euler angles (ATT or ANG) and the body rates (RATE, or else IMU).
 
-    Both are logged in messages of their own, at different stamps. Body rates are interpolated at the stamps of the
+    Both are logged in separate messages, at different stamps. Body rates are interpolated at the stamps of the
     angles or, where they were logged clearly less often, angles at the stamps of the body rates: the faster signal
     bears interpolation better.
 
@@ -181,8 +181,8 @@ def _faster_angle_message(tables: Tables, fields: Names) -> str:
 def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
     """Makes ATTITUDE_TARGET, one message for each setpoint of the body rates, and one for each of the attitude.
 
-    DataFlash logs the two setpoints in different messages (RATE, and ATT or ANG). Each becomes a message of its own
-    whose ``type_mask`` marks the other setpoint as not sent.
+    DataFlash logs the two setpoints in different messages (RATE, and ATT or ANG). Each of these becomes one
+    ATTITUDE_TARGET, whose ``type_mask`` marks the other setpoint as not sent.
 
     Args:
         tables: DataFlash's messages by name.
@@ -190,7 +190,7 @@ def attitude_targets(tables: Tables, units_per_degree: float) -> NamedMessage:
 
     Returns:
         Columns of ATTITUDE_TARGET (N,), body rates in rad/s and attitude as quaternions, in the order of boot and
-        time; no columns where neither setpoint was logged.
+        time; no columns if neither setpoint was logged.
     """
     parts: list[Columns] = []
     names = []
@@ -270,7 +270,7 @@ def derivative_terms(tables: Tables) -> Columns:
 
 
 def controller_demands(tables: Tables) -> tuple[Columns, Facts]:
-    """Makes ACTUATOR_CONTROL_TARGET: what the rate controllers demand of the mixer, and thrust.
+    """Makes ACTUATOR_CONTROL_TARGET: the demands of the rate controllers on the mixer, and thrust.
 
     ArduCopter before 3.4 logged demands as -4500 to 4500. This scale is recognised by the magnitudes: more than a
     quarter of the demands other than 0 exceed 2. Then demands and thrust are divided by their old full values.

@@ -234,7 +234,7 @@ def usable_fields(table: MessageTable) -> MessageTable:
 def read_binary(content: FileContent) -> DataflashRecording:
     """Finds the messages of a binary log, up to where another log with other definitions was appended.
 
-    Messages are only located here. Each name is decoded when a caller asks for it, since most of a log is never used.
+    Messages are only located here. Those of a name are decoded on request, since most of a log is never used.
 
     Args:
         content: The bytes of the file.
@@ -488,7 +488,14 @@ class _MessageScan:
             )
 
     def _definition_at(self, offset: int) -> tuple[int, FormatDefinition] | None:
-        """Returns the message id and the definition in the FMT at an offset; None if it is cut off or damaged."""
+        """Parses the FMT at an offset, or returns the earlier result for it.
+
+        Args:
+            offset: Offset of the FMT's header.
+
+        Returns:
+            The message id and its definition; None if the FMT is cut off or damaged.
+        """
         if offset + FORMAT.length > len(self.content):
             return None
         if offset not in self._parsed_definitions:

@@ -1,4 +1,4 @@
-"""Estimators of DataFlash logs: which filter and which of its cores flew, and the messages of each.
+"""State estimators in DataFlash logs: which Kalman filter and which of its cores was used, and their messages.
 
 ArduPilot has had three filters (EKF1, NKF1 and XKF1 are their first messages). The second and the third run one core
 per IMU, of which one is primary: its states fly the vehicle. Each core is an instance of the messages or, in old

@@ -1,4 +1,4 @@
-"""DataFlash logs: what an ArduPilot autopilot writes on board, binary (.bin) or as text (.log), as MAVLink's messages.
+"""DataFlash logs, written on board by ArduPilot, binary (.bin) or as text (.log): reading them as MAVLink messages.
 
 All messages carry one clock: TimeUS, µs since boot, or TimeMS before ArduPilot 3.3. A log may contain several boots,
 appended.

@@ -1,4 +1,4 @@
-"""POSITION_TARGET_LOCAL_NED of DataFlash logs: what position and velocity ArduCopter's position controller asks for.
+"""POSITION_TARGET_LOCAL_NED from DataFlash logs: the setpoints of position and velocity of ArduCopter's controller.
 
 ArduCopter logs them since 4.1 in PSCN, PSCE and PSCD, one for each axis. Older messages are not read: PSC and NTUN have
 had several units.
@@ -41,8 +41,8 @@ POSITION_CONTROLLER_MESSAGES = tuple(axis.message for axis in AXES)
 def position_targets(tables: Tables) -> NamedMessage:
     """Makes POSITION_TARGET_LOCAL_NED: position, m, and velocity, m/s, in north-east-down.
 
-    A target is NaN while its axis was not controlled. Each axis is logged in a message of its own; the first of them
-    gives the stamps.
+    A target is NaN while its axis was not controlled. Each axis is logged in a separate message; all are interpolated
+    at the stamps of the first one.
 
     Args:
         tables: DataFlash's messages by name.

@@ -1,4 +1,4 @@
-"""Sensors of which a DataFlash log may have several: receivers, barometers, compasses, speed controllers.
+"""Sensors in DataFlash logs of which there may be several: receivers, barometers, compasses, speed controllers.
 
 Each is an instance of a message (``I``) or, in old versions, has a message of its own: BARO, BAR2 and BAR3. The first
 becomes the message that MAVLink has for it, the others GPS2_RAW, SCALED_PRESSURE2, SCALED_IMU2 and so on.
@@ -188,8 +188,8 @@ def gps_fixes(tables: Tables, number: int) -> NamedMessage:
     """Makes GPS_RAW_INT of the first receiver, or GPS2_RAW of the second: fix, satellites, dilution and position.
 
     Latitude and longitude are in 1e-7 degrees, 0 where there is no three-dimensional fix; the altitude is in mm.
-    ``eph`` is the horizontal dilution of precision times 100, as MAVLink has it. Accuracy, noise and jamming are logged
-    in messages of their own, whose last values before each fix are used.
+    ``eph`` is the horizontal dilution of precision times 100, as in MAVLink. Accuracy, noise and jamming are logged in
+    separate messages, whose last values before each fix are used.
 
     Args:
         tables: DataFlash's messages by name.

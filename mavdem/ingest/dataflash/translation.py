@@ -1,4 +1,4 @@
-"""DataFlash's messages in MAVLink's vocabulary: which message becomes which, with names and units of its fields.
+"""Translation of DataFlash messages to MAVLink: which message becomes which, with names and units of its fields.
 
 Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduPilot's ``LogStructure.h`` files.
 docs/formats.md#dataflash has the table of both vocabularies. Messages of which only names and units change are in
@@ -366,7 +366,7 @@ def _estimator_status(status: NamedMessage) -> NamedMessage:
 
 
 def _estimator_instances(estimates: FlownEstimates, status: NamedMessage) -> NamedMessage:
-    """Makes the table of all cores of the filter that flies, where the log has more than the primary one.
+    """Makes a table of all cores of the Kalman filter in use, if the log has more than the primary one.
 
     Args:
         estimates: DataFlash's messages, with those of all cores.
@@ -515,7 +515,7 @@ MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"]
 
 
 def _vibration(tables: Tables) -> Columns:
-    """Makes VIBRATION of VIBE, which comes as one message per IMU, or of the first IMU alone in older versions.
+    """Makes VIBRATION from VIBE, which is logged as one message per IMU, or of the first IMU alone in older versions.
 
     Row i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU, the
     others are cut to its length.
@@ -547,7 +547,10 @@ def _vibration_by_imu(vibe: Columns) -> list[Columns]:
     """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
 
     Args:
-        vibe: all rows of VIBE; where older versions have no field ``IMU``, all are those of the first IMU.
+        vibe: all rows of VIBE; without a field ``IMU``, as in older versions, all are those of the first IMU.
+
+    Returns:
+        The rows of each IMU, in the order of their numbers; row i of each was logged at the same time.
     """
     possible_imus = MAX_IMUS if "IMU" in vibe else 1
     imus = []
@@ -601,7 +604,7 @@ def satellite_utc(weeks: NDArray[Any], milliseconds: NDArray[Any]) -> Array:
 
 
 def _calendar_time(tables: Tables) -> Columns:
-    """Makes SYSTEM_TIME of GPS: UTC by the receiver, UNIX µs, where it has a fix.
+    """Makes SYSTEM_TIME from GPS: UTC by the receiver, UNIX µs, while it has a fix.
 
     Args:
         tables: DataFlash's messages by name.
@@ -620,7 +623,7 @@ def _calendar_time(tables: Tables) -> Columns:
 
 
 def _status_texts(tables: Tables) -> Columns:
-    """Makes STATUSTEXT of MSG, which has no severity.
+    """Makes STATUSTEXT from MSG, which has no severity.
 
     Args:
         tables: DataFlash's messages by name.

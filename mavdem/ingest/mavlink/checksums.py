@@ -1,4 +1,4 @@
-"""Checksums of MAVLink frames: of a single one, and of all frames in a block of a stream at once.
+"""Checksums of MAVLink frames: of a single one, or of all frames in a block of a stream at once.
 
 MAVLink uses CRC-16/MCRF4XX (X.25): register reflected, polynomial 0x8408, starting with 0xFFFF. A CRC is linear over
 GF(2). So the register after some bytes is the XOR of two parts: the register that these bytes alone give, starting with
@@ -112,7 +112,7 @@ def shifted(registers: Registers, zero_bytes: Offsets) -> Registers:
 
 
 class BlockChecksums:
-    """Computes checksums of any pieces of a block of bytes.
+    """Computes checksums of pieces of a block of bytes, however many there are, from one pass over the block.
 
     The block is cut into rows of ``ROW_BYTES``. Step by step, the next two bytes of all rows are taken in at once, and
     the registers are kept. Every row starts with a register of 0.

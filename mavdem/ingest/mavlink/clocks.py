@@ -395,7 +395,7 @@ def _reference_readings(reference_type: MessageStamps) -> tuple[_ClockReadings, 
 
 
 def _reboot_rows(time: Times) -> Rows:
-    """Finds the rows at which a clock restarted: it fell, near to zero, and goes on from there.
+    """Finds the rows at which a clock restarted: it fell to nearly zero, and rises again from there.
 
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
     ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. If the clock fell by

@@ -1,4 +1,4 @@
-"""MAVLink's message definitions and enumerations, as pymavlink's ``all`` dialect has them.
+"""MAVLink's message definitions and enumerations, taken from pymavlink's ``all`` dialect.
 
 They are in ``dialect.json``, which ``tools/dialect`` writes: pymavlink itself takes a hundred megabytes of an
 installation. Field order on the wire, truncation and extensions: https://mavlink.io/en/guide/serialization.html.

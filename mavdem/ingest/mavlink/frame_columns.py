@@ -1,4 +1,4 @@
-"""The columns of one MAVLink message, each of which is decoded when it is asked for the first time."""
+"""The columns of one MAVLink message, each of which is decoded when it is first used."""
 
 from collections import OrderedDict
 from collections.abc import Iterator, Mapping
@@ -54,7 +54,7 @@ class DecodedColumns:
         return column
 
     def keep(self, message: str, name: str, column: NDArray[Any]) -> None:
-        """Keeps the column of a field, and forgets those that nobody has asked for the longest."""
+        """Stores the column of a field, and discards the least recently used ones if there are too many."""
         self._columns[message, name] = column
         self._bytes += column.nbytes
         while self._bytes > self._max_bytes and len(self._columns) > 1:
@@ -117,7 +117,7 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
         return column
 
     def _decoded_column(self, name: str, payloads: SentPayloads) -> NDArray[Any]:
-        """Decodes a column; of a mapped recording that alone, else all fields when the first one is asked for."""
+        """Decodes a column; for a recording in memory, all columns are decoded when the first one is used."""
         if self._decoded.is_mapped:
             return decoded_field(self._data, self._starts, self._definition, name, payloads)
         if self._table is None:

@@ -1,4 +1,4 @@
-"""MAVLink frames one at a time: found in the bytes of a link as these arrive, and parsed.
+"""Finding and parsing MAVLink frames in the bytes of a link as these arrive.
 
 A frame counts as it does in a file: with a matching checksum, or, of another dialect or damaged, where such frames
 exactly fill the bytes between two frames with matching checksums.
@@ -48,7 +48,7 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Finds the MAVLink frames of one byte stream, whose bytes come piece by piece.
+    """Finds the MAVLink frames of one stream, whose bytes arrive piece by piece.
 
     Attributes:
         undecoded_frames: number of frames so far that are damaged or of another dialect.

@@ -1,4 +1,4 @@
-"""Recorded streams of MAVLink frames: when they were received, and streams that are joined from several channels."""
+"""Recorded streams of MAVLink frames: their receive times, and joining the frames of several channels."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""MAVLink frames in a stream of bytes: finding them, block by block, as a table with one row per frame.
+"""Finding MAVLink frames in a stream of bytes, block by block, as a table with one row per frame.
 
 A frame matches when its checksum agrees with its content. The bytes FD and FE that begin frames also occur inside
 payloads and time stamps, so each of them is only a candidate. Candidates are accepted in this order:
@@ -232,7 +232,7 @@ def find_frames(data: Bytes, crc_extras: CrcExtras, gap: int = 0) -> Frames:
 
 
 class _FrameBlock:
-    """The candidates that begin in one block of a stream: markers whose incompatibility flags are known ones.
+    """The possible frames in one block of a stream: those that begin with a marker and known incompatibility flags.
 
     Attributes:
         start: Offset (N,) in the stream of each candidate's marker.
@@ -410,8 +410,9 @@ def _filling_frames(
 ) -> Frames:
     """Finds the frames that exactly fill a space before or between linked frames, or after them at the stream's end.
 
-    Their checksums do not match: they are of unknown messages, or damaged. A single marker byte would prove nothing,
-    but a chain of headers whose lengths lead exactly to the next linked frame is hardly ever chance.
+    A linked frame has a matching checksum, and the marker of a frame after it. The checksums of the frames between do
+    not match: they are of unknown messages, or damaged. A single marker byte would prove nothing, but a chain of
+    headers whose lengths lead exactly to the next linked frame is hardly ever chance.
 
     Args:
         data: Bytes (B,) of the stream.
@@ -446,8 +447,9 @@ def _filling_frames(
 def _starts_of_chain(content: memoryview, offset: int, goal: int, gap: int) -> Sequence[int]:
     """Follows frames by the lengths in their headers, each to the next, up to the next linked frame.
 
-    If the lengths lead exactly to a linked frame, these are frames too. After the last linked frame there is none to
-    lead to: there the chain must continue until the stream ends, which may cut its last frame.
+    A linked frame has a matching checksum, and the marker of a frame after it. If the lengths lead exactly to one, the
+    frames on the way are accepted too. After the last linked frame, the chain must continue until the stream ends,
+    which may cut off its last frame.
 
     Args:
         content: The stream.

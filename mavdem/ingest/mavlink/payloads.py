@@ -1,4 +1,4 @@
-"""Payloads of MAVLink messages: as columns, one at a time, and in frames that are sent.
+"""Payloads of MAVLink messages: decoding them as columns or one at a time, and encoding them in frames.
 
 Field order on the wire, truncation and extensions: https://mavlink.io/en/guide/serialization.html.
 """

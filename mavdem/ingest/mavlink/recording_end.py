@@ -1,4 +1,4 @@
-"""The mark at the end of a recording that its user ended: such a record shows no failure where it ends in the air.
+"""The mark at the end of a recording that its user ended, which distinguishes it from a recording that a failure ended.
 
 The mark is an ordinary STATUSTEXT of a logger, so that every program reads the file as before.
 """

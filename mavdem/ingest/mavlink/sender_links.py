@@ -1,4 +1,4 @@
-"""The links over which the frames of one MAVLink sender come: copies, missing frames, and two vehicles under one id.
+"""The links over which one MAVLink sender is received: copies of frames, missing frames, and two vehicles under one id.
 
 A sender numbers its frames from 0 to 255 and then from 0 again. Between it and the receiver may lie several links, such
 as two radios, and forwarders that send everything twice. Three things follow:
@@ -90,7 +90,7 @@ def missing_messages(before: Any, after: Any) -> Any:
 
 
 class SenderLinks:
-    """Recognises copies among the frames of one sender, and counts those that came over no link.
+    """Recognises copies among the frames of one sender, and counts those that no link delivered.
 
     Attributes:
         missing: number of frames that came over no link, by the gaps in the sequence numbers. A frame that was

@@ -1,4 +1,4 @@
-"""The frames of one sender in a recording: which are copies, how many are missing, and are they of two vehicles?
+"""The frames of one sender in a recording: which are copies, how many are missing, and whether two vehicles sent them.
 
 Most recordings are of one link, whose sequence numbers rise; these alone suffice. Where they do not, frames are taken
 one by one (``sender_links``) around copies, and in runs elsewhere.
@@ -233,7 +233,7 @@ def _single_frames(data: Bytes, frames: Frames, first: int) -> Iterator[_SingleF
 
 
 def _first_reading_is_repeated(data: Bytes, all_frames: Frames, rows: Rows) -> bool:
-    """Returns whether the first frame with a boot clock comes again, as where a whole recording is repeated.
+    """Returns whether the first frame with a boot clock occurs again, as in a file with a repeated recording.
 
     Args:
         data: Bytes (B,) of the stream.
@@ -284,7 +284,7 @@ def _frame_keys(data: Bytes, all_frames: Frames, rows: Rows) -> NDArray[np.uint3
 
 
 def _has_copies(data: Bytes, all_frames: Frames, rows: Rows, keys: NDArray[np.uint32]) -> bool:
-    """Determines whether a frame with a boot clock comes twice among the frames of a sender.
+    """Returns whether a frame with a boot clock occurs twice among the frames of a sender.
 
     Args:
         data: Bytes (B,) of the stream.

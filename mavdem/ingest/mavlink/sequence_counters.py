@@ -188,7 +188,7 @@ def _step(number: int | None, sequence: int) -> int:
 
 
 class AttitudeComparison:
-    """Compares the attitudes that two sequence counters number: do they contradict each other?
+    """Compares the attitudes in frames of two sequence counters, and decides whether they contradict each other.
 
     Attributes:
         has_found_two: whether they were of two vehicles at any time.

@@ -1,4 +1,4 @@
-"""Do readings of clock, heading and position come from one vehicle, or from two with the same ids?
+"""Recognition of two vehicles that send under the same ids, by readings of clock, heading and position.
 
 A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position. Readings
 that go to and fro between two that disagree are of two vehicles.
@@ -109,7 +109,7 @@ RECOGNITION_READINGS = 400
 
 @dataclass(slots=True)
 class _VehicleTrack:
-    """The latest readings that can be of one vehicle."""
+    """The latest readings that are consistent with one vehicle."""
 
     latest: Reading
     """The latest of all."""
@@ -176,7 +176,7 @@ class _VehicleTrack:
 
 
 class VehicleTracks:
-    """Recognises that two vehicles send under the same ids: readings that alternate between two that disagree.
+    """Recognises two vehicles that send under the same ids, by readings that alternate between two inconsistent tracks.
 
     A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
 

@@ -339,8 +339,8 @@ def _is_vehicle(component: Component) -> bool:
 def _parameters_of(vehicle: _ComponentRecord, records: Sequence[_ComponentRecord]) -> Parameters:
     """Returns a vehicle's parameters: those that it sent, and those that MAVProxy stored for its system.
 
-    MAVProxy writes the parameters it knows into its logs under a component id of its own. They may be older than the
-    vehicle's, so the vehicle's take precedence.
+    MAVProxy writes the parameters that it has received into its logs under a special component id. They may be older
+    than the vehicle's, which take precedence.
 
     Args:
         vehicle: The vehicle, as one of the components.
@@ -494,7 +494,7 @@ def _message_stamps(
         starts: Offset (n,) of each frame in the recording.
 
     Returns:
-        The stamps, which are decoded only when they are asked for, and the time after which their counter wraps.
+        The stamps, which are decoded only when they are used, and the time after which their counter wraps.
     """
     for name, units_per_second in BOOT_CLOCK_UNITS.items():
         if name in definition.fields:

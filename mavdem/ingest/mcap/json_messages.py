@@ -1,4 +1,4 @@
-"""MAVLink messages as JSON, in the layouts of BlueOS and of another bridge, turned back into payloads.
+"""MAVLink messages in JSON, in the layouts of BlueOS and of another bridge, encoded as payloads again.
 
 There are two layouts: the fields at top level, or BlueOS's ``{"header": {"system_id", "component_id", "sequence",
 "message_id"}, "message": {"type": "ATTITUDE", ...fields}}``, where a field called ``type`` is ``mavtype``, an enum's
@@ -167,7 +167,7 @@ def _number(value: Any, wire_type: np.dtype[Any]) -> float:
 
 
 def _value_of_text(text: str) -> float:
-    """Converts a text that stands for a number.
+    """Converts a text in the place of a number to this number.
 
     It is the name of an enumeration's entry, or several names of bits joined with "|", each of which may also be an
     integer. Otherwise it is a float in quotes, as JSON without JSON5 writes "NaN".

@@ -1,4 +1,4 @@
-"""MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
+"""MCAP recordings (.mcap): MAVLink as frames or as JSON, in the layouts of BlueOS and of another bridge; or ROS 2.
 
 MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
 after a slash, both with a JSON body, and ``mavlink/out``, which repeats everything and is not read. Frames are
@@ -61,10 +61,13 @@ MAX_REPORTED_NAMES = 5
 
 
 def read_mcap(path: PathName) -> Log:
-    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
+    """Reads the MAVLink in an MCAP recording, or otherwise the flights in its ROS 2 topics, even if it is damaged.
 
     Args:
         path: The recording, or an archive of it.
+
+    Returns:
+        The log, with the telemetry of each vehicle in it.
 
     Raises:
         Unreadable: It cannot be opened or contains neither.

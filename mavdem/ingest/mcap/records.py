@@ -1,4 +1,4 @@
-"""MCAP files: reading their messages in the order of the file, cut and damaged ones as far as possible, and writing.
+"""MCAP files: reading their messages in the order of the file, as far as possible from damaged ones, and writing them.
 
 The ``mcap`` package decodes records; it stops at the first wrong length. Here damage is skipped up to the next place
 where records follow one another, a damaged or cut chunk is left out, and the unpacked size of the chunks is bounded. No
@@ -81,7 +81,7 @@ MAX_CHUNK_SECONDS = 3600.0
 
 @dataclass
 class McapRecording:
-    """An MCAP file, and what is known of it as far as it was read."""
+    """An MCAP file, with the channels, schemas and damage found as far as it was read."""
 
     content: bytes
     """The bytes of the file."""
@@ -399,7 +399,11 @@ def json_value(value: Any) -> Any:
 
 
 def _message_schema(definition: MessageDefinition) -> JsonValues:
-    """Returns the JSON schema of a message in BlueOS's layout."""
+    """Returns the JSON schema of a message in BlueOS's layout: objects "header" and "message".
+
+    Args:
+        definition: Definition of the message.
+    """
     header = object_schema({name: {"type": "integer"} for name in HEADER_FIELDS})
     fields: JsonValues = {"type": {"type": "string"}}
     assert definition.wire.names is not None

@@ -1,4 +1,4 @@
-"""Writing columns over time as JSON messages of an MCAP file, whose records are built as arrays, a chunk at a time.
+"""Writing time series as JSON messages of an MCAP file; the records are built as arrays, a chunk at a time.
 
 The file is byte for byte what the writer of the ``mcap`` package makes of the same messages, which takes one message at
 a time and is several times slower. Source of the layout: https://mcap.dev/spec.
@@ -242,6 +242,7 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
     """
     times = messages.heads["log_time"]
     heads = messages.heads.view(f"V{MESSAGE_HEAD.itemsize}").tolist()
+    # Heads and bodies by turns: the records of the messages.
     record_parts = chain.from_iterable(zip(heads, messages.bodies, strict=True))
     records = definitions + b"".join(record_parts)
     packed_records = zstandard.compress(records)
@@ -258,6 +259,7 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
     entries = np.empty(len(times), dtype=INDEX_ENTRY)
     entries["log_time"] = times
     sizes = messages.record_sizes
+    # Offset of each message in the unpacked records of the chunk.
     entries["offset"] = len(definitions) + np.cumsum(sizes) - sizes
     index_offsets = {}
     for channel in messages.counts():
@@ -277,7 +279,7 @@ def _chunk(definitions: bytes, messages: Messages, offset: int) -> tuple[bytes, 
 
 
 def _message_index(channel: int, entries: StructuredArray) -> bytes:
-    """Returns the record that says where the messages of a channel are in a chunk.
+    """Returns the record with the times and offsets of the messages of a channel in a chunk.
 
     Args:
         channel: Number of the channel.

@@ -1,4 +1,4 @@
-"""Flights in ROS 2 recordings (rosbag2's MCAP files): PX4's topics and MAVROS's as MAVLink messages, no parameters."""
+"""Flights in ROS 2 recordings (MCAP files of rosbag2): topics of PX4 or MAVROS as MAVLink messages, no parameters."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence

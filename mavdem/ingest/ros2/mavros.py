@@ -1,4 +1,4 @@
-"""MAVROS's topics as MAVLink messages, by the inverse of MAVROS's own translation.
+"""MAVROS topics as MAVLink messages, by the inverse of the translation that MAVROS makes.
 
 MAVROS turns MAVLink's quantities into the frames of ROS (REP 103: east-north-up, and forward-left-up in the body). Each
 function names the file of https://github.com/mavlink/mavros/tree/ros2/mavros/src that it inverts. Stamps are the

@@ -1,4 +1,4 @@
-"""The messages of one ROS 2 topic as columns of numbers: decoded by ``rosbags``, only the fields that are needed.
+"""The messages of one ROS 2 topic as columns of numbers, decoded by ``rosbags``; only the fields that are needed.
 
 Definitions: https://mcap.dev/spec/registry#ros2msg (the text with the definitions it refers to behind lines of "=").
 Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the four bytes before each message).

@@ -1,4 +1,4 @@
-"""The topics of flights in ROS 2 recordings: which vehicle and which bridge each of them belongs to.
+"""The topics of flights in ROS 2 recordings: to which vehicle and which bridge each of them belongs.
 
 PX4's uXRCE-DDS client publishes ``fmu/out/vehicle_attitude`` and subscribes to ``fmu/in/…``, a version behind the name
 where the message has one (``vehicle_status_v1``), and a namespace before it where there are several vehicles
