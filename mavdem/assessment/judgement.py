@@ -17,7 +17,7 @@ from mavdem.assessment.axis.loop_decision import (
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.lights import OTHER_LIGHTS, REGISTRY, VEHICLE_LIGHTS, RegisteredLight
 from mavdem.dataset.learnability import NEVER_ARMED
-from mavdem.facts import Fact, Facts, Level, NamedFacts
+from mavdem.facts import Code, Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Headline, NextStep
 from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.events import ReportedEvent
@@ -46,6 +46,45 @@ URGENT_EVENTS = (
 """Losses, failsafes, restarts and impacts, the most important first. Even where they are only to be watched, they rank
 above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
 below a light that is bad."""
+
+LIGHTS_BY_EVENTS: dict[Light, tuple[Code, ...]] = {
+    Light.MOTORS: (
+        MotionEvent.OUTPUT_FROZE,
+        MotionEvent.MOTOR_OFF,
+        MotionEvent.MOTOR_STOOD_STILL,
+        ReportedEvent.THRUST_LOST,
+        ReportedEvent.MOTOR_FAILED,
+        ReportedEvent.MOTORS_STOPPED,
+    ),
+    Light.TRACKING: (
+        *Ending,
+        MotionEvent.HIT,
+        MotionEvent.TOPPLED,
+        MotionEvent.TIPPED,
+        MotionEvent.ATTITUDE_LOST,
+        MotionEvent.ATTITUDE_SWUNG,
+        MotionEvent.FELL,
+        ReportedEvent.CRASH_DETECTED,
+        ReportedEvent.FLIGHT_TERMINATED,
+        ReportedEvent.FAILSAFE,
+    ),
+    Light.POWER: (
+        ReportedEvent.RESTARTED,
+        ReportedEvent.RESTARTED_IN_FLIGHT,
+        ReportedEvent.BATTERY_ALARMED,
+        ReportedEvent.BATTERY_SPENT,
+        ReportedEvent.BOARD_VOLTAGE_LOW,
+    ),
+    Light.ESTIMATOR: (
+        MotionEvent.HEIGHT_DIVERGED,
+        MotionEvent.POSITION_LOST,
+        ReportedEvent.ESTIMATOR_DIVERGED,
+        ReportedEvent.GPS_LOST,
+    ),
+}
+"""The light that shows an event in the headline, where no light of the vehicle is as bad as that.
+
+Tracking is the light of vehicles that did not do as they were commanded, for whatever reason."""
 
 MIN_CHECKED_LIGHTS = 3
 """Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
@@ -92,7 +131,27 @@ def judge(evidence: Evidence, purposes: Sequence[Finding] = (), **known_lights: 
     headline = headline_of(evidence, lights)
     model_step = next_step_for_model(purposes) if purposes else None
     next_step = next_step_of(headline, lights, model_step)
+    if evidence.other_vehicle is None:
+        lights = lights_with_event(lights, headline)
     return Judgement(headline, next_step, lights, ReadOnlyDict(decisions))
+
+
+def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
+    """Returns the lights with the event that is the headline as the fact of its light, if none is as bad as that.
+
+    Lights judge a flight until it was lost, so all may be good beside a headline that the vehicle hit something.
+
+    Args:
+        lights: the facts of the eight lights, by name.
+        headline: the headline, an event or another fact.
+    """
+    levels = {lights[name].level for name in VEHICLE_LIGHTS}
+    is_shown = Level.BAD in levels or headline.level in levels
+    if not is_shown and headline.level in (Level.BAD, Level.WATCH):
+        for name, codes in LIGHTS_BY_EVENTS.items():
+            if headline.code in codes:
+                return {**lights, name: headline}
+    return dict(lights)
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:

@@ -7,7 +7,7 @@ from refusals import prose
 
 from mavdem.assessment.condition import Condition
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.judgement import headline_of, next_step_of
+from mavdem.assessment.judgement import headline_of, lights_with_event, next_step_of
 from mavdem.dataset.quality import QualityFigures
 from mavdem.dataset.segment_learnability import Learnability
 from mavdem.facts import Fact, Level
@@ -213,3 +213,23 @@ def test_a_bad_light_ranks_above_a_log_that_ends_in_the_air(name):
     known = lights(**{name: "bad"})
     ended = event(MotionEvent.LOG_ENDED_IN_AIR, height=9.0)
     assert headline(known, events=(ended,)) is known[name]
+
+
+@mark.parametrize(
+    "levels, code, level, light",
+    [
+        ({}, Ending.CRASHED, "bad", "tracking"),
+        ({"wind": "bad"}, Ending.CRASHED, "bad", "tracking"),
+        ({}, ReportedEvent.FAILSAFE, "watch", "tracking"),
+        ({}, MotionEvent.HEIGHT_DIVERGED, "bad", "estimator"),
+        ({}, ReportedEvent.RESTARTED_IN_FLIGHT, "bad", "power"),
+        ({}, ReportedEvent.AUTOPILOT_SAID, "watch", None),
+        ({"vibration": "bad"}, Ending.CRASHED, "bad", None),
+        ({"vibration": "watch"}, ReportedEvent.FAILSAFE, "watch", None),
+    ],
+)
+def test_an_event_in_the_headline_is_its_light_where_none_is_as_bad(levels, code, level, light):
+    before = lights(**levels)
+    event = Fact(code, Level(level))
+    after = lights_with_event(before, event)
+    assert {name for name, fact in after.items() if fact is event} == ({light} - {None})

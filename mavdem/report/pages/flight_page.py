@@ -23,7 +23,7 @@ from mavdem.dataset.speed_controllers import speed_controllers
 from mavdem.dem import Learned
 from mavdem.facts import Fact, Facts, Level, NamedFacts
 from mavdem.facts.assessment import Grade, Purpose
-from mavdem.facts.ending import MotionEvent
+from mavdem.facts.ending import Ending, MotionEvent
 from mavdem.facts.event import Event
 from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction
@@ -408,7 +408,8 @@ def _axes_chapter(assessment: Assessment, timeline: Timeline) -> Chapter:
     blocks = [*_tracking_blocks(light, assessment.tracking)]
     scope = ""
     ending = None if assessment.evidence is None else assessment.evidence.ending
-    if ending is not None and ending.time is not None and light.level is not Level.UNKNOWN:
+    is_judged = light.level is not Level.UNKNOWN and light.code not in Ending
+    if ending is not None and ending.time is not None and is_judged:
         # Tracking is judged in settled flight, and the plots show the loss too.
         scope = f" in settled flight, until {loss_onset(ending):.1f} s"
     return Chapter("Three axes", blocks, [Group.of_axes(columns, light)], level_scope=scope)
