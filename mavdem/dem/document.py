@@ -51,13 +51,13 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
         The result, an instance of ``result_type``.
 
     Raises:
-        Unreadable: The document has a later version of the schema, or is no such document; the message names the first
-            key that is missing or whose value is wrong.
+        Unreadable: The document has a later version of the schema, or is not a document of this type. The message names
+            the first key that is missing or has a wrong value.
     """
     version = _schema_version(text)
     if version is not None and version > VERSION:
         raise Unreadable(ModelFile.OF_LATER_VERSION)
-    # What cannot be parsed, lacks a key or has a wrong value is refused in the same way.
+    # Text that cannot be parsed, lacks a key or has a wrong value raises the same error.
     try:
         return _adapter(cast(Any, result_type)).validate_json(text, strict=True)
     except (ValidationError, TypeError) as error:
@@ -73,13 +73,13 @@ def from_text(result_type: type[ResultType], text: str) -> ResultType:
 def _schema_version(text: object) -> int | None:
     """Returns the version of the schema in a document's heading.
 
-    The heading is the document's beginning, so a later version is recognised before the document is parsed.
+    It is read from the beginning of the text, so that a later version is recognised before the document is parsed.
 
     Args:
-        text: The document; anything else gives None.
+        text: The document.
 
     Returns:
-        The version; None if there is no heading, as in earlier versions and other files, or no text.
+        The version; None if there is no heading, as in earlier versions and other files, or ``text`` is no string.
     """
     if not isinstance(text, str):
         return None

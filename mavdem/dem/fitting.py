@@ -75,11 +75,11 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     """
     scaling = Scaling.from_record(record, settings)
     model = generative_model(settings, scaling, record)
-    # All that DEM needs of the data are their second moments.
+    # DEM needs only the second moments of the data.
     samples = SufficientStatistics.from_segments(*generalized_data(settings, scaling, record))
     ascent = maximise_free_energy(model, samples, settings.iterations)
-    # DEM estimates the states of each sample by themselves. To predict the next sample, a Kalman filter with DEM's
-    # parameters and noises carries the state from sample to sample.
+    # DEM estimates the states of each sample separately. To predict samples from earlier ones, a Kalman filter with the
+    # parameters and noises of DEM propagates the state from sample to sample.
     gain = _kalman_gain(model, ascent.posterior, _noise_smoothness(settings, record.dt), record.dt)
     predictor = predictor_from_theta(ascent.posterior.theta, model.sizes, gain, record.dt)
     return Fit(
@@ -111,16 +111,19 @@ def generative_model(
         scaling: the engine's units.
         record: training data.
 
+    Returns:
+        The model, with the priors of its parameters and noise precisions.
+
     Raises:
-        ValueError: an order that the data cannot determine, or a prior that does not fit.
+        ValueError: the data cannot determine a model of this order, or the prior has another number of parameters.
     """
     n = settings.order
     m = record.outputs.shape[1]
     p = settings.p
     d = settings.d
     motors = record.inputs.shape[1]
-    # Under the regulated prior the first m states are the outputs. The hidden states form a chain, and each of them
-    # needs one more derivative of the last output.
+    # With the regulated prior the first m states are the outputs. The hidden states form a chain, and one more
+    # derivative of the last output is needed for each of them.
     max_order = m + p
     if settings.prior == "regulated":
         is_too_high = n > max_order and not settings.last_derivative_zero
@@ -165,16 +168,16 @@ def _parameter_prior(
     """Chooses the prior of the parameters θ by the settings.
 
     Args:
-        settings: settings of the fit, which name the prior or give it.
+        settings: settings of the fit, whose ``prior`` is a name or a Gaussian.
         scaling: the engine's units.
-        record: training data, in which the "regulated" prior looks for outputs that are derivatives of others.
+        record: training data, from which the "regulated" prior finds the outputs that are derivatives of others.
         r: number of the engine's inputs, the constant one included.
 
     Returns:
         Mean (k,) and precision (k, k) of the k parameters, in the engine's units.
 
     Raises:
-        ValueError: a given prior that does not fit the model.
+        ValueError: the Gaussian prior has another number of parameters than the model, or leaves C free.
     """
     n = settings.order
     m = record.outputs.shape[1]
@@ -184,7 +187,7 @@ def _parameter_prior(
         k = n * n + n * r + m * n
         mean = default_rng(settings.seed).uniform(-1, 1, k)
         return MeanAndPrecision(mean, np.eye(k) * settings.parameter_precision)
-    # The prior of an attitude loop: what is known of any multirotor before a flight.
+    # The prior of an attitude loop, with what is known of any multirotor before a flight.
     if settings.prior == "regulated":
         return regulated_prior(
             settings,
@@ -194,13 +197,13 @@ def _parameter_prior(
             output_scale=scaling.output_scale,
             pairs=derivative_pairs(record),
         )
-    # A Gaussian that the user gives, of the vehicle's parameters only: the engine may have a constant input as well.
+    # A Gaussian of the user is of the vehicle's parameters only. The engine may have those of a constant input as well.
     indices = vehicle_parameter_indices(n, motors, m, has_constant_input=scaling.constant)
     prior = explicit_prior(
         settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n)
     )
-    # Without dynamics of the highest derivative x has no prior. Where C is free as well, nothing fixes the scale of x,
-    # and F̄ is highest at C = 0.
+    # Without dynamics of the highest derivative x has no prior. If C is free as well, nothing determines the scale of
+    # x, and F̄ is highest at C = 0.
     C_precisions = unpack(np.diag(prior.precision), n, r, m).C
     if not settings.last_derivative_zero and not (C_precisions >= KINEMATIC_PRECISION).all():
         raise ValueError(
@@ -239,8 +242,8 @@ def generalized_data(
 ) -> tuple[Array, ...]:
     """Embeds training data into generalized coordinates, in the engine's units.
 
-    Outputs and inputs have the same window about the same instant, so that no derivative lags another. A sample has
-    generalized data if its whole window lies inside the segment.
+    Outputs and inputs have the same window, centred at the same time, so that no derivative lags behind another. A
+    sample has generalized data if its whole window is inside the segment.
 
     Args:
         settings: settings of the fit, with the embedding orders and the window.
@@ -284,8 +287,8 @@ def _kalman_gain(
     """
     A, B, C = unpack(posterior.theta, *model.sizes)
     noise_variances = np.exp(-posterior.lambda_)
-    # The error of the inputs moves the states through B, and adds to the process noise. Of the generalized inputs, the
-    # first r are the inputs themselves, without derivatives.
+    # Errors of the inputs act on the states through B, and are added to the process noise. The first r generalized
+    # inputs are the inputs themselves, without derivatives.
     input_covariance = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process_covariance = np.diag(noise_variances[model.state_groups]) + B @ input_covariance @ B.T
     measurement_variances = noise_variances[model.output_groups]

@@ -172,7 +172,7 @@ class Learned(ImmutableResult, ForecasterBase):
     def physical(self) -> Physical | None:
         """Physical parameters of the vehicle (gray-box model, ``mavdem.plant.physical``) from the training data.
 
-        They are fitted when they are first asked for; ``None`` if there are none, for :attr:`physical_reason`.
+        They are fitted at the first access. ``None`` if they cannot be fitted; :attr:`physical_reason` says why.
         """
         from mavdem.plant import Physical
 
@@ -180,7 +180,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def physical_reason(self) -> Fact | None:
-        """Why no physical parameters can be fitted; ``None`` if they can."""
+        """Why no physical parameters can be fitted; ``None`` if they can be fitted."""
         from mavdem.plant import NotIdentifiable
 
         return (
@@ -217,10 +217,10 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def resolved_wind_torque(self) -> WindTorque | None:
-        """The wind torque, if it may be shown as that of the wind.
+        """The estimated wind torque, if it is accurate enough to be shown as the torque of the wind.
 
-        ``None`` if there is none, the effectiveness of the motors is not identifiable, or the wind torque is not
-        larger than its errors.
+        ``None`` if there is no estimate, if the effectiveness of the motors is not identifiable, or if the wind torque
+        is not larger than its errors.
         """
         from mavdem.plant.wind_torque import resolved_wind_torque
 
@@ -234,8 +234,8 @@ class Learned(ImmutableResult, ForecasterBase):
         Args:
             physical: The physical parameters, or the reason why there are none.
         """
-        # Computed properties are kept in the instance's dictionary. The dataclass is frozen, so that one is set there,
-        # and the wind torque of the former parameters is removed.
+        # Computed properties are stored in the instance's dictionary. The wind torque of the former parameters is
+        # removed from it. The dataclass is frozen, so its field is set by object.__setattr__.
         changed = copy(self)
         object.__setattr__(changed, "_physical_fit", physical)
         vars(changed).pop("wind_torque", None)
@@ -261,8 +261,8 @@ class Learned(ImmutableResult, ForecasterBase):
     def _forecaster(self) -> JointModel | PlantForecasts:
         """The model that forecasts with given inputs.
 
-        The joint model of outputs and motors; or the plant A, B, C, where ``Settings.forecasts`` asks for it or the
-        settings do not use the recorded inputs.
+        This is the joint model of outputs and motors. It is the plant A, B, C if ``Settings.forecasts`` is "plant", or
+        if the settings do not use the recorded inputs.
         """
         if self.settings.forecasts == "joint" and self.scaling.known:
             return self.joint
@@ -279,14 +279,15 @@ class Learned(ImmutableResult, ForecasterBase):
     ) -> Forecast:
         """Forecasts the outputs after the training data, given the recorded inputs, in consecutive parts of ``steps``.
 
-        Each part is one forecast. It starts from all samples before the part, and then knows the inputs of the part but
-        none of its outputs. The motors cause the motion, and respond to it: the joint model treats their commands as
-        measurements of the motion. With ``Settings(forecasts="plant")`` they are causes alone.
+        Each part is one forecast, which uses all samples before the part and the inputs of the part, but none of its
+        outputs. The motors cause the motion and, through the controller, respond to it. The joint model therefore
+        treats their commands as measurements of the motion as well. With ``Settings(forecasts="plant")`` they are only
+        causes.
 
         Args:
             steps: Number of samples of a part.
             inputs: Inputs after the training data, (H, r).
-            outputs: Outputs of the same samples, (H, m); those of earlier parts only are used for a forecast.
+            outputs: Outputs of the same samples, (H, m); each forecast uses only those of earlier parts.
             smooth: Whether the joint model uses for each sample also the inputs after it.
 
         Returns:
@@ -300,13 +301,13 @@ class Learned(ImmutableResult, ForecasterBase):
         """Predicts the outputs after the training data in consecutive parts of ``steps`` samples, from the past alone.
 
         Each part is one prediction, which uses the inputs and outputs of all samples before the part, and none of the
-        part itself. The joint model predicts, whatever ``Settings.forecasts`` is, since the plant A, B, C needs the
-        inputs of the samples that it forecasts.
+        part itself. It is always made by the joint model, also if ``Settings.forecasts`` is "plant", because the plant
+        A, B, C needs the inputs of the samples that it forecasts.
 
         Args:
             steps: Number of samples of a part.
-            inputs: Inputs after the training data, (H, r); those of earlier parts only are used for a prediction.
-            outputs: Outputs of the same samples, (H, m); those of earlier parts only are used for a prediction.
+            inputs: Inputs after the training data, (H, r); each prediction uses only those of earlier parts.
+            outputs: Outputs of the same samples, (H, m); each prediction uses only those of earlier parts.
 
         Returns:
             Predicted outputs and their expected squared errors, (H, m) each.
@@ -333,7 +334,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @may_overflow
     def one_step(self) -> Array:
-        """Predicts each training sample from those before it; the joint model also uses the sample's own inputs.
+        """Predicts each training sample from those before it; the joint model also uses the inputs of that sample.
 
         Returns:
             Predicted outputs, (T, m).
@@ -356,7 +357,7 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.spectral_radius <= 1 + ROUNDING_TOLERANCE
 
     def predict_band(self, steps: int, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns half widths of the band about :meth:`predict`, from the noise and posterior of the joint model.
+        """Returns half widths of the band around :meth:`predict`, from the noise and posterior of the joint model.
 
         Args:
             steps: Number of predicted samples.
@@ -375,10 +376,11 @@ class Learned(ImmutableResult, ForecasterBase):
         variance, the squared error of always predicting the mean.
         """
         longest = max(1, round(FORECAST_HORIZON_SECONDS / self.dt))
-        # The error of a longer horizon counts as no smaller, so that all shorter horizons are useful too.
+        # The error of a longer horizon is taken to be at least that of each shorter one. If a horizon is useful, all
+        # shorter ones then are as well.
         errors = np.maximum.accumulate(self.predict_with_variance(longest).variance)
         is_useful = errors < USEFUL_VARIANCE_SHARE * self.record.outputs.var(axis=0)
-        # The useful horizons are the first ones, so that their number is the longest.
+        # The useful horizons are 1, 2, …, so that their number is the longest one.
         return is_useful.sum(axis=0)
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
@@ -393,7 +395,7 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.forecast_with_variance(self.record.validated_inputs(inputs)).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns half widths of the band about :meth:`forecast`.
+        """Returns half widths of the band around :meth:`forecast`.
 
         Args:
             inputs: The r inputs of the H samples after the training data, (H, r).
@@ -407,10 +409,10 @@ class Learned(ImmutableResult, ForecasterBase):
         return self.half_widths(variance, level, steps)
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Simulates the vehicle as if these inputs were commanded: the plant alone, by :attr:`physical`.
+        """Simulates the vehicle's response to given inputs by the :attr:`physical` plant, without an autopilot.
 
-        The simulation begins at the last training sample, with the steady disturbance of the training data and no
-        other; no autopilot responds. A ``UserWarning`` is issued where the physical parameters are not identifiable.
+        The simulation begins at the last training sample, and the steady disturbance of the training data is the only
+        disturbance. A ``UserWarning`` is issued if the physical parameters are not identifiable.
 
         >>> learned.simulate(learned.record.inputs[:50]).shape
         (50, 2)
@@ -422,7 +424,7 @@ class Learned(ImmutableResult, ForecasterBase):
             Simulated outputs, (H, m).
 
         Raises:
-            ValueError: No physical parameters can be fitted, or the outputs are no angle and its rate.
+            ValueError: No physical parameters can be fitted, or the outputs are not an angle and its rate.
         """
         from mavdem.plant.simulation import simulate_response
 
@@ -433,9 +435,10 @@ class Learned(ImmutableResult, ForecasterBase):
         return simulate_response(physical, self.record, inputs).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = CONFIDENCE_LEVEL) -> Array:
-        """Returns half widths of the band about :meth:`simulate`.
+        """Returns half widths of the band around :meth:`simulate`.
 
-        The band includes the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters.
+        The band includes the uncertainty of the physical parameters and the effect of the wind, which no controller
+        counteracts in the simulation.
 
         Args:
             inputs: Commanded inputs, (H, r), in the unit of the training inputs.
@@ -464,9 +467,9 @@ class Learned(ImmutableResult, ForecasterBase):
 
     @property
     def window_center_samples(self) -> Indices:
-        """Indices (T′,) of the training samples that have a whole embedding window around them in their segment.
+        """Indices (T′,) of the training samples whose whole embedding window lies in their segment.
 
-        They are the samples that the generalized data, and with them ``free_energy_of_samples``, belong to.
+        The generalized data and ``free_energy_of_samples`` are values at these samples.
         """
         window = self.settings.window
         centers = []
@@ -498,7 +501,7 @@ class Learned(ImmutableResult, ForecasterBase):
         """
         n, r = self.model.B.shape
         A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))
-        # The posterior means are [x; x′; …; v; v′; …], order by order: w is a linear map of them.
+        # The posterior means are [x; x′; …; v; v′; …], and w is a linear function of them.
         noise_map = np.zeros((n, len(self.state_map)))
         if self.settings.p > 0:
             noise_map = np.eye(n, len(self.state_map), k=n)
@@ -523,19 +526,20 @@ class Learned(ImmutableResult, ForecasterBase):
         return Plots(self)
 
     def summary(self) -> str:
-        """Returns a report of one screen: what the vehicle does in wind.
+        """Returns a report that fits on one screen, on how the vehicle moves in wind.
 
-        Errors on windows that the model has not seen are not in it; see ``mavdem.evaluate.held_out_windows``.
+        It does not contain the errors on windows that the model was not learned from, which
+        ``mavdem.evaluate.held_out_windows`` computes.
         """
         from mavdem.report.screen import summary
 
         return summary(self)
 
     def to_control(self, model: str = "physical") -> Any:
-        """Converts the model to a ``control.StateSpace`` about the trim, with names of inputs and outputs.
+        """Converts the model to a ``control.StateSpace`` of deviations from the trim, with names of inputs and outputs.
 
-        Its ``name`` says which model it is. The physical plant also has ``.delay``, in s, and ``.draws``, plants from
-        the posterior.
+        Its ``name`` says which model it is. The physical plant also has the attributes ``delay``, in s, and ``draws``,
+        plants that were drawn from the posterior.
 
         Args:
             model: ``"physical"`` for the physical plant with its delay, ``"dem"`` for DEM's A, B and C.
@@ -545,7 +549,7 @@ class Learned(ImmutableResult, ForecasterBase):
 
         Raises:
             ImportError: The package ``control`` is not installed.
-            ValueError: There is no physical plant, with the reason.
+            ValueError: There is no physical plant; the message says why.
         """
         require_extra("control", "Learned.to_control()")
         from mavdem.export.control_systems import to_control
@@ -559,7 +563,10 @@ class Learned(ImmutableResult, ForecasterBase):
         >>> loop.phase_margin, loop.phase_margin_interval, loop.gain_margin, loop.crossover  # degrees, dB, Hz
 
         Args:
-            controller: The controller; that of the log's parameters unless given.
+            controller: The controller; None for the controller with the parameters in the log.
+
+        Returns:
+            The loop, with its margins and their intervals.
 
         Raises:
             NotLearnable: The plant is not identifiable, or the controller is not known.

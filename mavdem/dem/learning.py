@@ -62,10 +62,10 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
 
     Args:
         train: A ``Flight``, or anything with finite inputs (T, r), outputs (T, m) and the sampling step dt in seconds.
-            Or a list of them, segments with gaps between: nothing is differentiated or forecast across a gap, and
-            forecasts begin at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a
-            prior is given.
-        settings: Settings of the fit; ``Settings()``, for real flights, unless given.
+            Or a list of them, which are segments with gaps between. Nothing is differentiated or forecast across a gap,
+            and forecasts begin at the end of the last segment. If there are at least three inputs and the settings have
+            no prior, the inputs are assumed to be the motors of a multirotor.
+        settings: Settings of the fit; None for ``Settings()``, the settings for real flights.
 
     Returns:
         The model, with its posterior, its free energy and its forecasts.
@@ -89,9 +89,8 @@ def learn(train: TrainingData, settings: Settings | None = None) -> Learned:
 def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointModel | Learned:
     """Learns only the model that forecasts of a flight need.
 
-    That is the joint model alone, a vector autoregression of outputs and motors, unless the settings require forecasts
-    by the plant: DEM's A, B and C, which take most of the time of :func:`learn`, are not used in the forecasts of the
-    joint model.
+    That is the joint model, a vector autoregression of outputs and motors, unless the settings require forecasts by the
+    plant. The forecasts of the joint model do not use DEM's A, B and C, which take most of the time of :func:`learn`.
 
     Args:
         train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
@@ -102,7 +101,7 @@ def learn_forecasts(train: TrainingData, settings: Settings | None) -> JointMode
         as the result of :func:`learn`.
 
     Raises:
-        ValueError: As :func:`learn`, but not where DEM breaks down.
+        ValueError: As for :func:`learn`, except that a breakdown of DEM is no error here.
     """
     with one_thread():
         record, complete = prepared_training(train, settings)
@@ -126,7 +125,10 @@ def prepared_training(train: TrainingData, settings: Settings | None) -> Prepare
 
     Args:
         train: A ``Flight`` or a list of its segments: inputs (T, r), outputs (T, m) and dt, s, as for :func:`learn`.
-        settings: Settings of the fit; ``Settings()`` where there are none.
+        settings: Settings of the fit; None for ``Settings()``.
+
+    Returns:
+        The training data as a record, and the settings with a value for each field that was None.
 
     Raises:
         ValueError: The data are wrong or too few, or support no model, as for :func:`learn`.
@@ -146,24 +148,24 @@ def prepared_training(train: TrainingData, settings: Settings | None) -> Prepare
 
 
 def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
-    """Chooses what the settings leave open: order, input order d, embedding window and prior precision.
+    """Chooses values for the settings that are None: order, input order d, embedding window and prior precision.
 
-    The order is one more than there are outputs, since the motors' lag is a hidden state. A window that is not given
-    lasts ``EMBEDDING_SECONDS``, or is the shortest possible where segments are too short.
+    The order is the number of outputs plus one, since the motors' lag is a hidden state. The window is
+    ``EMBEDDING_SECONDS`` long, or the shortest possible if segments are too short.
 
     Args:
         settings: Settings, some of which may be ``None``.
         record: The training data.
 
     Returns:
-        The settings with a value for each of these.
+        The settings, with a value for each of the four.
 
     Raises:
         NotLearnable: Fewer than half of the samples have a whole window in their segment.
     """
     order = settings.order
     if order is None:
-        # The additional state is the lag between motor output and torque.
+        # The additional state represents the lag between motor output and torque.
         order = record.outputs.shape[1] + 1
     d = min(DEFAULT_INPUT_ORDER, settings.p) if settings.d is None else settings.d
     precision = settings.parameter_precision
@@ -180,7 +182,7 @@ def complete_settings(settings: Settings, record: Record) -> CompleteSettings:
     else:
         windows = [settings.window]
     for window in windows:
-        # Segments shorter than the window have no derivatives; those that remain must cover half of the samples.
+        # There are derivatives only at samples with a whole window, which must be half of all samples.
         if record.window_count(window) >= len(record) // 2:
             chosen = {
                 "order": order,
@@ -202,8 +204,8 @@ def _odd_window(samples: float, min_window: int) -> int:
     """Rounds the length of an embedding window to an odd number, so that a sample is at its centre.
 
     Args:
-        samples: Wanted length, in samples; it is rounded, and an even number is increased by one.
-        min_window: Shortest length.
+        samples: Intended length, in samples; it is rounded, and an even number is increased by one.
+        min_window: Shortest length, in samples.
 
     Returns:
         Length in samples.
@@ -213,17 +215,17 @@ def _odd_window(samples: float, min_window: int) -> int:
 
 
 def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
-    """Refines the parameters θ of DEM by a simulation-error (output-error) fit, if the settings ask for one.
+    """Refines the parameters θ of DEM by a simulation-error (output-error) fit, if the settings have a horizon for it.
 
-    DEM fits the derivatives within short windows; simulations over a longer horizon also show slow effects.
+    DEM fits the derivatives within short windows. Simulations over a longer horizon also depend on slow effects.
 
     Args:
         fitted: The fit by DEM.
         record: The training data.
 
     Returns:
-        The fit with the refined θ, the posterior of all other quantities given θ, and its predictor; or the former fit,
-        if the settings ask for no refinement or it fails.
+        The fit with the refined θ, the posterior of all other quantities given θ, and its predictor. It is ``fitted``
+        if the settings have no horizon or the refinement fails.
     """
     model = fitted.model
     ascent = fitted.ascent
@@ -238,7 +240,7 @@ def _refined_by_simulation(fitted: Fit, record: Record) -> Fit:
             posterior = condition_on_theta(refined.theta, ascent.posterior)
             predictor = predictor_from_theta(refined.theta, model.sizes, fitted.gain, record.dt)
     except LinAlgError:
-        # The result of DEM stands; its cautions say that it was not refined.
+        # The result of DEM is used; its cautions say that it was not refined.
         return fitted
     return replace(
         fitted,
@@ -257,17 +259,17 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         data: (T′, q) generalized data of the samples with a whole window: derivatives of outputs and inputs.
 
     Returns:
-        The result, with the parameters of the vehicle alone: the trim that the engine learns becomes an offset.
+        The result, with the parameters of the vehicle only. The column of B for the constant input becomes an offset.
     """
     order = fit.model.n
     ascent = fit.ascent
     scaling = fit.scaling
-    # The scaled model may have a constant input, which learns the trim: its column of B is no parameter of the result.
+    # The scaled model may have a constant input, for the trim. Its column of B is not a parameter of the result.
     vehicle_parameters = vehicle_parameter_indices(
         order, record.inputs.shape[1], fit.model.m, has_constant_input=scaling.constant
     )
     scale = scaling.parameter_scale(order)
-    # If simulations have refined θ, their posterior holds, and theirs is the last search.
+    # If simulations have refined θ, the posterior and the convergence are those of the simulation-error fit.
     precision = fit.model.prior.theta_precision
     covariance = fit.posterior.theta_covariance
     converged = ascent.converged
@@ -275,7 +277,7 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
         covariance = fit.simulation_fit.theta_covariance(inverse(precision))
         converged = fit.simulation_fit.converged
     covariance = covariance * np.outer(scale, scale)
-    # F(t) is the share of a sample in the F̄ that DEM has reached, before simulations refined θ.
+    # F(t) is a sample's share of the F̄ that DEM reached before simulations refined θ.
     sample_free_energy = SampleFreeEnergy.from_posterior(ascent.posterior)
     return Learned(
         settings=fit.settings,
@@ -302,22 +304,23 @@ def _learned_from_fit(fit: Fit, record: Record, data: Array) -> Learned:
 
 
 def _cautions(fit: Fit, record: Record) -> Iterator[Fact]:
-    """Yields facts that a user must know before using a model: wrong units, instability, a failed refinement.
+    """Yields cautions about a model: units that seem wrong, instability, or a failed refinement.
 
     Args:
         fit: The fit.
         record: The training data.
     """
-    # The regulated prior relates a rate to its angle, so that their units must agree.
+    # The regulated prior assumes that one output is the rate of another, so that their units must agree.
     unit_error = suspected_unit_error(record.outputs, record.dt)
     if unit_error is not None and fit.settings.prior == "regulated":
         yield unit_error
-    # The largest real part of the eigenvalues, 1/s: its inverse is the time in which a mode grows by the factor e.
+    # The largest real part of the eigenvalues, 1/s. Its inverse is the time in which a mode grows by the factor e.
     abscissa = fit.scaling.physical_model(fit.posterior.theta, fit.model.n).spectral_abscissa
     if abscissa > 0:
         yield Fact(ModelCaution.MODEL_GROWS, growth_time=1 / abscissa)
     if fit.simulation_fit is None:
-        # None: no such fit was asked for. Zero: the segments are too short for one. Otherwise the fit has failed.
+        # The horizon is None if the settings have none, and 0 if the segments are too short for such a fit. If it is
+        # positive, the fit has failed.
         horizon = simulation_horizon(fit.model, fit.settings, fit.scaling, record)
         if horizon is not None:
             yield Fact(
@@ -332,18 +335,20 @@ def learn_many(
 ) -> Generator[Learned | ValueError, None, None]:
     """Learns a model for each of many jobs, in parallel.
 
-    Results are yielded in the order of the jobs, each as soon as it is there. They are those of ``learn``, bit by bit
-    where the workers' processors and libraries are this machine's. Jobs are taken a bounded number ahead of the
-    results, so that both may be endless. Closing the generator, or an exception, cancels the jobs that have not begun.
+    Results are yielded in the order of the jobs, each as soon as it and all earlier ones are computed. They are equal
+    to those of ``learn``, to the last bit if the workers have the same processors and libraries as this machine. The
+    number of jobs that are taken ahead of the results is limited, so that jobs and results may be endless. Closing the
+    generator, or an exception, cancels the jobs that have not begun.
 
     By default one process works on each core that this process may use. In a worker of another pool, and for a few
     jobs, the work is done in this process. The processes import the running script: call this below ``if __name__ ==
-    "__main__":``. They end with the generator; a given ``executor``, say a cluster's (docs/python.md), does not.
+    "__main__":``. They end with the generator. A given ``executor``, such as that of a cluster (docs/python.md), is not
+    shut down.
 
     Args:
         jobs: Pairs of the arguments of ``learn``: a flight or its segments, and settings or ``None``. For an executor
             of other processes they must pickle, as ``Flight`` and ``Settings`` do.
-        executor: Executor that does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
+        executor: Any ``concurrent.futures.Executor``, which does the work. Threads of one process learn one at a time.
 
     Yields:
         The model of each job, or the ``ValueError`` that ``learn`` raised.

@@ -92,10 +92,10 @@ class OrderChoice:
             reference: the order that it is compared with.
 
         Returns:
-            The mean over the flights that have both of F̄ᵒ at ``order`` less F̄ᵒ at ``reference``, nats, and the
-            standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has both.
+            F̄ᵒ at ``order`` minus F̄ᵒ at ``reference``, nats, as the mean over the flights that have fits of both orders,
+            and the standard error of that mean, which is 0 for a single flight. NaN and 0 if no flight has both.
         """
-        # Column i has the order i + 1.
+        # Column i is for the order i + 1.
         gains = self.free_energy[:, order - 1] - self.free_energy[:, reference - 1]
         gains = gains[np.isfinite(gains)]
         if not len(gains):
@@ -107,12 +107,12 @@ class OrderChoice:
 
     @property
     def chosen(self) -> int:
-        """The lowest order over which no higher one gains strong evidence.
+        """The lowest order for which no higher order is strongly better.
 
-        A gain of F̄ᵒ, averaged over the flights, is strong where it exceeds ``STRONG_EVIDENCE_NATS`` and, with several
+        The gain of F̄ᵒ, averaged over the flights, is strong if it exceeds ``STRONG_EVIDENCE_NATS`` and, with several
         flights, ``STANDARD_ERRORS`` standard errors of its mean.
         """
-        # Orders for which at least one flight has a fit.
+        # Orders that were fitted to at least one flight.
         has_fit = np.isfinite(self.free_energy).any(axis=0)
         fitted_orders = self.orders[has_fit].tolist()
         for order in fitted_orders:
@@ -135,12 +135,12 @@ class OrderChoice:
     def reason(self) -> Fact:
         """Why this order is chosen, for a report.
 
-        The fact has the largest mean gain of a higher order over the chosen one, nats (``None`` if no higher one was
-        fitted), and the evidence and standard errors that it would have had to exceed.
+        The fact contains the largest mean gain of a higher order over the chosen one, nats (``None`` if no higher one
+        was fitted), and the two limits that the gain would have to exceed.
         """
         chosen = self.chosen
         largest_gain = None
-        # The orders from 1 after the chosen one are the higher ones.
+        # The orders begin at 1, so that the higher ones begin at this index.
         for higher in self.orders[chosen:].tolist():
             gain, _ = self.gain(higher, chosen)
             if np.isfinite(gain) and (largest_gain is None or gain > largest_gain):
@@ -168,20 +168,20 @@ def free_energy_by_order(
     """Fits models with 1, 2, … states to one flight, and returns the free energy F̄ᵒ of each.
 
     All models have A, B and C free, the same data and priors of the same form. So their free energies, which are
-    approximate log evidences, can be compared: F̄ᵒ increases with the number of states and saturates. Only states that
-    the outputs show are counted. A state that no output depends on, or that nothing excites, does not count; the states
-    of coloured wind do.
+    approximate log evidences, can be compared: F̄ᵒ increases with the number of states and saturates. It saturates at
+    the number of states that can be seen in the outputs. These include the states of coloured wind, but not a state
+    that no output depends on or that nothing excites.
 
     Args:
         flight: a ``Flight`` or segments of one.
         max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
-        known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
+        known_inputs: whether the recorded inputs drive the system; if not, as many unknown inputs drive it (η̃ᵛ = 0).
 
     Returns:
-        F̄ᵒ of the orders 1 to ``max_order``, and why orders are missing.
+        F̄ᵒ of the orders 1 to ``max_order``, and the reasons for those that are missing.
 
     Raises:
-        ValueError: an argument of the wrong kind; or a flight that is too short, or for which no order can be fitted.
+        ValueError: an argument is wrong, the flight is too short, or no order can be fitted to it.
     """
     if not (is_integer(max_order) and 1 <= max_order <= LARGEST_ORDER):
         raise ValueError(
@@ -191,8 +191,8 @@ def free_energy_by_order(
     with one_thread():
         data = BlackBoxData.from_record(record, max_order, known_inputs)
         effective_samples = data.effective_statistics.sample_count
-        # A model of n states has n (r + m) parameters, besides n² that only fix the coordinates of the states. There
-        # may be no more of them than effective values of the outputs.
+        # A model of n states has n (r + m) parameters, and n² more that only determine the coordinates of the states.
+        # Their number n (r + m) must not exceed the number of effective values of the outputs.
         values_per_order = effective_samples * data.m / (data.r + data.m)
         highest_order = min(max_order, max(1, int(values_per_order)))
         fits = fits_by_order(data, highest_order)
@@ -230,18 +230,18 @@ def free_energy_of_flights(
     """Returns the free energy by order of several flights, computed on several cores.
 
     Args:
-        flights: flights, or segments of one, by name.
+        flights: flights, or lists of the segments of a flight, by name.
         max_order: the highest order that is fitted.
         known_inputs: whether the recorded inputs drive the system.
-        progress: function that is called after each flight with the completed fraction of all.
+        progress: function that is called after each flight with the completed fraction of the flights.
 
     Returns:
-        The free energies, and why other flights have none.
+        The free energies of the flights, and the reasons for the flights that have none.
     """
     work = partial(_free_energy_or_reason, max_order=max_order, known_inputs=known_inputs)
     results: dict[str, FlightFreeEnergy] = {}
     refusals: dict[str, NotLearnable] = {}
-    # Closing the generator cancels the remaining jobs where an exception ends the loop.
+    # If an exception ends the loop, closing the generator cancels the remaining jobs.
     with closing(parallel_map(work, flights.values())) as answers:
         for completed, (name, answer) in enumerate(zip(flights, answers, strict=True), 1):
             if isinstance(answer, NotLearnable):
@@ -255,14 +255,17 @@ def free_energy_of_flights(
 def _free_energy_or_reason(
     flight: TrainingData, max_order: int, known_inputs: bool
 ) -> FlightFreeEnergy | NotLearnable:
-    """Returns :func:`free_energy_by_order` or, as a value, the reason why there is none.
+    """Returns the result of :func:`free_energy_by_order`, or its error as a value.
 
-    It runs in a worker process. An exception would end the work on all flights; a value concerns this flight alone.
+    It runs in a worker process. If it raised the error, the work on all flights would end.
 
     Args:
         flight: a ``Flight`` or segments of one.
         max_order: the highest order that is fitted.
         known_inputs: whether the recorded inputs drive the system.
+
+    Returns:
+        The free energies, or the error with the reason why there are none.
     """
     try:
         return free_energy_by_order(flight, max_order, known_inputs)

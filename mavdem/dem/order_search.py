@@ -115,7 +115,7 @@ class BlackBoxData:
             known_inputs: whether the recorded inputs are used; if not, as many unknown ones are estimated.
 
         Returns:
-            The second moments of the data of all segments, with the units and orders that belong to them.
+            The second moments of the data of all segments, with the units and embedding order of the data.
 
         Raises:
             NotLearnable: the record has too few effective samples, or an output is constant.
@@ -146,7 +146,7 @@ class BlackBoxData:
             )
         # The first m columns are the outputs, the next m are their first derivatives.
         time_unit = _time_of_change(data[:, :m], data[:, m : 2 * m])
-        # The k-th derivative is per time to the k. Outputs have the orders 0 to p, inputs 0 to p − 1.
+        # The unit of the k-th derivative contains timeᵏ. Outputs have the orders 0 to p, inputs 0 to p − 1.
         derivative_orders = np.concatenate(
             [np.repeat(np.arange(p + 1), m), np.repeat(np.arange(p), r)]
         )
@@ -182,12 +182,15 @@ class BlackBoxData:
     def generative_model(self, order: int) -> GenerativeModel:
         """Returns the generative model with ``order`` states, in the units of the data.
 
-        All parameters have prior mean 0 and variance 1, and x has variance 1 about 0. The outputs share one noise
+        All parameters have prior mean 0 and variance 1, and so have the states x. The outputs share one noise
         precision, and each state has its own. So λ has 1 + ``order`` entries: that of the measurement noise, and one
         for the process noise of each state.
 
         Args:
             order: number of states n.
+
+        Returns:
+            The model, with the priors of its parameters and noise precisions.
         """
         n = order
         m = self.m
@@ -228,10 +231,10 @@ def embed_by_kernel(
 
     The generalized coordinates of a signal are its smoothed value and its derivatives, side by side.
 
-    Derivatives by a polynomial over a window are not exactly those of one signal, and an additional state might explain
-    the difference. The derivatives here are exact: convolution preserves ẋ = A x + B v + w and y = C x + z (P. Young,
-    "Parameter estimation for continuous-time models: a survey", Automatica 17, 1981), and noise of smoothness s becomes
-    noise of smoothness √(s² + σ²), so that Eq. ``Smatrix`` holds.
+    Derivatives from a polynomial fit over a window are not exactly the derivatives of one signal, and an additional
+    state might explain the difference. The derivatives here are exact: convolution preserves ẋ = A x + B v + w and
+    y = C x + z (P. Young, "Parameter estimation for continuous-time models: a survey", Automatica 17, 1981), and noise
+    of smoothness s becomes noise of smoothness √(s² + σ²), so that Eq. ``Smatrix`` holds.
 
     Args:
         samples: (T, m) uniformly sampled signals.
@@ -240,14 +243,14 @@ def embed_by_kernel(
         dt: sampling step, s.
 
     Returns:
-        Generalized vectors (T', (order + 1) · m), order after order, of the samples at which the whole kernel fits;
-        none if it is longer than the signal.
+        Generalized vectors (T', (order + 1) · m): the m smoothed values, their first derivatives and so on, of the
+        samples around which the whole kernel lies in the signal. Empty if the kernel is longer than the signal.
     """
     # Samples to either side of the kernel's centre. Without the tolerance, rounding might add one more.
     reach = ceil(KERNEL_REACH * width / dt * (1 - ROUNDING_TOLERANCE))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
-    # SciPy takes derivatives per sample; divided by dt to the k they are per second to the k.
+    # SciPy returns derivatives per sampling step; dividing the k-th by dtᵏ converts it to seconds.
     derivatives = [
         scipy.ndimage.gaussian_filter1d(samples, width / dt, axis=0, order=k, radius=reach) / dt**k
         for k in range(order + 1)
@@ -274,8 +277,8 @@ def kernel_width(record: Record) -> float:
     """Returns the width σ of the Gaussian kernel that filters a record.
 
     It is a fraction, ``RELATIVE_KERNEL_WIDTH``, of the time in which the outputs change by their standard deviation. It
-    is not so wide that fewer than ``MIN_KERNEL_SAMPLES`` effective samples are left, and not below ``MIN_KERNEL_STEPS``
-    sampling steps, where the kernel would be undersampled.
+    is limited so that at least ``MIN_KERNEL_SAMPLES`` effective samples are left, and it is at least
+    ``MIN_KERNEL_STEPS`` sampling steps, since a narrower kernel would be undersampled.
 
     Args:
         record: training data.
@@ -288,15 +291,15 @@ def kernel_width(record: Record) -> float:
     derivatives_of_segments = []
     for _, outputs in record.segments:
         scaled = (outputs - statistics.mean) / np.sqrt(statistics.variance)
-        # The rates come from a narrow kernel, which averages the noise of a few samples only.
+        # The rates are computed with a narrow kernel, which averages the noise of a few samples only.
         rate_kernel_width = 2 * record.dt
         derivatives_of_segments.append(embed_by_kernel(scaled, 1, rate_kernel_width, record.dt))
     derivatives = np.concatenate(derivatives_of_segments)
     # The widest kernel leaves MIN_KERNEL_SAMPLES effective samples. The number of samples per effective sample is
-    # proportional to the width in steps; for a width of one step it is the following.
+    # proportional to the width in steps, and this is the number for a width of one step.
     samples_per_step_of_width = _samples_per_effective_sample(width=1.0, dt=1.0)
     width = len(record) * record.dt / (samples_per_step_of_width * MIN_KERNEL_SAMPLES)
-    # Segments that are too short for a kernel show no rates.
+    # There are no rates if all segments are shorter than the kernel.
     if len(derivatives):
         time_of_change = _time_of_change(derivatives[:, :m], derivatives[:, m:])
         width = min(width, RELATIVE_KERNEL_WIDTH * time_of_change)
@@ -307,24 +310,24 @@ def _time_of_change(values: Array, rates: Array) -> float:
     """Returns the time in which signals change by their standard deviation: the ratio of their size to their rate.
 
     Args:
-        values: m signals of about the same variance, T samples (T, m).
+        values: T samples of m signals of about the same variance (T, m).
         rates: derivatives of the signals (T, m), per second.
 
     Returns:
-        RMS deviation of the signals over the RMS deviation of the rates, s.
+        RMS deviation of the signals divided by the RMS deviation of the rates, s.
     """
     return np.sqrt(values.var(axis=0).mean() / rates.var(axis=0).mean())
 
 
 def fits_by_order(data: BlackBoxData, max_order: int) -> tuple[Iterate | None, ...]:
-    """Fits models with 1 to ``max_order`` states to the same data, each by itself.
+    """Fits models with 1 to ``max_order`` states to the same data, independently of each other.
 
     Args:
         data: the generalized data.
         max_order: largest number of states.
 
     Returns:
-        The iterate of highest F̄ᵒ of each order; ``None`` if the fit broke down.
+        The iterate of highest F̄ᵒ of each order; ``None`` for an order whose fit broke down.
     """
     fits: list[Iterate | None] = []
     for order in range(1, max_order + 1):
@@ -340,9 +343,9 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
     """Fits a black-box model with a given number of states: maximises F̄ over the parameters and the noise precisions.
 
     The free energy has many maxima. So the fit starts from θ by regressions (:func:`theta_from_data`) and from the
-    prior means of the log noise precisions λ, and the first states are estimated as if both were exact. A few rounds
-    of DEM follow, and then a quasi-Newton search (:func:`maximise_by_quasi_newton`): rounds alone converge slowly where
-    the outputs show few of the states.
+    prior means of the log noise precisions λ, and the first states are estimated as if both were exact. A few rounds of
+    DEM follow, and then a quasi-Newton search (:func:`maximise_by_quasi_newton`), since rounds alone converge slowly if
+    the outputs depend on few of the states.
 
     Args:
         data: the generalized data.
@@ -369,10 +372,10 @@ def _fit(data: BlackBoxData, order: int) -> Iterate:
 def theta_from_data(data: BlackBoxData, order: int) -> Array:
     """Estimates the parameters θ = (A, B, C) of a model by regressions, as a start for the fit.
 
-    The states are chosen as linear functions of the generalized data. The first ones are the outputs. Further ones are
-    those parts of the outputs' first, second, … derivative that the states so far and the inputs do not explain, the
-    largest parts first, until there are enough. The rate of each state is the same function of the next higher
-    derivatives. With states and rates as functions of the data, A, B and C follow by regression.
+    The states are chosen as linear functions of the generalized data. The first states are the outputs. Further states
+    are added from the outputs' first, second, … derivative until there are enough: the parts that the states so far and
+    the inputs do not explain, the largest first. The rate of each state is the same function of the next higher
+    derivatives. With states and rates as functions of the data, A, B and C are computed by regression.
 
     Args:
         data: the generalized data: outputs and inputs with their derivatives.
@@ -382,7 +385,7 @@ def theta_from_data(data: BlackBoxData, order: int) -> Array:
         θ (k,) in the units of the data.
 
     Raises:
-        numpy.linalg.LinAlgError: there are too few derivatives for as many states.
+        numpy.linalg.LinAlgError: there are too few derivatives for this number of states.
     """
     # y[k] and v[k] select the k-th derivatives of the outputs and of the inputs.
     y, v = _signal_selectors(data)
@@ -435,7 +438,8 @@ def _signal_selectors(data: BlackBoxData) -> tuple[list[Array], list[Array]]:
 def _mean_products(data: BlackBoxData, left: Array, right: Array) -> Array:
     """Returns the mean over all samples of the products of two sets of linear functions of the data.
 
-    The mean of (a · z)(b · z) is aᵀ E[z zᵀ] b, so that the second moments of the data z = [ỹ; η̃] suffice.
+    The mean of (a · z)(b · z) is aᵀ E[z zᵀ] b, so that it can be computed from the second moments of the data
+    z = [ỹ; η̃].
 
     Args:
         data: the generalized data.
@@ -456,18 +460,19 @@ def _regression(
 ) -> Array:
     """Regresses linear functions of the data on others, by least squares with a ridge.
 
-    The means over all samples that the normal equations need follow from the second moments of the data alone.
+    The normal equations need only means over all samples, which follow from the second moments of the data.
 
     Args:
         data: the generalized data.
         targets: coefficients of a functions to explain, one in each row (a, dim [ỹ; η̃]).
         regressors: coefficients of b functions that explain them (b, dim [ỹ; η̃]).
-        ridge: ridge, as a fraction of each regressor's variance.
+        ridge: the ridge, as a fraction of each regressor's variance.
 
     Returns:
         Coefficients (a, b).
     """
-    # Regressors are scaled to variance 1, so that the ridge means the same for each; one that is always 0 stays so.
+    # Regressors are scaled to variance 1, so that the ridge has the same effect on each. One that is always 0 remains
+    # 0.
     deviation = np.sqrt(np.diag(_mean_products(data, regressors, regressors)))
     scale = np.where(deviation > 0, deviation, 1.0)[:, None]
     scaled_regressors = regressors / scale
@@ -486,9 +491,8 @@ def _principal_directions(symmetric: Array) -> Array:
 def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Array:
     """Estimates θ by regression of rates and outputs on states and inputs, in the coordinates of the priors.
 
-    The data determine the states only up to an invertible linear map, which the priors fix: they are for states of
-    variance 1 with independent noises. So the states are first whitened, and then rotated to the principal axes of the
-    process noise.
+    The data determine the states only up to an invertible linear map. The priors assume states of variance 1 with
+    independent noises. So the states are first whitened, and then rotated to the principal axes of the process noise.
 
     Args:
         data: the generalized data.
@@ -508,22 +512,23 @@ def _theta_by_regression(data: BlackBoxData, states: Array, rates: Array) -> Arr
     whitening = (axes / np.sqrt(np.maximum(variances, min_variance))).T
     states = whitening @ states
     rates = whitening @ rates
-    # A and B follow from a regression of the rates on states and inputs; what it leaves is the process noise.
+    # A and B follow from a regression of the rates on states and inputs, whose residual is the process noise.
     regressors = np.vstack([states, inputs])
     # Like the priors, the ridge has the weight of one sample.
     ridge = 1 / data.statistics.sample_count
     dynamics = _regression(data, rates, regressors, ridge)
     noise = rates - dynamics @ regressors
     noise_covariance = _mean_products(data, noise, noise)
-    # A rotation keeps the states' variances of 1, and makes their noises independent.
+    # The rotation leaves the states' variances at 1, and makes their noises independent.
     rotation = _principal_directions(noise_covariance)
     A, B = np.split(rotation @ dynamics, [n], axis=1)
-    # An unknown input has no data, so its column of B is 0 so far. A fit that starts from there would leave all of its
-    # effect to the process noise. So each unknown input starts as driving one state, by the size of that state's noise.
+    # An unknown input has no data, so its column of B is 0 so far. A fit that starts from 0 would attribute all of its
+    # effect to the process noise. So the column of each unknown input starts with an effect on one state, as large as
+    # the noise of that state.
     unknown_inputs = np.flatnonzero(np.diag(_mean_products(data, inputs, inputs)) == 0)
     driven_states = unknown_inputs % n
     noise_deviations = np.sqrt(np.diag(rotation @ noise_covariance @ rotation.T)[driven_states])
     B[driven_states, unknown_inputs] = noise_deviations
     C = _regression(data, outputs, rotation @ states, ridge)
-    # The rows of A were rotated with the rates; its columns belong to the states, which are rotated as well.
+    # The rows of A have been rotated with the rates. Its columns are those of the states, and are rotated here.
     return pack(A @ rotation.T, B, C)

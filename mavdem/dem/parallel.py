@@ -72,12 +72,12 @@ def parallel_map(
 ) -> Generator[Result, None, None]:
     """Calls a function for each of many jobs, and yields the results in the order of the jobs.
 
-    A few jobs are done in this process. For more, a pool of one process for each core is started and ends with the
-    generator. See :func:`mavdem.dem.learn_many`.
+    If there are at most ``MAX_SERIAL_JOBS`` jobs, this process does them. For more, a pool with one process for each
+    core is started, which ends with the generator. See :func:`mavdem.dem.learn_many`.
 
     Args:
-        work: The function. For other processes it is a function of a module, or a ``partial`` of one.
-        jobs: Arguments of the calls, without end if need be. For other processes jobs and results must pickle.
+        work: The function. Other processes can only call a function of a module, or a ``partial`` of one.
+        jobs: Arguments of the calls, possibly endless. For other processes jobs and results must pickle.
         executor: Executor that does the work in place of a pool; it is not shut down.
 
     Yields:
@@ -108,7 +108,8 @@ def _map_on_executor(
     Args:
         executor: Executor that does the work.
         work: Function to call.
-        jobs: Arguments of the calls; they may be endless, since each is taken only when there is room for it.
+        jobs: Arguments of the calls; they may be endless, since each is taken only when fewer than ``JOBS_AHEAD`` are
+            with the executor.
 
     Raises:
         concurrent.futures.BrokenExecutor: A worker died.
@@ -118,7 +119,7 @@ def _map_on_executor(
     try:
         for job in jobs:
             futures.append(executor.submit(partial(_work_unless_stopped, work), job))
-            # Results that are there are passed on at once; where too many jobs wait, so is the next one when it comes.
+            # Finished results are yielded at once. If JOBS_AHEAD jobs are with the executor, the first is waited for.
             while futures and (len(futures) >= JOBS_AHEAD or futures[0].done()):
                 yield futures[0].result()
                 futures.popleft()
@@ -126,12 +127,12 @@ def _map_on_executor(
             yield futures[0].result()
             futures.popleft()
     except BrokenExecutor as error:
-        # A broken pool ends its jobs itself. Before Python 3.13 it cannot where they have been cancelled.
+        # A broken pool ends its jobs itself. Before Python 3.13 it fails to do so for jobs that have been cancelled.
         futures.clear()
         raise type(error)(str(Fact(WorkerFact.WORKER_DIED))) from error
     finally:
-        # The jobs of a ProcessPool stop with its block and are not cancelled: where a signal to the whole process
-        # group has ended its workers, a pool with cancelled jobs waits for ever before Python 3.13.
+        # The jobs of a ProcessPool end with its block and are not cancelled. Before Python 3.13, a pool with cancelled
+        # jobs waits for ever if a signal to the whole process group has ended its workers.
         if not isinstance(executor, ProcessPool):
             for future in futures:
                 future.cancel()
@@ -146,9 +147,9 @@ def _work_unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
 
 
 def available_workers() -> int:
-    """Returns how many workers are worth starting.
+    """Returns the number of workers that can run at the same time.
 
-    That is the number of cores that this process may use, or 1 where it is itself a worker of a pool.
+    That is the number of cores that this process may use, or 1 if this process is itself a worker of a pool.
     """
     is_child = parent_process() is not None and not _is_importing_main()
     if _child_processes_forbidden or is_child:
@@ -182,8 +183,8 @@ def process_pool(
 ) -> Iterator[ProcessPool]:
     """Starts worker processes for a block, and waits for their end when the block is left.
 
-    The processes are started afresh ("spawn") unless the caller knows better, since a fork of a process with threads
-    may wait for ever for a lock that one of them held.
+    By default the processes are started anew ("spawn"), since a fork of a process with threads may wait for ever for a
+    lock that one of the threads held.
 
     Args:
         workers: Number of processes.
@@ -195,15 +196,15 @@ def process_pool(
         An executor whose processes have started.
 
     Raises:
-        SystemExit: The running script starts workers while a worker imports it, so that there would be no end of them.
+        SystemExit: The running script starts workers while a worker imports it, which would start workers without end.
     """
     if _is_importing_main():
         sys.exit(str(Fact(WorkerFact.SCRIPT_IMPORTED_BY_WORKER)))
     context = get_context(start_method)
     stop_pipe, parent_end = context.Pipe(duplex=False)
-    # Ctrl-C and a closed terminal send signals to all processes of the terminal. Those that are started here inherit
-    # the blocked signals, also Python's own process for semaphores, and the parent decides what a signal means. Nor may
-    # a signal interrupt the start of a process.
+    # Ctrl-C and a closed terminal send signals to all processes of the terminal. The processes that are started here,
+    # including Python's own process for semaphores, inherit the blocked signals, so that only the parent responds to a
+    # signal. The start of a process must not be interrupted by a signal either.
     with blocked_signals(*TERMINATION_SIGNALS):
         executor = ProcessPool(
             workers, context, initializer=_initialize_worker, initargs=(stop_pipe, prepare)
@@ -219,9 +220,10 @@ def process_pool(
             ]
         yield executor
     finally:
-        # The parent's end of the pipe is closed first, which stops the workers; then they are waited for. An exception
-        # from a signal would interrupt that wait and make Python take the executor's thread for ended (bpo-45274): the
-        # workers would go on, and Python would wait for them for ever. So signals are handled after the wait.
+        # The parent's end of the pipe is closed first, which stops the workers, and then their end is awaited. If an
+        # exception from a signal interrupted the wait, Python would assume that the executor's thread has ended
+        # (bpo-45274). The workers would continue, and Python would wait for them for ever. So signals are handled after
+        # the wait.
         with stop_pipe, blocked_signals(*TERMINATION_SIGNALS):
             parent_end.close()
             executor.shutdown()
@@ -252,24 +254,23 @@ class LearningProcess(Executor):
     def suspend(self, is_suspended: bool) -> None:
         """Pauses the process within some milliseconds, or lets it continue, at any point of its computation.
 
-        Low priority alone does not keep a process from taking the time of a small computer: if a quota limits all
-        processes together, it takes part of the time that the samples need. The process pauses itself
-        (:func:`_prepare_learning`) instead of being stopped by the system, so it still ends when this process is
-        killed.
+        Low priority alone is not enough on a small computer: if a quota limits all processes together, the process uses
+        part of the time that the samples need. The process pauses itself (:func:`_prepare_learning`) instead of being
+        stopped by the system, so it still ends when this process is killed.
 
         Args:
-            is_suspended: whether it is paused.
+            is_suspended: whether the process is paused.
         """
         if is_suspended == self.is_suspended:
             return
         self.is_suspended = is_suspended
         # A process that has been killed needs no pause.
         with suppress(OSError):
-            # A byte, where an object would be pickled: this is called in the middle of a flight.
+            # This is called in the middle of a flight, and bytes are sent faster than an object, which is pickled.
             self._pause_sender.send_bytes(PAUSE if is_suspended else RESUME)
 
     def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Runs a job in the process, and in a new process where the last one has been killed.
+        """Runs a job in the process; if that has been killed, in a new process.
 
         Args:
             job: Function of a module, which can be pickled.
@@ -277,7 +278,7 @@ class LearningProcess(Executor):
             **kwargs: Its named arguments.
 
         Returns:
-            The future of its result, as ``concurrent.futures.Executor`` has it.
+            The future of its result, as of ``concurrent.futures.Executor.submit``.
         """
         try:
             return self._pool.submit(job, *args, **kwargs)
@@ -295,24 +296,24 @@ class LearningProcess(Executor):
         """Ends the process, if there is one, and starts a new one.
 
         Args:
-            may_fork: whether it is forked where that is safe.
+            may_fork: whether the new process is forked, if that is safe.
         """
         self._exits.close()
         self.is_suspended = False
         pause_receiver, self._pause_sender = get_context("spawn").Pipe(duplex=False)
         self._exits.enter_context(self._pause_sender)
-        # The process has an end of its own once it has started.
+        # The started process has its own copy of the receiving end, so this one is closed.
         with pause_receiver:
             prepare = partial(_prepare_learning, self._niceness, pause_receiver)
             start_method: Literal["spawn", "fork"] = "spawn"
             if may_fork and _is_fork_safe():
                 start_method = "fork"
-                # Whoever learns has this module anyway. Loaded here, the libraries need not be loaded by the process
-                # while the first model is waited for.
+                # The libraries are loaded before the fork, so that the process does not have to load them before it
+                # learns the first model.
                 from mavdem.dem.engine.linalg import load_libraries
 
                 load_libraries()
-                # A collection in this process would write to each of its objects, and so copy what both share.
+                # A garbage collection writes to each object, and would so copy the memory that both processes share.
                 gc.collect()
                 gc.freeze()
             self._pool = self._exits.enter_context(process_pool(1, prepare, start_method))
@@ -361,20 +362,20 @@ def in_second_process(work: Callable[[], Result]) -> Iterator[Callable[[], Resul
         work: the function.
 
     Yields:
-        A function that waits for the result and returns it; it returns None if the caller must do the work, because
-        there is only one core, or this process cannot be copied.
+        A function that waits for the result and returns it. It returns None if there is only one core, or if this
+        process cannot be forked; the caller must then do the work.
     """
     if available_workers() == 1 or not _is_fork_safe():
         yield lambda: None
         return
     from mavdem.dem.engine.linalg import load_libraries
 
-    # Both processes need the libraries, which they share where this one has loaded them.
+    # Both processes need the libraries, and share their memory if they are loaded before the fork.
     load_libraries()
     try:
         call = ForkedCall(work)
     except OSError:
-        # There is no memory, or no number, for another process.
+        # The system has no memory or no process number for another process.
         yield lambda: None
         return
     with closing(call):
@@ -390,14 +391,14 @@ def _send_result(
 
     Args:
         work: the function.
-        sender: end of the pipe that takes the result.
-        receiver: the other end, which belongs to the parent process.
+        sender: sending end of the pipe, through which the result is sent as a tuple of one.
+        receiver: receiving end of the pipe, which only the parent process uses.
     """
     receiver.close()
     gc.freeze()
     Thread(target=_exit_with_parent, daemon=True).start()
     outcome = None
-    # The caller does the work again, and meets the same error there.
+    # If the work fails, the caller does it again, and the same error is raised there.
     with suppress(Exception):
         outcome = (work(),)
     try:
@@ -411,8 +412,8 @@ def _send_result(
 def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
     """Postpones signals until the block is left; processes that are started in the block inherit the mask.
 
-    The mask holds for this thread only. A signal that another thread receives is handled by Python in the main thread,
-    so that its handler is replaced there as well. Windows has no mask, and no signals to other threads.
+    The mask holds for this thread only. If another thread receives a signal, Python calls its handler in the main
+    thread, so that the handler is replaced as well. Windows has no mask, and no signals to other threads.
 
     Args:
         *numbers: The signals.
@@ -422,7 +423,7 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
     original_handlers = {}
     if current_thread() is main_thread():
         for number in numbers:
-            # A signal that is ignored stays so, and a handler that Python did not install cannot be replaced.
+            # An ignored signal remains ignored, and a handler that Python did not install cannot be replaced.
             if signal.getsignal(number) not in (None, signal.SIG_IGN):
                 original_handlers[number] = signal.signal(
                     number, lambda received, _: postponed.append(received)
@@ -455,7 +456,7 @@ def _is_importing_main() -> bool:
 
 
 def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) -> None:
-    """Prepares a worker process: it ends with its parent, and can be told to stop.
+    """Prepares a worker process, so that it ends with its parent and can be stopped.
 
     Args:
         stop_pipe: Receiving end of a pipe that becomes readable when the results are no longer wanted.
@@ -463,51 +464,51 @@ def _initialize_worker(stop_pipe: Pollable, prepare: Callable[[], None] | None) 
     """
     global _stop_pipe
     _stop_pipe = stop_pipe
-    # Objects that a forked process has from its parent are never collected: looking at them would copy their memory.
+    # Objects that a forked process has from its parent are never collected, since a collection writes to them and so
+    # copies their memory.
     gc.freeze()
     if sys.platform == "win32":
-        # Ctrl-C reaches all processes of a console. The parent decides what it means.
+        # Ctrl-C is sent to all processes of a console. Only the parent responds to it.
         for number in TERMINATION_SIGNALS:
             signal.signal(number, signal.SIG_IGN)
-    # This thread is first, since the worker may be paused as soon as it is prepared.
+    # This thread is started before ``prepare`` is called, since the worker may be paused as soon as it is prepared.
     Thread(target=_exit_with_parent, daemon=True).start()
     if prepare is not None:
         prepare()
     if sys.platform != "win32":
-        # The signal was blocked while the process started. A worker alone may be ended, and a broken pool ends its
-        # others with this signal.
+        # The signal was blocked while the process started. A broken pool ends its remaining workers with this signal.
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
 
 
 def _prepare_learning(niceness: int, pause_receiver: "Connection[Any, Any]") -> None:
-    """Gives a worker its priority, lets its parent pause it, and leaves its end to its parent.
+    """Sets the priority of a worker, lets its parent pause it, and makes it ignore SIGTERM.
 
-    SIGTERM to the whole process group, as a service manager sends it, would else end the worker before its parent has
+    A service manager sends SIGTERM to the whole process group. It would end the worker before the parent process has
     learned the final model.
 
     Args:
         niceness: the priority, 0 to 19; with 0 the worker keeps that of its parent.
-        pause_receiver: Receiving end of a pipe that brings whether to pause.
+        pause_receiver: receiving end of a pipe through which the parent pauses the worker and lets it continue.
     """
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     signal.signal(PAUSE_SIGNAL, _wait_while_paused)
-    # This thread starts before the priority is lowered: on Linux it thus keeps the normal one, and pauses at once.
+    # This thread starts before the priority is lowered. On Linux it so keeps the normal priority, and pauses at once.
     Thread(target=_receive_pauses, args=(pause_receiver,), daemon=True).start()
     if niceness > 0:
         lower_priority(niceness)
 
 
 def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
-    """Pauses the main thread, which learns, and lets it go on, as the parent process asks for it.
+    """Pauses the main thread, which learns, and lets it continue, when the parent process sends that.
 
-    A signal's handler runs in the main thread between any two of its instructions, on every operating system. No signal
-    is sent: Python only calls the handler.
+    The handler of a signal runs in the main thread between any two of its instructions, on every operating system. No
+    signal is sent: Python only calls the handler.
 
     Args:
-        pause_receiver: End of the pipe through which the parent process asks for pauses.
+        pause_receiver: receiving end of the pipe through which the parent process sends ``PAUSE`` or ``RESUME``.
     """
     global _is_paused
-    # The pipe ends with the parent.
+    # The pipe is closed when the parent ends.
     with suppress(EOFError, OSError):
         while True:
             _is_paused = pause_receiver.recv_bytes() == PAUSE

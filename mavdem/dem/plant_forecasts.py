@@ -49,7 +49,7 @@ class PlantForecasts:
             record: Samples, (T, r) and (T, m), in any number of segments.
 
         Returns:
-            Predicted outputs, (T, m). The first sample of a segment is predicted at its trim.
+            Predicted outputs, (T, m). The prediction of the first sample of a segment is the trim.
         """
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(record):
@@ -64,7 +64,7 @@ class PlantForecasts:
         Args:
             variance: Expected squared errors of the forecasts, (H, m).
             level: Probability that a sample lies in the band.
-            steps: Not used: ``JointModel`` needs the length of the forecasts, and both have the same arguments.
+            steps: Not used. ``JointModel.half_widths`` needs the length of the forecasts and has the same arguments.
 
         Returns:
             Half widths, (H, m), in the units of the outputs.
@@ -72,7 +72,7 @@ class PlantForecasts:
         return half_width(variance, level)
 
     def forecast_from_zero_state(self, inputs: Array) -> Array:
-        """Simulates the plant from state 0, with the outputs at their trim, as the paper's figures do.
+        """Simulates the plant from state 0, with the outputs at their trim, as in the figures of the paper.
 
         Args:
             inputs: Inputs, (H, r).
@@ -81,7 +81,7 @@ class PlantForecasts:
             Outputs, (H, m); row 0 is the trim.
         """
         scaled_inputs = self.scaling.scale_inputs(inputs)
-        # In the engine's units the trim is 0. Without inputs there is no row at all.
+        # In the engine's units the trim is 0. Without inputs there are no rows.
         first_row = np.zeros((min(1, len(inputs)), len(self.scaling.output_trim)))
         scaled_outputs = first_row
         if len(scaled_inputs) > 1:
@@ -93,18 +93,19 @@ class PlantForecasts:
     def rolling_forecast_known_inputs(
         self, steps: int, inputs: Array, outputs: Array, smooth: bool = False
     ) -> Forecast:
-        """Forecasts samples after the training data, beginning again at every ``steps``-th of them.
+        """Forecasts samples after the training data, where a new forecast begins at every ``steps``-th of them.
 
         Args:
             steps: Number of samples from the beginning of one forecast to the next.
             inputs: Inputs after the training data, (H, r).
-            outputs: Outputs of the same samples, (H, m), which a forecast uses before its beginning.
-            smooth: Not used: the plant takes the inputs as causes of the motion, and later causes tell nothing of it.
+            outputs: Outputs of the same samples, (H, m); each forecast uses those before its beginning.
+            smooth: Not used. The plant treats the inputs as causes of the motion, and later causes have no effect on
+                it.
 
         Returns:
             Forecast outputs and their expected squared errors, (H, m) each.
         """
-        # The state of the first sample to forecast, by the filter over the last segment of the training data.
+        # The state at the first sample to forecast follows from the filter over the last segment of the training data.
         last_inputs, last_outputs = self.record.segments[-1]
         state = self.process.state_after(
             self.scaling.scale_inputs(last_inputs), self.scaling.scale_outputs(last_outputs)
@@ -113,7 +114,8 @@ class PlantForecasts:
         scaled_outputs = self.scaling.scale_outputs(outputs)
         stride = max(1, steps)
         forecast = self.process.rolling_forecast(stride, state, scaled_inputs, scaled_outputs)
-        # Sample i is the (i mod stride)-th of its forecast. Beyond the longest known error, that error is taken.
+        # Sample i is the (i mod stride)-th of its forecast. Beyond the longest horizon with a known error, the error at
+        # that horizon is used.
         steps_ahead = np.minimum(
             np.arange(len(scaled_inputs)) % stride, len(self.mean_squared_errors) - 1
         )
@@ -129,21 +131,21 @@ class PlantForecasts:
         Forecasts with known inputs start at many samples of the training data, each from the state of the filter there.
         Their errors contain noise, wind and the errors of the model, so that no assumption about these is needed.
 
-        Shape (L, m), in the squares of the outputs' units; row i is i + 1 steps ahead. Infinite where forecasts
-        overflow.
+        Shape (L, m), in the squares of the outputs' units; row i is i + 1 steps ahead. Infinite for steps at which a
+        forecast overflows.
         """
         usual_horizon = round(FORECAST_HORIZON_SECONDS / self.record.dt)
-        # In a short record a forecast takes two thirds of the longest segment: the filter needs the samples before it.
+        # In a short record a forecast covers two thirds of the longest segment. The filter needs the samples before it.
         horizon = max(1, min(usual_horizon, 2 * self.record.longest_segment // 3))
         stride = max(1, len(self.record) // TEST_FORECASTS)
         squared_errors = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
-            # Forecast i has the samples after starts[i] for its own; states[i] is that of the first of them.
+            # Forecast i is of the samples after starts[i]; states[i] is the state at the first of them.
             starts = np.arange(horizon // FILTER_SETTLING_SHARE, len(outputs) - horizon, stride)
             first_state = self.process.second_state(inputs[0], outputs[0])
             states = self.process.predicted_states(first_state, inputs[1:], outputs[1:])[starts]
             forecasts = self.process.simulate_from(starts + 1, horizon, states, inputs)
-            # (forecasts, horizon): the sample that belongs to each step of each forecast.
+            # (forecasts, horizon): index of the sample at each step of each forecast.
             rows = starts[:, None] + 1 + np.arange(horizon)
             squared_errors.append((outputs[rows] - forecasts) ** 2)
         mean = np.concatenate(squared_errors).mean(axis=0) * self.scaling.output_scale**2

@@ -42,7 +42,7 @@ DerivativePairs = tuple[tuple[int, int], ...]
 def derivative_pairs(record: Record) -> DerivativePairs:
     """Finds the outputs that are time derivatives of other outputs, such as the rate of an angle.
 
-    The change of output i over a short span of time is compared with the integral of output j over the same span. Where
+    The change of output i over a short span of time is compared with the integral of output j over the same span. If
     the integral explains more than ``MIN_EXPLAINED_SHARE`` of the variance of the changes, output j is the derivative.
     The span is ``RATE_INTEGRATION_SPAN``, long enough to average noise and short compared with the motion.
 
@@ -50,7 +50,7 @@ def derivative_pairs(record: Record) -> DerivativePairs:
         record: training data.
 
     Returns:
-        Pairs (i, j) of columns, output j being the derivative of output i; none if all segments are too short.
+        Pairs (i, j) of columns, where output j is the derivative of output i; empty if all segments are too short.
     """
     span = max(1, round(RATE_INTEGRATION_SPAN / record.dt))
     changes_of_segments = []
@@ -58,7 +58,7 @@ def derivative_pairs(record: Record) -> DerivativePairs:
         integrals = cumulative_integral(outputs, np.full(len(outputs) - 1, record.dt))
         signals = np.stack([outputs, integrals])
         changes_of_segments.append(signals[:, span:] - signals[:, :-span])
-    # (T', m) each: changes of the outputs, and of their integrals, over one span.
+    # Changes of the outputs and of their integrals over one span, (T', m) each.
     output_changes, integral_changes = np.concatenate(changes_of_segments, axis=1)
     if not len(output_changes):
         return ()
@@ -85,13 +85,13 @@ def explicit_prior(
         prior: Gaussian of the vehicle's parameters [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], in physical units.
         default_precision: prior precision of the engine's other parameters, whose prior mean is 0.
         indices: indices of the vehicle's parameters in the engine's θ.
-        scale: (k,) physical size of the engine's unit of each of its parameters.
+        scale: (k,) size, in physical units, of the engine's unit of each parameter in its θ.
 
     Returns:
         Mean (k,) and precision (k, k) of the engine's θ.
 
     Raises:
-        ValueError: the prior has another number of parameters.
+        ValueError: the number of parameters of the prior is not that of A, B and C.
     """
     theta, theta_precision = prior.arrays
     if len(theta) != len(indices):
@@ -100,7 +100,8 @@ def explicit_prior(
         )
     mean = np.zeros(len(scale))
     precision = default_precision * np.eye(len(scale))
-    # A parameter in the engine's units is the physical one over its scale; a precision has the inverse square.
+    # A parameter in the engine's units is the physical one divided by its scale; a precision is multiplied by the
+    # product of two scales.
     mean[indices] = theta / scale[indices]
     precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return MeanAndPrecision(mean, precision)
@@ -117,11 +118,11 @@ def regulated_prior(
 ) -> MeanAndPrecision:
     """Returns the "regulated" prior of θ: what is known of any attitude loop before a flight.
 
-    - Each output returns to its trim, with ``DAMPING_RATE``.
-    - Where output j is the derivative of output i, row i of the model is the kinematic relation ẋᵢ = xⱼ, and row j that
+    - Each output returns to its trim at the rate ``DAMPING_RATE``.
+    - If output j is the derivative of output i, row i of the model is the kinematic relation ẋᵢ = xⱼ, and row j is that
       of a damped oscillator with ``NATURAL_FREQUENCY``.
-    - Each hidden state is a first-order lag, with ``ACTUATOR_RATE``, that feeds the state before it: the first one
-      feeds the last output, as the torque of lagging motors does.
+    - Each hidden state is a first-order lag with ``ACTUATOR_RATE`` that acts on the rate of the state before it. The
+      first one acts on that of the last output, like the torque of motors with a lag.
     - C = [I 0].
 
     Args:
@@ -154,8 +155,8 @@ def regulated_prior(
         B_precision[angle, :motors] = KINEMATIC_PRECISION
     for hidden in range(m, n):
         A[hidden, hidden] = -ACTUATOR_RATE
-        # The data leave the unit of a hidden state open. Its effect on the state before it, with unit gain in steady
-        # state, fixes the unit, so that the posterior of the other parameters is about the vehicle.
+        # The data do not determine the unit of a hidden state. It is fixed by the known effect on the state before,
+        # which has unit gain in steady state, so that the posterior of the other parameters describes the vehicle.
         A[hidden - 1, hidden] = ACTUATOR_RATE
         A_precision[hidden, :m] = KINEMATIC_PRECISION
         A_precision[hidden - 1, hidden] = KINEMATIC_PRECISION

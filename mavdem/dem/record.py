@@ -186,13 +186,15 @@ class Record:
         """Joins a flight, or segments of one sampled at the same rate, to a record.
 
         Args:
-            train: A ``Flight`` or anything like one, a sequence of them, or a record, which is returned as it is.
+            train: A ``Flight`` or an object with the same attributes, a sequence of them, or a record, which is
+                returned unchanged.
 
         Returns:
             The record; names and units of the columns are those of the first segment.
 
         Raises:
-            ValueError: The segments do not fit each other, or values are wrong; the message names the argument.
+            ValueError: The segments have different columns or sampling steps, or values are wrong; the message names
+                the argument.
         """
         if isinstance(train, Record):
             return train
@@ -236,7 +238,7 @@ class Record:
         )
 
     def require_varying(self, *, known_inputs: bool) -> None:
-        """Checks that there is something to learn: a constant channel has no relation to others.
+        """Checks that all channels vary, since a relation of a constant channel to others cannot be learned.
 
         Args:
             known_inputs: Whether the model uses the inputs, so that they must vary too.
@@ -276,13 +278,13 @@ class Record:
         """Checks inputs after the end of the record, for a forecast.
 
         Args:
-            inputs: Inputs, (H, r), in the unit of the record's; of a single input (H,) will do.
+            inputs: Inputs, (H, r), in the unit of the record's inputs; (H,) is accepted for a single input.
 
         Returns:
             The inputs as an array, (H, r).
 
         Raises:
-            ValueError: The shape is another, or a value is not finite.
+            ValueError: The inputs have another shape, or a value is not finite.
         """
         return validated_table(inputs, "inputs", self.inputs.shape[1])
 
@@ -292,7 +294,7 @@ class Record:
         """Checks samples after the end of the record, for forecasts that begin again at every ``steps``-th of them.
 
         Args:
-            steps: Number of samples from one beginning to the next, at least 1.
+            steps: Number of samples from the beginning of one forecast to that of the next, at least 1.
             inputs: Inputs, (H, r).
             outputs: Outputs, (H, m), of the same samples.
 
@@ -300,7 +302,7 @@ class Record:
             Inputs and outputs as arrays, (H, r) and (H, m).
 
         Raises:
-            ValueError: An argument does not fit; the message names it.
+            ValueError: An argument is wrong, or the two tables differ in length; the message names the argument.
         """
         validated_count(steps)
         checked_inputs = self.validated_inputs(inputs)
@@ -326,7 +328,7 @@ def cross_validation_folds(lengths: Sequence[int], count: int) -> list[list[Fold
     total = sum(lengths)
     folds = []
     for number in range(count):
-        # The fold's samples, numbered over all segments; what it shares with each segment is a piece.
+        # Range of the fold's samples, counted over all segments. Its overlap with each segment is a piece.
         fold_start = total * number // count
         fold_stop = total * (number + 1) // count
         segment_start = 0
@@ -363,7 +365,7 @@ def _checked_samples(segment: UniformSamples) -> _Samples:
     Raises:
         ValueError: An attribute is missing or is no number, or the tables have other shapes or no columns.
     """
-    # A user may pass anything: what has no such attributes, or no numbers in them, gets one message.
+    # An object without these attributes, or with values that are no numbers, leads to one and the same message.
     try:
         inputs = as_real_array(segment.inputs, "inputs")
         outputs = as_real_array(segment.outputs, "outputs")
@@ -402,14 +404,13 @@ def _common_step(steps: Sequence[float]) -> float:
 def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
     """Returns the time of each segment's first sample on the flight's clock.
 
-    Samples without a clock have no ``time``. Unless all segments have one, the result is empty: the field of a record
-    has a time for every segment, or none.
+    Samples without a clock have no ``time``. The field ``begins`` of a record has a time for every segment, or none.
 
     Args:
         flights: The segments.
 
     Returns:
-        Times, s.
+        Times, s; empty if a segment has no time.
     """
     times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
     if not all(len(time) for time in times):
@@ -418,19 +419,19 @@ def _start_times(flights: Sequence[UniformSamples]) -> Numbers:
 
 
 def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array | None:
-    """Returns the effect directions that all segments have in common.
+    """Returns the effect directions, if they are the same in all segments.
 
     Args:
         flights: The segments; an effect direction is the relative effect of a motor on the axis, by the mixer geometry.
         motors: Number of inputs, r.
 
     Returns:
-        (r,) directions; None if they differ, if a segment has none, or if all are zero, so that no motor has an effect.
+        (r,) directions; None if they differ between segments, if a segment has none, or if all are zero.
 
     Raises:
-        ValueError: Directions are not r finite numbers.
+        ValueError: The directions of a segment are not r finite numbers.
     """
-    # Samples that are no Flight may have no such attribute.
+    # Samples that are not a Flight may lack this attribute.
     given_directions = [getattr(flight, "effect_directions", None) for flight in flights]
     directions = [
         validated_directions(values, motors) for values in given_directions if values is not None
@@ -445,20 +446,21 @@ def _common_directions(flights: Sequence[UniformSamples], motors: int) -> Array 
 def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     """Returns the fields of a record that describe the controller, as far as the segments have them.
 
-    These are its parameters, the range of the inputs, and the setpoints if all segments have the same ones. Segments of
-    one record are parts of one flight, so the first one's ``provenance``, which describes their origin, holds for all.
+    These are its parameters, the range of the inputs, and the setpoints if all segments have setpoints of the same
+    names. The segments of a record are parts of one flight, so the ``provenance`` of the first, which describes their
+    origin, holds for all.
 
     Args:
         flights: The segments, at least one. Only those of the class ``Flight`` have the attributes that are read here.
-            ``provenance["parameters"]`` has the autopilot's parameters by name, ``provenance["earlier"]`` their values
+            ``provenance["parameters"]`` are the autopilot's parameters by name, ``provenance["earlier"]`` their values
             before a change, and ``provenance["scale"]`` the inputs at no throttle, "low", and at full throttle, "high".
 
     Returns:
-        Values of the fields ``parameters``, ``earlier``, ``input_range`` and, where there are any, ``setpoints`` and
-        ``setpoint_names`` of :class:`Record`.
+        Values of the fields ``parameters``, ``earlier`` and ``input_range`` of :class:`Record`, and of ``setpoints``
+        and ``setpoint_names`` if there are setpoints.
     """
     first_segment = flights[0]
-    # Other kinds of samples lack these attributes: they are read by name, with a default.
+    # Other kinds of samples lack these attributes, so they are read by name, with a default.
     provenance: Mapping[str, Any] = getattr(first_segment, "provenance", {})
     scale = provenance.get("scale", {})
     fields: JsonValues = {
@@ -468,7 +470,7 @@ def _controller_fields(flights: Sequence[UniformSamples]) -> JsonValues:
     }
     names = getattr(first_segment, "setpoint_names", ())
     if names and all(getattr(flight, "setpoint_names", ()) == names for flight in flights):
-        # A segment with names of setpoints has these, though its type here does not declare them.
+        # A segment with names of setpoints has setpoints as well, though its type here does not declare them.
         setpoints = [getattr(flight, "setpoints") for flight in flights]  # noqa: B009
         fields["setpoints"] = np.concatenate(setpoints)
         fields["setpoint_names"] = names

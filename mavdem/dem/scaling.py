@@ -42,8 +42,8 @@ class Scaling:
     def from_record(cls, record: Record, settings: Settings) -> Scaling:
         """Returns the scaling that ``settings.scaling`` names, for training data.
 
-        "channel" gives each output mean 0 and variance 1, and adds a constant input. All inputs share one scale, so
-        that the noise of a motor that hardly moves is not amplified. "paper" scales the inputs alone, all by one mean
+        "channel" scales each output to mean 0 and variance 1, and adds a constant input. All inputs share one scale, so
+        that the noise of a motor that hardly varies is not amplified. "paper" scales only the inputs, all by one mean
         and one range. "none" leaves physical units.
 
         Args:
@@ -68,7 +68,7 @@ class Scaling:
         if is_by_channel:
             output_trim = outputs.mean
             output_scale = np.sqrt(outputs.variance)
-        # Of unknown inputs there is nothing to scale.
+        # Unknown inputs are not scaled, since they are not used.
         if has_known_inputs and is_by_channel:
             input_trim[:] = inputs.mean
             input_scale[:] = np.sqrt(inputs.variance.mean())
@@ -85,7 +85,7 @@ class Scaling:
         )
 
     def scale_inputs(self, inputs: Array) -> Array:
-        """Converts recorded inputs to the engine's units, and adds the constant input where the engine has one.
+        """Converts recorded inputs to the engine's units, and adds the constant input if the engine has one.
 
         Args:
             inputs: (T, r) inputs, in the unit of the recorded inputs.
@@ -124,16 +124,17 @@ class Scaling:
         return self.output_scale[output_columns]
 
     def parameter_scale(self, order: int) -> Array:
-        """Returns the physical size of the engine's unit of each parameter in θ, for ``order`` states.
+        """Returns the size of the engine's unit of each parameter in θ, in physical units, for ``order`` states.
 
-        A parameter in A or B has the unit of its row's state over that of its column's state or input, per second; one
-        in C that of its output over that of its state. Physical parameters are the engine's times this size.
+        The unit of a parameter in A or B is that of its row's state, divided by that of its column's state or input and
+        by seconds. The unit of a parameter in C is that of its output divided by that of its state. A parameter in
+        physical units is the engine's parameter times this size.
 
         Args:
             order: number of states n.
 
         Returns:
-            The physical size (k,).
+            The size of each unit (k,).
         """
         state_scale = self.state_scale(order)
         per_input = 1 / self.input_scale
@@ -153,8 +154,8 @@ class Scaling:
             order: number of states.
 
         Returns:
-            The model about the trim. The column of B for the constant input becomes its ``offset``, which is 0 without
-            one.
+            The model of deviations from the trim. Its ``offset`` is the column of B for the constant input, and 0 if
+            there is no constant input.
         """
         r = len(self.input_trim)
         m = len(self.output_trim)

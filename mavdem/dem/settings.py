@@ -105,13 +105,13 @@ class Gaussian:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:
-        """Returns the distribution of a JSON object.
+        """Returns the distribution that a JSON object describes.
 
         Args:
             values: The object ``{"mean": …, "precision": …}``.
 
         Raises:
-            ValueError: It has other keys, or its values are no mean and precision.
+            ValueError: The object has other keys, or its values are not a mean and a precision.
         """
         if not isinstance(values, Mapping) or set(values) != {"mean", "precision"}:
             raise ValueError(
@@ -223,7 +223,7 @@ class Settings:
         self._require_consistent()
 
     def _require_consistent(self) -> None:
-        """Checks the settings that depend on one another, which no field can be checked for by itself.
+        """Checks the conditions that involve more than one setting.
 
         Raises:
             ValueError: A setting contradicts another; the message names it.
@@ -233,12 +233,12 @@ class Settings:
         min_window = max(self.p, self.d or 0) + 1
         if self.window is not None and self.window < min_window:
             raise self._contradiction("window", f"at least {min_window} for p and d")
-        # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
+        # If C is free, nothing determines the scale of x, and F̄ is largest at C = 0.
         if self.prior == "uniform" and not continuous:
             raise self._contradiction(
                 "correlation", '"continuous" with the uniform prior, which leaves C free'
             )
-        # Without a derivative there would be no equation of motion left.
+        # Without a derivative there would be no equation of motion.
         if self.p == 0 and not continuous:
             raise self._contradiction("correlation", '"continuous" with p = 0')
         if self.prior == "regulated" and not self.known_inputs:
@@ -268,9 +268,10 @@ class Settings:
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
         """Returns the settings of the paper's experiments, section V.D (``alg_settings``).
 
-        Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
-        limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
-        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
+        Some choices are not determined by the paper and its authors' code. Here, outputs are not centred; the D step
+        uses the exact limit k → ∞; the last row of D is zero and its errors are included in F̄; F̄ and its mean-field
+        terms are exact; the first step already uses the prior λ; inputs are embedded over the outputs' window, so that
+        both are values at the same time.
 
         Args:
             order: Number of states n.
@@ -309,7 +310,7 @@ class Settings:
             text: The text, as :meth:`to_json` returns it.
 
         Raises:
-            ValueError: The text is no JSON object of settings; the message names a key or value that is wrong.
+            ValueError: The text is not a JSON object of settings; the message names the wrong key or value.
         """
         try:
             values = json.loads(text)
@@ -333,7 +334,7 @@ class Settings:
         unknown = set(values) - names - FORMER_SETTINGS
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
-        # In JSON a Gaussian prior is an object, and any other prior is a word.
+        # In JSON a Gaussian prior is an object, and any other prior is a string.
         if isinstance(values.get("prior"), dict):
             values = values | {"prior": Gaussian.from_dict(values["prior"])}
         return cls(**{name: values[name] for name in names & set(values)})

@@ -38,14 +38,14 @@ def checked_values(record: type, values: Mapping[str, Any]) -> JsonValues:
     """Checks values against the annotated fields of a class.
 
     Args:
-        record: A class whose fields are annotated, with pydantic's constraints where there are any.
+        record: A class whose fields are annotated; the annotations may contain constraints of pydantic.
         values: The value of each field by its name.
 
     Returns:
-        The values by name, as pydantic converts them: lists to tuples, for example.
+        The values by name, as pydantic converts them; it converts lists to tuples, for example.
 
     Raises:
-        ValueError: A value does not fit its annotation; the message is ``<name> must be …, not <value>``.
+        ValueError: A value does not agree with its annotation; the message is ``<name> must be …, not <value>``.
     """
     try:
         return dict(_pydantic_model(record).model_validate(values))
@@ -65,7 +65,7 @@ def _pydantic_model(record: type) -> type[BaseModel]:
 
 
 def first_problem(error: ValidationError) -> str:
-    """Describes the first of the problems that pydantic found, in the words of this package's other errors.
+    """Describes the first problem that pydantic found, in the form of this package's other error messages.
 
     Args:
         error: The error that pydantic has raised for a document or a record.
@@ -98,12 +98,13 @@ def is_number(value: object) -> TypeGuard[float]:
 
 
 def is_integer(value: object) -> TypeGuard[int]:
-    """Returns whether a value is one integer that fits 64 bits, of Python's or numpy's.
+    """Returns whether a value is an integer of Python or numpy that fits 64 bits.
 
-    ``True`` and ``False`` are none, although Python counts them as integers. A larger number would overflow in arrays.
+    ``True`` and ``False`` are rejected, although Python treats them as integers. A larger number would overflow in
+    arrays.
 
     Args:
-        value: Anything that a caller gave.
+        value: Any object.
     """
     return (
         isinstance(value, int | np.integer)
@@ -131,7 +132,7 @@ def validated_count(number: int, name: str = "steps", limit: int = MAX_COUNT) ->
         The number, as Python's ``int``.
 
     Raises:
-        ValueError: It is no such integer.
+        ValueError: The argument is not such an integer.
     """
     if not (is_integer(number) and 1 <= number <= limit):
         raise ValueError(f"{name} must be a whole number from 1 to {limit:,}, not {number!r}")
@@ -149,7 +150,7 @@ def validated_directions(values: ArrayLike, motors: int) -> Array:
         The effect directions as an array, (r,).
 
     Raises:
-        ValueError: There are more or fewer, or one is not finite.
+        ValueError: There are more or fewer directions than motors, or one is not finite.
     """
     directions = as_real_array(values, "effect_directions")
     if directions.shape != (motors,) or not np.isfinite(directions).all():
@@ -161,7 +162,7 @@ def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
     """Checks that an argument is a table of finite samples.
 
     Args:
-        values: The samples, (H, columns); of a single column (H,) will do.
+        values: The samples, (H, columns); (H,) is accepted for a single column.
         name: Name of the argument, for the message of an error.
         columns: Number of columns that the table must have.
 
@@ -169,7 +170,7 @@ def validated_table(values: ArrayLike, name: str, columns: int) -> Array:
         The samples as an array, (H, columns).
 
     Raises:
-        ValueError: The shape is another, or a value is not finite.
+        ValueError: The table has another shape, or a value is not finite.
     """
     samples = as_real_array(values, name)
     if samples.ndim == 1 and columns == 1:
@@ -191,7 +192,7 @@ def require_finite_and_bounded(samples: Array, name: str) -> None:
     Raises:
         ValueError: a sample is NaN, infinite or too large.
     """
-    # The largest of values with a NaN is NaN, for which no comparison is true.
+    # If a value is NaN the maximum is NaN, for which no comparison is true.
     if abs(samples).max(initial=0.0) <= MAX_ABS_VALUE:
         return
     if not np.isfinite(samples).all():

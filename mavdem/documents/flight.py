@@ -375,7 +375,7 @@ class WindTorque(Document):
     """share of its variance that the wind in m/s explains"""
 
 
-class AxisEstimates(Document):
+class AxisFigures(Document):
     """Physical parameters and wind torque of one axis."""
 
     physical: Physical | None
@@ -490,7 +490,7 @@ class LearnedFigures(Document, is_partial=True):
 class Report(LearnedFigures, Tier, MotorHealth, Findings):
     """All results of one vehicle and axis."""
 
-    axes: dict[str, AxisEstimates]
+    axes: dict[str, AxisFigures]
     """with --axis all: roll, pitch and yaw"""
     hover: Hover | None
     """what each motor does in settled flight"""

@@ -159,16 +159,17 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     """Selects the form of the gray-box model with the largest evidence, on a part of the windows.
 
     The form has two parts: the spectrum of the wind torque, one of ``WIND_SPECTRA``, and any of the ``REFINEMENTS``.
-    Refinements are tried one after the other, and kept where they are possible and the evidence rises. To save time,
-    one is fitted only if the slope of the posterior predicts a gain of at least ``STRONG_EVIDENCE_NATS``.
+    Refinements are tried one after the other. One is kept if its parameter has a possible value and the evidence
+    increases. To save time, one is fitted only if the slope of the posterior predicts a gain of at least
+    ``STRONG_EVIDENCE_NATS``.
 
     Args:
         windows: all windows of the flight; at most ``MAX_SELECTION_WINDOWS`` of them, evenly spread, are used.
         directions: relative effect of each input (r,), or ``None`` if it is not known.
 
     Returns:
-        The best fit; and how much mean effect, damping and lag differ between the spectra, as a measure of the error
-        by a wrong spectrum.
+        The best fit, and the range of the logarithms of mean effect, damping and lag between the spectra, as a measure
+        of the error by a wrong spectrum.
 
     Raises:
         ValueError: no spectrum has a finite likelihood.
@@ -181,8 +182,8 @@ def _select_model(windows: FlightWindows, directions: Array | None) -> _Selected
     fits = []
     for wind in WIND_SPECTRA:
         candidate = model._replace(wind=wind)
-        # Each fit begins where the last one ended. Noise is the last entry of θ, behind those of the wind torque, so a
-        # component that this spectrum adds comes just before it, and begins at the prior.
+        # Each fit begins with the result of the last one. Noise is the last entry of θ, after those of the wind torque.
+        # So the entries of a component that this spectrum adds come just before it, and begin at the prior.
         initial_theta, _ = candidate.prior
         initial_theta[: len(start_theta) - 1] = start_theta[:-1]
         initial_theta[-1] = start_theta[-1]
@@ -264,7 +265,7 @@ def _physical_parameters(
         windows: windows of the flight.
 
     Returns:
-        The parameters, read-only.
+        The parameters, with read-only arrays.
     """
     model = fit.model
     theta = fit.theta
@@ -300,7 +301,8 @@ def _physical_parameters(
         figures=figures,
     )
 
-    # So far effects are per common standard deviation of the inputs. Damping, lag and delay keep their units.
+    # So far the unit of the inputs is their common standard deviation, and the effects are converted from it. Damping,
+    # lag and delay keep their units.
     scale = np.append(np.full(r, 1 / windows.unit), np.ones(3))
     level = np.sqrt(np.mean(fit.levels**2))
     sizes = level * model.wind_sizes(theta)
@@ -374,11 +376,11 @@ def with_omission_errors(
     """Adds to a covariance the errors by what the model leaves out (``OmissionErrors``).
 
     Args:
-        covariance: covariance of effects, damping, lag and delay (r + 3, r + 3), by the likelihood.
+        covariance: covariance of effects, damping, lag and delay (r + 3, r + 3) that follows from the likelihood.
         values: effects, damping, lag and delay (r + 3,).
         mean_effect_weights: relative change of the mean effect by each effect (r,).
         spectrum_range: range of the logarithms of mean effect, damping and lag over the assumed spectra (3,).
-        bias: likely relative bias of the effect.
+        bias: probable relative bias of the effect.
         effect_unknown: whether the effect is not identifiable.
         figures: figures of the fit's identifiability.
 
@@ -390,21 +392,21 @@ def with_omission_errors(
     effect = values[:r]
     damping, lag, _ = values[r:].tolist()
 
-    # The likelihood's error is larger by a factor, which is common to all motors: their spectrum of the wind torque is
-    # the same. What motors err by differently stays.
+    # The error is larger than that by the likelihood. The factor applies to the error that all motors have in common,
+    # since it is due to the spectrum of the wind torque. The differences between the motors' errors are not changed.
     common_part = np.eye(r + 3)
     common_part[:r, :r] = np.outer(effect, mean_effect_weights)
     covariance = covariance + (
         (errors.likelihood_factor**2 - 1) * common_part @ covariance @ common_part.T
     )
 
-    # The plant is fitted with three assumed spectra of the wind. The range of the three results tells the standard
-    # deviation of the error by a wrong spectrum: the expected range of three normal values is 3/√π standard deviations
-    # (L. H. C. Tippett, Biometrika 17, 1925).
+    # The plant is fitted with three assumed spectra of the wind. The standard deviation of the error by a wrong
+    # spectrum follows from the range of the three results: the expected range of three normal values is 3/√π standard
+    # deviations (L. H. C. Tippett, Biometrika 17, 1925).
     effect_variance, damping_spectrum_variance, lag_spectrum_variance = (
         np.pi * np.square(spectrum_range / 3)
     ).tolist()
-    # Relative variance that the effects of all motors have in common.
+    # Relative variance of the error that the effects of all motors have in common.
     common_variance = effect_variance + errors.effect**2 + bias**2
     common_variance += (errors.unpredicted_effect * figures.unpredicted_share) ** 2
     common_variance += (errors.thrust_curve * figures.thrust_curve) ** 2

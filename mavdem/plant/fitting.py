@@ -306,29 +306,29 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
 def initial_model(
     windows: FlightWindows, effect_directions: Array | None
 ) -> tuple[GrayBoxModel, Array]:
-    """Returns the gray-box model with the motors' directions, and parameters to begin its fit with.
+    """Returns the gray-box model with the motors' directions, and the parameters at which its fit begins.
 
-    The effect of a motor is the angular acceleration per unit of its input. Its direction is the effect relative to the
-    mean magnitude of all: the sign, and how strongly the motor turns the axis. The effects are estimated by linear
-    regression of the prediction errors at the prior mean. They give the directions where the mixer is not known, and
-    the size of the effect along its directions where it is.
+    The effect of a motor is the angular acceleration per unit of its input. Its direction is its effect divided by the
+    mean magnitude of all effects. The effects are estimated by linear regression of the prediction errors at the prior
+    mean. If the mixer is not known, the directions follow from these effects. If it is known, its directions are used,
+    and only the size of the effect along them is estimated.
 
     Args:
         windows: the data, with r inputs.
         effect_directions: relative effect of each input by the mixer (r,), or ``None``.
 
     Returns:
-        The model with the first of ``WIND_SPECTRA``; and its prior mean θ (k,) with the estimated effect in it.
+        The model with the first of ``WIND_SPECTRA``, and its prior mean θ (k,) with the estimated effect.
     """
     r = windows.inputs.shape[1]
-    # By Parseval's theorem the root of this power over the number of samples is the size of the rate in a window; the
-    # factor 2 is for negative frequencies. The measurement noise is at least a small fraction of it.
+    # By Parseval's theorem the root of this power, divided by the number of samples, is the size of the rate in a
+    # window; the factor 2 is for negative frequencies. The measurement noise is at least a small fraction of that size.
     power = 2 * np.sum(abs(windows.rate) ** 2, axis=1).mean()
     min_noise = MIN_RELATIVE_NOISE * np.sqrt(power) / windows.samples
     model = GrayBoxModel(np.ones(r), UNKNOWN_MIXER_SD, WIND_SPECTRA[0], min_noise)
 
-    # The errors are linear in the effects, so their slopes are differences: between all effects 0 (each deviation −1
-    # from its direction 1), and one effect 1 (its deviation 0).
+    # The errors are linear in the effects, so their slopes are differences. The first point has all effects at 0 (each
+    # deviation is −1 from the direction 1), and each other point has one effect at 1 (its deviation is 0).
     mean, _ = model.prior
     points = np.repeat(mean[None], r + 1, axis=0)
     points[:, 0] = 0.0
@@ -349,7 +349,7 @@ def initial_model(
     directions = directions / abs(directions).mean()
     # The least-squares size of the effect along the directions, with the same ridge.
     projected_effect = (directions @ gram @ effect) / (directions @ gram @ directions + ridge)
-    # The autopilot's parameters may count rotations with the opposite sign.
+    # The autopilot's parameters may define rotations with the opposite sign.
     if projected_effect < 0:
         directions = -directions
     model = model._replace(directions=directions, deviation_sd=deviation_sd)

@@ -78,22 +78,22 @@ def detect_gusts(
 
     The rate of false gusts is that at which a Gaussian process with the same variance, and the same variance of its
     derivative, crosses the threshold on either side (S. O. Rice, "Mathematical analysis of random noise", 1944, sec.
-    3.3). Both are estimated by medians, so that gusts and gaps do not count. If the errors have most of the torque's
-    variance, there are no gusts.
+    3.3). Both variances are estimated by medians, which gusts and gaps hardly change. If most of the torque's variance
+    is that of its errors, no gusts are detected.
 
     Args:
         torque: wind torque (T,), rad/s².
         band: half width of its 90 % band (T,), rad/s²; a gust is at least twice as large.
         record: the samples' time step and segments.
         min_duration: least duration of a gust, s.
-        is_wind: whether the torque of a sample is that of the wind (T,); None if all are. No gust is in the others.
+        is_wind: whether the torque of a sample is that of the wind (T,); None if all are. Other samples are in no gust.
 
     Returns:
         The gusts, the threshold, and the rate of false gusts.
     """
     if is_wind is None:
         is_wind = np.ones(len(torque), bool)
-    # Elsewhere, the torque is replaced by its usual level, which is no gust.
+    # At other samples the torque is replaced by its usual level, which is not detected as a gust.
     torque = np.where(is_wind, torque, np.median(torque[is_wind]))
     width = round(RUNNING_LEVEL_SECONDS / record.dt)
     deviation = torque - _running_level(torque, record, width)

@@ -289,12 +289,13 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
         figures: figures of the fit.
 
     Yields:
-        Each check, with the status REPORTED if it is passed. Some are only made where they could fail.
+        Each check, with the status REPORTED if it is passed. Some checks are omitted if they cannot fail.
     """
     rate = 1 / figures.dt
 
     wind_status = WIND_SHARE.status(figures.wind_share)
-    # Autopilots counter the wind, so motors seem to do less than they do, and the effect is estimated too low.
+    # Autopilots counteract the wind, so the motors seem to have less effect than they have, and the effect is estimated
+    # too low.
     has_known_bias = wind_status == Status.BIASED and name == "effect"
     wind_doubt = Fact(
         ParameterDoubt.WIND_SHARE_HIGH,
@@ -304,7 +305,7 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
     )
     yield _Check(wind_status, wind_doubt)
 
-    # Commands that change faster than the samples are partly unseen, and so is the motion that they cause.
+    # Commands that change faster than the sampling rate are not completely recorded, nor is the motion that they cause.
     if figures.alias_share > MAX_ALIAS_SHARE:
         too_fast_commands = Fact(
             ParameterDoubt.COMMANDS_TOO_FAST, share=figures.alias_share, rate=rate
@@ -317,13 +318,14 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
     yield _Check(RELATIVE_SD[name].status(relative_sd), uncertain_estimate)
 
     spectrum_range = figures.spectrum_range[name]
-    # The spectrum of the wind is assumed. An estimate that depends on the assumption is in doubt. The fact states the
-    # range of the logarithm as a relative change; beyond a factor of e it gives no figure.
+    # The spectrum of the wind is assumed, so an estimate that depends on the assumption is uncertain. The fact states
+    # the range of the logarithm as a relative change; beyond a factor of e it contains no number.
     relative_change = np.expm1(spectrum_range) if spectrum_range < 1 else None
     depends_on_spectrum = Fact(ParameterDoubt.DEPENDS_ON_WIND_SPECTRUM, share=relative_change)
     yield _Check(SPECTRUM_RANGE[name].status(spectrum_range), depends_on_spectrum)
 
-    # If motors are too quick to be resolved, delays by gyro filters pass for motor lag and bias the effect.
+    # If the motor lag is too short to be resolved, delays by gyro filters are estimated as motor lag, which biases the
+    # effect.
     if name == "effect" and figures.lag_unresolved:
         filter_as_lag = Fact(ParameterDoubt.FILTER_TAKEN_FOR_LAG, bias=OmissionErrors.lag_bias)
         yield _Check(Status.BIASED, filter_as_lag)
@@ -333,7 +335,7 @@ def _checks(name: str, figures: IdentifiabilityFigures) -> Iterator[_Check]:
         too_short_lag = Fact(ParameterDoubt.LAG_TOO_SHORT, time_step=figures.dt)
         yield _Check(Status.NOT_IDENTIFIABLE, too_short_lag)
 
-    # Slow samples do not separate a short motor lag from the delay, nor damping from both.
+    # At a low sampling rate a short motor lag cannot be distinguished from the delay, nor damping from both.
     is_slow = rate < MIN_RESOLVED_RATE
     if name != "effect" and is_slow and figures.lag < SEPARABLE_LAG * figures.dt:
         yield _Check(Status.BIASED, Fact(ParameterDoubt.MIXED_WITH_DELAY, rate=rate))

@@ -277,12 +277,12 @@ class GrayBoxModel(NamedTuple):
         plant = 1 / (damping - lag * omega**2 + 1j * omega * (1 + damping * lag))
 
         # Linear interpolation between samples has the spectrum sinc²; a value that is held for one sample has the
-        # spectrum sinc with a delay of half a sample. Inputs are interpolated, except the part that responds to a
-        # sample: it must not help to predict that sample, and is therefore held from the sample on.
+        # spectrum sinc with a delay of half a sample. Inputs are interpolated, except for the part that responds to a
+        # sample. That part must not be used to predict the sample, and is therefore held from the sample on.
         held_spectrum = np.sinc(omega * dt / (2 * np.pi))
         interpolation = held_spectrum**2
-        # If the sampling interval is longer than the autopilot's response lasts, the response is held only for a part
-        # of it. Its spectrum is approximated by that of the whole interval times this part, as is right at low
+        # If the sampling interval is longer than the autopilot's response, the response is held only for a part of the
+        # interval. Its spectrum is approximated by that of the whole interval times this part, which is correct at low
         # frequencies.
         held_part = min(1.0, RESPONSE_SECONDS / dt)
         half_sample_delay = np.exp(-0.5j * omega * dt)

@@ -91,15 +91,15 @@ class WindTorqueSmoother(NamedTuple):
     def torques(self, inputs: Array, outputs: Array) -> Array:
         """Estimates the wind torque in the latest T samples of one segment, with its 90 % band.
 
-        The wind torque is what the rate needs beyond the motors' torque, by the model of the axis with a Kalman
-        smoother. The band adds up, in squares, these errors:
+        The wind torque is the part of the torque on the axis that the motors do not explain. A Kalman smoother with the
+        model of the axis estimates it from the rate. The squared band is the sum of the squares of these errors:
 
-        - that of the smoother, enlarged while the rate is predicted worse than usual;
-        - wind torque quicker than a sample, which cannot be distinguished from commands between samples;
-        - what the model leaves out;
+        - the error of the smoother, enlarged while the errors of the predicted rate are larger than usual;
+        - wind torque that changes within a sample, which cannot be distinguished from commands between samples;
+        - the error by what the model leaves out;
         - the uncertainty of the physical parameters, through the derivatives of the torque by effects, damping, lag
-          and delay. The effect of a motor enters by the lagged response to its command, and by the steady torque that
-          its mean command (trim) balances.
+          and delay. The effect of a motor acts through the lagged response to its command, and through the steady
+          torque that its mean command (trim) balances.
 
         Args:
             inputs: inputs (T, r), in the unit of the record that was fitted.
@@ -118,8 +118,9 @@ class WindTorqueSmoother(NamedTuple):
         )
 
         latest = -round(DELAY_SECONDS / self.dt)
-        # State 0 is the rate. Its mean squared error in the latest samples, relative to the variance F that the filter
-        # expects, shows whether the model holds just now. A ratio below 1 may be chance: it does not narrow the band.
+        # State 0 is the rate. Its mean squared error in the latest samples, divided by the variance F that the filter
+        # expects, shows whether the model is currently valid. A ratio below 1 may be due to chance, and does not narrow
+        # the band.
         errors = (rate - smoothed_torque.states[:, 0])[latest:]
         error_ratio = max(1.0, float(np.mean(errors**2)) / self.rate_filter.F)
         unresolved_variance = sum(
@@ -184,8 +185,8 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
     """Fits the physical parameters to the latest samples, and prepares the smoother of the wind torque with them.
 
     The physical parameters are the effect of each input on the angular acceleration, the rate damping, and lag and
-    delay of the motors. Everything that stays the same until the next fit is computed here once: the discretised plant,
-    its Kalman filter, the mean inputs and the steady torque. This is the slow part, which can run in an executor.
+    delay of the motors. Everything that does not change until the next fit is computed here: the discretised plant, its
+    Kalman filter, the mean inputs and the steady torque. This takes the most time, and can run in an executor.
 
     Args:
         record: the latest samples of the stream.
@@ -217,7 +218,7 @@ def fit_wind_torque_smoother(record: Record, prior: Physical | None = None) -> W
         torque_balanced_by_trim(unit_effect, trim, record.effect_directions)
         for unit_effect in np.eye(len(trim))
     ]
-    # The steady torque is that of the last segment, in which the stream goes on.
+    # The steady torque is that of the last segment, which the next samples of the stream continue.
     inputs, outputs = record.segments[-1]
     commanded_torque = (inputs - trim) @ fitted_parameters.effect
     return WindTorqueSmoother(

@@ -270,15 +270,15 @@ def parameter_gradient(function: Callable[[Array], Array], theta: Array, value: 
 def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
     """Combines the physical parameters of a flight with those of an earlier flight of the same vehicle.
 
-    Both are normal distributions, and the result has the product of their densities (the update step of a Kalman
-    filter). The effect of the earlier flight is less certain by its change from flight to flight. The flight is kept
-    alone where the prior is of other inputs, is not identifiable, or differs from the flight's mean effect by more than
-    ``SIGNIFICANT_SIGMAS`` standard deviations, because the vehicle has changed then. A flight that does not identify
-    the effect, on which the others depend, does not change the prior.
+    Both are normal distributions, and the result is the product of their densities (the update step of a Kalman
+    filter). The variance of the effect from the earlier flight is increased by that of its changes between flights. The
+    result is ``plant`` alone if the prior is of other inputs or is not identifiable. It is also ``plant`` alone if the
+    mean effects differ by more than ``SIGNIFICANT_SIGMAS`` standard deviations, because the vehicle must have changed.
+    If this flight does not identify the effect, on which the other parameters depend, the result is the prior.
 
     Args:
-        plant: physical parameters by this flight.
-        prior: physical parameters by the earlier flight.
+        plant: physical parameters from this flight.
+        prior: physical parameters from the earlier flight.
 
     Returns:
         This flight's parameters with the combined estimates, status and reasons.

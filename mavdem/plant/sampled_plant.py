@@ -278,9 +278,9 @@ def sampled_plant(
     dt: float,
     jump_advance: float = 0.0,
 ) -> SampledPlant:
-    """Discretizes one axis, or several side by side (…), exactly for commands that run linearly between samples.
+    """Discretizes one axis, or several side by side (…), exactly for commands that vary linearly between samples.
 
-    The states are the rate, the motors' torque, and those of each component of the wind torque one after the other. The
+    The states are the rate, the motors' torque, and the states of each component of the wind torque in order. The
     continuous system matrices are assembled block by block, and then discretised by matrix exponentials.
 
     Args:
@@ -299,7 +299,7 @@ def sampled_plant(
     intensity = np.zeros((*shape, n, n))
     B = np.zeros((*shape, n, 1))
     wind_output = np.zeros((*shape, n))
-    # The spectra are stated in units of their own time; a time scale of ``time`` seconds makes all rates slower by it.
+    # The spectra are defined in units of their time constant, so all rates are divided by ``time``, in seconds.
     first = 2
     for colour, size, time in components:
         states = slice(first, first + len(colour.A))
@@ -315,6 +315,6 @@ def sampled_plant(
     B[..., 1, 0] = 1 / lag
     A[..., 1, 1] = -B[..., 1, 0]
     Q = process_covariance(A, intensity, dt)
-    # Rounding leaves it slightly unsymmetric.
+    # Rounding makes it slightly asymmetric.
     Q = (Q + Q.mT) / 2
     return SampledPlant(discretize(A, B, dt), Q, wind_output, jump_advance)

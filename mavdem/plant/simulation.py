@@ -76,8 +76,8 @@ def _simulated_mean(
 ) -> Array:
     """Simulates the axis under commanded inputs, with the steady part of the wind torque only.
 
-    First the motors' torque over the training data is computed, from which follow the steady torque that acted besides
-    and the torque that is still in the motors at the end. From that state the axis is simulated on.
+    First the motors' torque over the training data is computed. From it follow the steady external torque, and the
+    motors' torque at the end of the data. From that state on, the axis is simulated.
 
     Args:
         theta: effect of each input, damping and lag (r + 2,).
@@ -95,7 +95,8 @@ def _simulated_mean(
     plant = sampled_plant(damping, lag, (), dt)
     trim = record.inputs.mean(axis=0)
 
-    # The motors' torque in each segment gives the steady torque that acts besides; that of the last one stays.
+    # The steady external torque of each segment follows from the motors' torque. After the loop, the variables are
+    # those of the last segment.
     constants = []
     for segment_inputs, outputs in record.segments:
         commanded_torque = (segment_inputs - trim) @ effect
@@ -109,7 +110,8 @@ def _simulated_mean(
         constants.append(mean_external_torque(rate, torque, damping, dt))
     constant = np.average(constants, weights=record.lengths)
 
-    # A steady disturbance acts like a steady command. The last commands are still on their way to the motors.
+    # A steady disturbance acts like a steady command. Because of the delay, the last commands of the training data act
+    # on the first simulated samples.
     all_commands = np.append(commanded_torque, (inputs - trim) @ effect) + constant
     contributions = plant.input_contributions(all_commands, delay / dt)[len(commanded_torque) - 1 :]
     initial_state = np.append(outputs[-1, angle_and_rate], torque[-1] + constant)

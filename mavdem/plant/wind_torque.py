@@ -136,20 +136,20 @@ def estimate_wind_torque(
 ) -> WindTorque:
     """Estimates the course of the wind torque in a recorded flight, its strength, spectrum and gusts.
 
-    The course is computed by a Kalman smoother with the estimated physical parameters. Its derivatives by the
-    parameters, by finite differences, propagate their uncertainty. Its strength is the standard deviation about the
-    mean of each part between changes of the vehicle. A sudden step of the level, as by a shifted load, separates parts
-    like such a change, so that it does not count as strong wind.
+    The course is computed by a Kalman smoother with the estimated physical parameters. Their uncertainty is propagated
+    by the derivatives of the course by the parameters, which are finite differences. The strength is the standard
+    deviation from the mean of each part between changes of the vehicle. A sudden step of the level, for example by a
+    shifted load, separates two parts like such a change, so that it does not appear as strong wind.
 
     Args:
         physical: physical parameters of the axis.
         record: inputs and outputs.
         changes: samples of the record at which the vehicle changed, for example by a motor's loss of thrust.
         has_weak_motor: whether a motor had lost thrust at each sample (T,); such samples have no wind torque, and no
-            gusts begin there. None if no motor had.
+            gusts begin there. None if no motor lost thrust.
 
     Returns:
-        The wind torque per moment of inertia, with the reason against it where it is not resolved.
+        The wind torque per moment of inertia. If it is not resolved, the reason is included.
 
     Raises:
         numpy.linalg.LinAlgError: there is no steady-state filter for these parameters.
@@ -171,21 +171,21 @@ def estimate_wind_torque(
     left_out = float(np.sum(~is_wind) * record.dt)
     has_wind = is_wind.sum() * record.dt >= MIN_WIND_SECONDS
     if not has_wind:
-        # All of the flight is judged, so that there are figures; the reason says that they are not of the wind.
+        # The figures are then computed for the whole flight; the reason says that they are not those of the wind.
         is_wind = np.ones(len(torque), bool)
     # A new part begins where the vehicle changed, and where a motor lost or regained thrust.
     part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
     step = None
-    # A course with gaps has levels that the gaps separate already, so no step is sought in it.
+    # In a course with gaps the gaps already separate its levels, so no step is searched for.
     if is_wind.all():
         step = _step(_without_part_means(torque, part_starts), record.dt)
     if step is not None:
         step_sample, _ = step
         part_starts = sorted({*part_starts, step_sample})
     deviation = _without_part_means(torque, part_starts)
-    # Mean square of the wind torque about its means, (rad/s²)².
+    # Mean square of the deviation of the wind torque from its means, (rad/s²)².
     power = float(np.mean(deviation[is_wind] ** 2))
-    # The errors that the parameters do not cause: of the smoother, and by what the model leaves out.
+    # The errors that the parameters do not cause are those of the smoother and those by what the model leaves out.
     other_variance = smoother_variance + OmissionErrors.wind**2 * power
     variance = other_variance + _variance_by_parameters(gradient, physical.covariance)
     errors = _torque_errors(

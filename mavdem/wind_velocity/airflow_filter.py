@@ -92,9 +92,9 @@ class AirflowFilter:
         self.states = np.hstack([np.zeros_like(mean_wind), mean_wind])
 
     def _initial_mean_wind(self, start: MotionGrid) -> Array:
-        """Returns a first guess of the mean wind: the wind whose drag is the median specific force of the motion.
+        """Returns an initial estimate of the mean wind: the wind whose drag is the median specific force of the motion.
 
-        The filter linearises the drag about this wind. Medians are used because resets of the position estimate make
+        The filter linearises the drag about this wind. Medians are used because resets of the position estimate cause
         outliers.
 
         Args:
@@ -110,8 +110,8 @@ class AirflowFilter:
         force = np.median(level_forces, axis=0)
         size = np.hypot(*force)
         speed = air_speed(self._linear.mean(axis=1), self._quadratic.mean(axis=1), size)
-        # The force acts in the direction in which the air flows past the vehicle. The wind is the sum of that flow and
-        # of the velocity of the vehicle over ground.
+        # The force has the direction of the air flow past the vehicle. The wind is that flow plus the velocity of the
+        # vehicle over ground.
         flow = force / max(size, MIN_FORCE) * speed[:, None]
         return np.median(start.velocity[complete, :2], axis=0) + flow
 
@@ -123,11 +123,11 @@ class AirflowFilter:
     def update(self, motion: MotionGrid, step: int) -> FilterUpdate:
         """Updates the states by the measured force of one step: the measurement update of an extended Kalman filter.
 
-        The states x are the gust and the mean wind, north and east; their sum is the wind. The vehicle's velocity less
+        The states x are the gust and the mean wind, north and east; their sum is the wind. The vehicle's velocity minus
         the wind, along body x and y, is its air velocity u. The predicted specific force is lean − (c + q |u|) u, with
-        linear drag c and quadratic drag q. The innovation is the measured force less the predicted one, (G, 2), m/s²,
-        for each of G sets of parameters. It has Student's t distribution, so large ones move the states less (a weight
-        as in iteratively reweighted least squares).
+        linear drag c and quadratic drag q. The innovation is the measured force minus the predicted one, (G, 2), m/s²,
+        for each of G sets of parameters. It is assumed to have Student's t distribution. Large innovations therefore
+        have a smaller weight, as in iteratively reweighted least squares.
 
         Args:
             motion: motion of the flight; the step must be complete, with force and velocity.
@@ -152,7 +152,7 @@ class AirflowFilter:
         HP = H_wind @ TOTAL_WIND_MATRIX @ P
         motion_error = motion.force_error[step] ** 2 * IDENTITY
         S = HP @ TOTAL_WIND_MATRIX.T @ H_wind.mT + self._noise_covariances + motion_error
-        # Symmetric to the last digit, otherwise rounding grows from step to step.
+        # S is made exactly symmetric, since otherwise rounding errors grow from step to step.
         S = (S + S.mT) / 2
         # The inverse of a matrix of 2 by 2 is (trace · I − S) / determinant.
         determinant = (S[:, 0, 0] * S[:, 1, 1] - S[:, 0, 1] ** 2)[:, None, None]
@@ -217,15 +217,15 @@ class FilteredMotion(NamedTuple):
     def smooth(self) -> SmoothedStates:
         """Smooths the states by all measurements, with the Rauch-Tung-Striebel smoother.
 
-        It runs backwards from the last step. With the filtered state x, covariance P and decay F of a step t, the
-        predictions x⁻ and P⁻ of step t + 1, and the gain K = P Fᵀ (P⁻)⁻¹:
+        It runs backwards from the last step. With the filtered state x and covariance P of a step t, the transition F,
+        which is a decay of each state, the predictions x⁻ and P⁻ of step t + 1, and the gain K = P Fᵀ (P⁻)⁻¹:
 
             xₛ(t) = x(t) + K (xₛ(t + 1) − x⁻(t + 1)),    Pₛ(t) = P(t) + K (Pₛ(t + 1) − P⁻(t + 1)) Kᵀ
 
         (H. E. Rauch, F. Tung and C. T. Striebel, AIAA Journal 3(8), 1965).
 
         Returns:
-            Smoothed states and covariances, of all sets of parameters side by side.
+            Smoothed states and covariances, for all sets of parameters.
         """
         states = self.filtered_states.copy()
         covariances = self.filtered_covariances.copy()
@@ -242,16 +242,16 @@ class FilteredMotion(NamedTuple):
 
 
 def filter_motion(parameters: Array, motion: MotionGrid) -> FilteredMotion:
-    """Runs the filter over a motion, and keeps what the smoother and the likelihood need of each step.
+    """Runs the filter over a motion, and collects the results that the smoother and the likelihood need of each step.
 
-    Steps without force or velocity are predicted only; their innovations are NaN.
+    Steps without force or velocity have no update; their innovations are NaN.
 
     Args:
         parameters: G sets of parameters (G, 10), as for :class:`AirflowFilter`.
         motion: motion of T steps.
 
     Returns:
-        States, covariances and innovations of all steps, for all sets side by side.
+        States, covariances and innovations of all steps, for all sets of parameters.
     """
     airflow = AirflowFilter(parameters, motion)
     steps = len(motion.force)

@@ -93,14 +93,14 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     Args:
         velocity: (T, 2) velocity of the air, north and east, m/s.
         band: (T, 2) half widths of its band, north and east, m/s.
-        near_direction: direction, degrees. Each direction is given between 180° below and 180° above this one, so that
-            a plotted line does not jump from 360° to 0° if the wind comes from about north. With 180° the range is 0 to
-            360°.
+        near_direction: middle of the range of the returned directions, degrees. They are at most 180° from it, so that
+            a plotted line does not jump from 360° to 0° if the wind comes from about north. By default the range is 0
+            to 360°.
 
     Returns:
-        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is regarded as an
-        ellipse with its axes north and east. Its half width along the wind is that of the speed. Its half width across
-        the wind, seen from the origin at the distance of the speed, is the angle by which the direction is uncertain.
+        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is taken as an ellipse
+        with its axes north and east. Its half width along the wind is that of the speed. Its half width across the
+        wind, seen at the distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
     # Unit vectors along the flow.
@@ -110,12 +110,12 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
     band_along = np.hypot(*(unit * band).T)
     band_across = np.hypot(*(unit[:, ::-1] * band).T)
     angle = np.degrees(np.arctan2(band_across, speed))
-    # If the half width across exceeds the speed, the ellipse may contain still air, and no direction is excluded.
+    # If the half width across exceeds the speed, the ellipse may contain a speed of 0: then any direction is possible.
     direction_half_width = np.where(band_across < speed, angle, ANY_DIRECTION)
-    # The wind comes from where the velocity points away from: atan2(−east, −north), clockwise from north.
+    # The direction from which the wind comes is opposite to the velocity: atan2(−east, −north), clockwise from north.
     north, east = velocity.T
     origin = np.degrees(np.arctan2(-east, -north))
-    # The remainder brings the difference to −180 … 180°.
+    # The remainder converts the difference to −180 … 180°.
     direction = near_direction + (origin - near_direction + 180) % 360 - 180
     return PolarWind(speed, direction, band_along, direction_half_width)
 
@@ -125,8 +125,8 @@ def _nearest_point(direction: float, points: Sequence[str]) -> str:
 
     Args:
         direction: degrees clockwise from north.
-        points: points at equal distances over the whole circle, clockwise from north.
+        points: names of points at equal angles over the whole circle, clockwise from north.
     """
-    distance = 360 / len(points)
-    # Rounding up beyond the last point gives the first again, which is north.
-    return points[round(direction / distance) % len(points)]
+    angle_between_points = 360 / len(points)
+    # Directions just below 360° are rounded to the first point, which is north.
+    return points[round(direction / angle_between_points) % len(points)]

@@ -182,14 +182,16 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
     The ten scaled parameters are four logarithms of drag coefficients, the lean along body x and y (specific force that
     no wind causes), and four logarithms of the sizes and times of gusts, changes of the mean wind, and noise.
 
-    Drag and wind can be told apart only in manoeuvres, and lean and wind only while the vehicle yaws. Without these the
-    likelihood would still seem to tell them, but only by the form of the model. So its information is reduced: on drag
-    by the squared share of the force that manoeuvres explain (``steered_fraction``), on lean by the share of turned
-    yaw. Each iteration expands the log likelihood, adds the prior, and takes one step. Steps may overshoot and then
-    diverge, so the parameters with the highest posterior of all iterations are the result. The prior of the mean force
-    (:func:`log_prior_of_force`) has a part in the steps only, and none in that posterior. A search that is still under
-    way after ``USUAL_ITERATIONS`` goes on: after fast manoeuvres it may lead far astray before it finds the drag. One
-    that repeats itself ends before (:func:`_has_settled`).
+    Drag and wind can be distinguished only in manoeuvres, and lean and wind only while the vehicle yaws. Without these
+    the likelihood would still depend on them, but only because of the form of the model. So its information is
+    multiplied by a factor below 1: for drag the squared share of the force that manoeuvres explain
+    (``steered_fraction``), for lean the share of turned yaw.
+
+    Each iteration expands the log likelihood, adds the prior, and makes one step. Steps may overshoot and then diverge,
+    so the result is the parameters with the highest posterior of all iterations. The prior of the mean force
+    (:func:`log_prior_of_force`) is used only for the steps, not in that posterior. A search that has not converged
+    after ``USUAL_ITERATIONS`` continues, since after fast manoeuvres it may move far away before it finds the drag. It
+    ends earlier if it repeats its values (:func:`_has_settled`).
 
     Args:
         grid: motion of the flight.
@@ -217,7 +219,8 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
         discount = np.eye(PARAMETER_COUNT) - information @ MODEL_ERROR @ np.linalg.solve(
             model_precision, MODEL_ERROR.T
         )
-        # A drag that makes an improbable wind of the mean force is less probable, however little is steered.
+        # A drag is less probable if the mean force would then mean an improbable wind. This holds without manoeuvres as
+        # well.
         speed_slope = expansion.speed_slope * (1 - steered_fraction)
         speed_pull = expansion.prior_gradient * (1 - steered_fraction)
         covariance = np.linalg.inv(
@@ -242,13 +245,13 @@ def identify_drag(grid: MotionGrid, drag: Drag) -> DragPosterior:
 
 
 def _has_settled(values: Sequence[float]) -> bool:
-    """Returns whether a search need not go on, by the log posteriors of its iterations so far, nats.
+    """Returns whether a search has converged, by the log posteriors of its iterations so far.
 
-    Steps that overshoot let it alternate at last between two points on either side of the maximum. Posteriors are then
-    compared with those of two iterations before.
+    It has if the log posterior changes little. As steps may overshoot, so that the search alternates between two points
+    on either side of the maximum, each log posterior is also compared with that of two iterations before.
 
     Args:
-        values: log posterior of each iteration.
+        values: log posterior of each iteration, nats.
     """
     if len(values) < 4:
         return False
@@ -264,12 +267,12 @@ def _has_settled(values: Sequence[float]) -> bool:
 def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
     """Expands the log likelihood of the wind filter to second order, for one step of Fisher scoring.
 
-    The derivatives are central differences. All 21 sets of scaled parameters, the given one and one on either side of
-    it for each of the ten parameters, run through the filter side by side.
+    The derivatives are central differences. There are 21 sets of scaled parameters: the given one, and one on either
+    side of it for each of the ten parameters. The filter processes all of them together.
 
     With innovations e and their covariance S, the Fisher information of two parameters is
-    Σ_t ∂eᵀ S⁻¹ ∂e + ½ tr(S⁻¹ ∂S S⁻¹ ∂S). The gradient by drag and lean is −Σ_t ∂eᵀ S⁻¹ e, with S held fixed and with
-    the weights of Student's t distribution, so that outliers count little.
+    Σ_t ∂eᵀ S⁻¹ ∂e + ½ tr(S⁻¹ ∂S S⁻¹ ∂S). The gradient by drag and lean is −Σ_t ∂eᵀ S⁻¹ e for constant S, with the
+    weights of Student's t distribution, which reduce the effect of outliers.
 
     Args:
         scaled_parameters: point of the expansion (10,).
@@ -306,8 +309,8 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
         "kti,ti->k", slopes[:DRAG_PARAMETERS], whitened_innovations
     )
 
-    # Sizes of gusts and noise show in the covariance of the innovations as well; for drag and lean that part is left
-    # out.
+    # The covariance of the innovations contains information on the sizes of gusts and noise as well; for drag and lean
+    # that part is left out.
     covariance_slopes = central_differences(covariances)
     relative_slopes = np.einsum("tij,ktjl->ktil", inverse, covariance_slopes)[DRAG_PARAMETERS:]
     information = np.einsum("kti,tij,ltj->kl", slopes, inverse, slopes)
@@ -325,11 +328,11 @@ def _expand(scaled_parameters: Array, grid: MotionGrid) -> _Expansion:
 
 
 def steered_share(grid: MotionGrid) -> float:
-    """Returns the share of the force's changes that is drag in manoeuvres, and so determines the drag coefficients.
+    """Returns the share of the force's changes that is drag by manoeuvres; only this part determines the drag.
 
-    In a manoeuvre the vehicle flies faster, and drag opposes its velocity: force and velocity change in opposite
-    directions. A gust pushes the vehicle along: both change in the same direction. So the share is the square of the
-    correlation between changes of force and velocity over ``STEERED_SECONDS`` if that is negative, and 0 otherwise.
+    In a manoeuvre, drag opposes the change of the velocity: force and velocity change in opposite directions. A gust
+    accelerates the vehicle: both change in the same direction. So the share is the square of the correlation between
+    changes of force and velocity over ``STEERED_SECONDS`` if that is negative, and 0 otherwise.
 
     Args:
         grid: motion of the flight.
@@ -343,8 +346,8 @@ def steered_share(grid: MotionGrid) -> float:
     both_complete = grid.complete[steps:] & grid.complete[:-steps]
     force_changes = (force[steps:] - force[:-steps])[both_complete].ravel()
     velocity_changes = (velocity[steps:] - velocity[:-steps])[both_complete].ravel()
-    # A difference of two velocities has twice the variance of the error of one. Errors count as changes that the force
-    # does not follow, so that a hover has a share of about 0.
+    # The error of a difference of two velocities has twice the variance of that of one velocity. It is added to the
+    # power of the changes, so that a hover, in which the velocity hardly changes, has a share of about 0.
     noise = 2 * VELOCITY_SD**2 * len(velocity_changes)
     force_power = force_changes @ force_changes
     velocity_power = velocity_changes @ velocity_changes + noise
@@ -363,9 +366,9 @@ def _turned_share(grid: MotionGrid) -> float:
 def filter_parameters(scaled_parameters: Array, grid: MotionGrid) -> Array:
     """Converts scaled parameters to those of :class:`AirflowFilter`.
 
-    The scaled parameters state gusts, and the change of the mean wind, by the acceleration that they cause (m/s²),
-    which a flight shows whatever the drag is. The filter needs the velocity (m/s). It is the acceleration divided by
-    the drag per speed, c + q |u|, at the mean air speed |u|.
+    In the scaled parameters, the sizes of gusts and of the change of the mean wind are accelerations, m/s², which a
+    flight shows independently of the drag. The filter needs them as velocities, m/s: the acceleration divided by the
+    drag per speed, c + q |u|, at the mean air speed |u|.
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters; sizes are logarithms.
@@ -391,9 +394,9 @@ def mean_air_speed(scaled_parameters: Array, grid: MotionGrid) -> Array:
 def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
     """Returns the log prior density (N,) of the mean force by N sets of scaled parameters, up to a constant.
 
-    Any speed u of the wind up to about ``SPEED_SCALE`` is as probable as another: its density is half-normal. The force
-    f = c u + q u² is what a flight shows, so its density counts: that of the speed times the derivative of the speed by
-    the force, 1 / (c + 2 q u). Without that factor a strong drag in a weak wind seems more probable than it is.
+    The prior density of the wind speed u is half-normal with the scale ``SPEED_SCALE``. A flight does not show the
+    speed but the force f = c u + q u². Its density is that of the speed times the derivative of the speed by the force,
+    1 / (c + 2 q u). Without that factor a strong drag in a weak wind would seem more probable than it is.
 
     Args:
         scaled_parameters: (N, 10) N sets of scaled parameters.
@@ -414,14 +417,14 @@ def sampled_winds(grid: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
 def independent_share(errors: Array) -> float:
     """Returns the ratio of effective to actual sample size of autocorrelated errors.
 
-    Errors that resemble the ones before contain less information than independent ones. They are modelled as
-    first-order autoregressions, for which the ratio is (1 − ρ) / (1 + ρ) with the lag-one autocorrelation ρ.
+    Autocorrelated errors contain less information than independent ones. They are modelled as first-order
+    autoregressions, for which the ratio is (1 − ρ) / (1 + ρ) with the lag-one autocorrelation ρ.
 
     Args:
-        errors: (T, k) k series of errors, in any unit; NaN where one is missing. ρ is common to all series.
+        errors: (T, k) k series of errors, in any unit; NaN where one is missing. One ρ is estimated for all series.
 
     Returns:
-        The ratio, above 0 and at most 1: a negative autocorrelation counts as 0.
+        The ratio, above 0 and at most 1, since a negative autocorrelation is replaced by 0.
     """
     centred_errors = np.nan_to_num(errors - np.nanmean(errors, axis=0))
     power = max((centred_errors**2).sum(), MIN_POWER)
@@ -439,21 +442,21 @@ def estimate_drag(
     """Estimates the vehicle's drag and lean in a known wind.
 
     The measured specific force is fitted by nonlinear least squares with the population's prior. The errors are
-    autocorrelated, so each counts for less than one. How much less depends on the errors, and these on the fit, so both
-    are repeated in turn.
+    autocorrelated, so each has a weight below 1. The weight depends on the errors, and these depend on the fit, so both
+    are computed alternately.
 
     Args:
-        time: stamps (T,), s, as :func:`mavdem.estimate_wind` takes them.
+        time: stamps (T,), s, ascending, as for :func:`mavdem.estimate_wind`.
         attitude: roll, pitch and yaw (T, 3), rad.
-        velocity: over ground, north, east and down (T, 3), m/s.
-        wind: velocity of the air, north and east (2,) or (T, 2), m/s; one that varies is averaged over 3 s.
+        velocity: velocity over ground, north, east and down (T, 3), m/s.
+        wind: velocity of the air, north and east (2,) or (T, 2), m/s; a wind that varies is averaged over 3 s.
 
     Returns:
         The drag, as a prior for other flights.
 
     Raises:
-        ValueError: arrays of other shapes, or a time that does not ascend.
-        NotLearnable: too short, or no free flight, as for :func:`mavdem.estimate_wind`.
+        ValueError: an array has another shape, or the time does not ascend.
+        NotLearnable: the flight is too short or not free, as for :func:`mavdem.estimate_wind`.
     """
     # Importing scipy.optimize takes half a second.
     from scipy.optimize import least_squares

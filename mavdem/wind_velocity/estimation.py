@@ -141,9 +141,10 @@ class WindVelocity(ImmutableResult):
 
     @property
     def may_be_lean(self) -> bool:
-        """Whether the speed is biased because a load or a misaligned autopilot may lean the vehicle as wind does.
+        """Whether part of the lean may be caused by a load or a misaligned autopilot instead of the wind.
 
-        A speed that is wide because of the drag alone is no such doubt: whatever the drag, the wind takes this lean.
+        Then the speed may be biased. A speed that is uncertain only because of the drag is no such doubt: the lean
+        against the wind is known whatever the drag is.
         """
         reason = self.reasons.get("speed")
         return reason is not None and not reason.figures["by_drag"] and not self.calm
@@ -171,7 +172,7 @@ class WindVelocity(ImmutableResult):
 
     @property
     def identified_figures(self) -> Self:
-        """This wind without the speeds that the flight does not identify: they are NaN, and courses are empty."""
+        """This wind without speeds that the flight does not identify: they are NaN, and time series are empty."""
         if self.speed_identifiable:
             return self
         empty_courses: Any = dict.fromkeys(COURSE_FIELDS, ())
@@ -244,26 +245,26 @@ def estimate_wind(
 
     Wind pushes a multirotor, which tilts against it; its drag relates the tilt to the air speed. The steps:
 
-    1. The motion is put on two even grids of time. On the coarse one the drag is identified, starting from its prior.
-    2. On the fine one the wind is smoothed once for each of N samples of drag and lean from their posterior. The lean
-       is specific force that no wind causes. The spread of the N winds is the error by uncertain drag and lean, and
-       the smoother's variance is that by noise.
+    1. The motion is resampled to two even grids of time. The drag is identified on the coarse one, with its prior.
+    2. On the fine one the wind is smoothed for each of N samples of drag and lean from their posterior. The lean is
+       specific force that no wind causes. The spread of the N winds is the error by uncertain drag and lean, and the
+       smoother's variance is the error by noise.
     3. From these follow the mean wind with its intervals, gusts, the wind by minute and by height.
     4. Figures that the flight does not determine well are marked as biased or not identifiable, with the reason.
 
     Args:
         time: stamps (T,), s, ascending; there may be gaps.
         attitude: roll, pitch and yaw (T, 3), rad, Z-Y-X; rows that are not finite are left out.
-        velocity: over ground, north, east and down (T, 3), m/s.
-        drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; the population's without one.
-        height: (T,) m, where the wind is wanted by height.
+        velocity: velocity over ground, north, east and down (T, 3), m/s.
+        drag: drag of the vehicle, from another flight or :func:`mavdem.estimate_drag`; None for that of the population.
+        height: height (T,), m, for the wind by height; None if it is not known.
 
     Returns:
         The wind with its intervals, gusts, course over time, and the drag.
 
     Raises:
-        ValueError: arrays of other shapes, a time that does not ascend, or a drag that is no ``Drag``.
-        NotLearnable: too short, or no free flight: held, carried, or a velocity that is not the vehicle's.
+        ValueError: an array has another shape, the time does not ascend, or the drag is not a ``Drag``.
+        NotLearnable: the flight is too short, the vehicle was held or carried, or the velocity is not the vehicle's.
     """
     samples = validated_motion(time, attitude, velocity)
     heights = np.zeros(len(time)) if height is None else np.asarray(height, np.float64)
@@ -291,10 +292,10 @@ def estimate_wind(
     flight_drag = Drag(
         posterior.mean[:DRAG_PARAMETERS], posterior.covariance[:DRAG_PARAMETERS, :DRAG_PARAMETERS]
     )
-    # Standard deviation of the drag at this air speed: relative to the drag, and to what it was before the flight.
+    # Standard deviation of the drag at this air speed, relative to the drag and to the deviation before the flight.
     drag_sd = flight_drag.relative_sd(air_speed)
     remaining_sd = drag_sd / prior.relative_sd(air_speed)
-    # A flight that hardly lowers it adds nothing: the drag is still known from where the prior was.
+    # If the flight hardly reduces it, the source of the drag is still that of the prior.
     source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
     flight_drag = replace(flight_drag, source=source)
     doubts = _doubts(whole_flight, drag_sd, remaining_sd, posterior.steered_share, prior.source)
@@ -336,16 +337,19 @@ def _largest_running_mean(values: Array, steps: int) -> Array:
 
 
 def _gust_interval(winds: Array, variances: Array, steps: int, gust: float) -> Interval:
-    """Returns the 90 % interval of the largest gust, m/s; the gust itself lies within it.
+    """Returns the 90 % interval of the largest gust.
 
-    Each posterior sample of drag and lean has a wind of its own, and so a largest gust. Noise is drawn at random; a
-    gust is too short for it to average out.
+    Each posterior sample of drag and lean has another wind, and so another largest gust. Random noise is added, since a
+    gust is too short for noise to average out.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
         variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         steps: steps over which a gust is averaged.
         gust: the largest gust of the mean of all samples, m/s.
+
+    Returns:
+        Lower and upper end, m/s, widened if they do not contain the gust itself.
     """
     gusts = _largest_running_mean(np.hypot(winds[..., 0], winds[..., 1]), steps)
     noise_sd = np.sqrt(variances.mean(axis=(0, 2)))
@@ -367,7 +371,8 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
 
     Returns:
         A dictionary for each part: mean ``speed`` with the ends ``low`` and ``high`` of its interval, m/s; the
-        ``direction`` that the wind comes from; and ``start`` and ``end``, the times of its first and last step, s.
+        ``direction`` that the wind comes from, degrees; and ``start`` and ``end``, the times of its first and last
+        step, s.
     """
     count = max(round(len(winds) * step / 60), 1)
     minutes = []
@@ -389,7 +394,8 @@ def _minutes(winds: Array, variances: Array, time: Array, step: float) -> list[d
 def _profile(winds: Array, variances: Array, heights: Array, step: float) -> list[dict[str, float]]:
     """Returns the mean wind by height, in layers of ``LAYER_HEIGHT``.
 
-    Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out: one gust would decide them.
+    Layers in which the vehicle was for less than ``INDEPENDENT_SECONDS`` are left out, since a single gust would
+    determine their mean.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
@@ -398,8 +404,8 @@ def _profile(winds: Array, variances: Array, heights: Array, step: float) -> lis
         step: time step, s.
 
     Returns:
-        A dictionary for each layer from below: ``height`` of its middle, m, mean ``speed``, m/s, and the ``direction``
-        that the wind comes from. Empty for a flight within one layer.
+        A dictionary for each layer, the lowest first: ``height`` of its middle, m, mean ``speed``, m/s, and the
+        ``direction`` that the wind comes from, degrees. Empty for a flight within one layer.
     """
     layer_of_step = np.floor(heights / LAYER_HEIGHT)
     layers = []
@@ -423,13 +429,17 @@ def _profile(winds: Array, variances: Array, heights: Array, step: float) -> lis
 def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     """Returns the mean wind over some steps, with intervals from samples of its posterior.
 
-    Errors of drag and lean are the same in all steps, so each posterior sample has its own mean. Errors by noise
-    average out; they are drawn at random.
+    Errors of drag and lean are the same in all steps: they show as the spread of the means of the posterior samples.
+    Errors by noise are independent after ``INDEPENDENT_SECONDS``, so that they average out partly. The rest of them is
+    drawn at random and added.
 
     Args:
         winds: N posterior samples of the wind velocity, north and east (T, N, 2), m/s.
         variances: variance of each about the truth, by noise (T, N, 2), (m/s)².
         step: time step, s.
+
+    Returns:
+        Speed with its interval, m/s, and direction with the half width of its interval, degrees.
     """
     means = winds.mean(axis=0)
     independent_steps = max(len(winds) * step / INDEPENDENT_SECONDS, 1.0)
@@ -440,13 +450,13 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     speeds = np.hypot(*samples.T)
     low, high = np.quantile(speeds, INTERVAL_QUANTILES).tolist()
 
-    # The speed is that along the mean direction: the mean of magnitudes would be too large in calm air.
+    # The speed is the median component along the mean direction: a mean of magnitudes would be too large in calm air.
     north, east = means.mean(axis=0)
     projected = np.median(means @ [north, east])
     speed = projected / max(np.hypot(north, east), MIN_SPEED)
     speed = max(speed, 0.0)
 
-    # As complex numbers, the quotient of two winds has the angle between them.
+    # The quotient of two winds as complex numbers has the angle between them.
     mean_wind = north + 1j * east
     if mean_wind == 0:
         mean_wind = 1.0
@@ -474,15 +484,18 @@ def _doubts(
 ) -> list[_Doubt]:
     """Returns the reasons why drag, speed or direction are not reported.
 
-    A figure is reported if its interval is narrow enough. Otherwise it is biased, which means that it is given with a
-    warning, or not identifiable, which means that the flight hardly tells it.
+    A figure is reported if its interval is narrow enough. Otherwise its status is biased, which means that it is given
+    with a warning, or not identifiable, which means that the flight hardly determines it.
 
     Args:
         mean: mean wind of the flight.
         drag_sd: relative standard deviation of the drag force at the air speed of the flight.
         remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
-        steered_share: share of the force's variance that manoeuvres explain, 0 to 1; the drag shows only in these.
+        steered_share: share of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
         prior_source: source of the prior of the drag.
+
+    Returns:
+        The figures that are not reported, each with its status and reason.
     """
     doubts = []
     drag_uncertain = drag_sd > REPORTED_DRAG_SD
@@ -517,7 +530,7 @@ def _doubts(
         interval = np.radians(mean.direction_half_width)
         reason = Fact(WindDoubt.DIRECTION_UNSURE, direction_interval=interval)
         if not lower_speed_bound(mean.low, mean.high):
-            # Still air has no direction, however the autopilot is mounted.
+            # If the wind may be calm, that is the reason, and not how the autopilot is mounted.
             reason = reason.replace(calm=True)
         doubts.append(_Doubt("direction", status, reason))
     return doubts

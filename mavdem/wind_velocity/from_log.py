@@ -45,15 +45,16 @@ from mavdem.wind_velocity.vehicle_drag import Drag, ParameterValue
 def _velocity_messages() -> dict[str, float]:
     """Returns the messages that have the velocity over ground, with their units.
 
-    They are the messages from which the climb rate is read too, but only those whose field is ``vz``: these also have
-    the horizontal velocity, as ``vx`` and ``vy``.
+    They are those of the messages with a climb rate whose field is ``vz``, since these also have the horizontal
+    velocity, as ``vx`` and ``vy``.
 
     Returns:
         By name of the message, the preferred one first: the factor that converts its velocity to m/s.
     """
     factors = {}
     for name, (field, climb_factor) in CLIMB_RATE_FIELDS.items():
-        # Climb is positive upwards, and the velocity's field vz downwards, so the factor of the climb is negative.
+        # The climb rate is positive upward, and the field vz positive downward, so that the factor of the climb rate is
+        # negative.
         if field == "vz":
             factors[name] = -climb_factor
     return factors
@@ -188,10 +189,13 @@ def wind(path: AnyPath, vehicle: str | None = None, drag: Drag | None = None) ->
 def wind_evidence(signals: Signals) -> WindEvidence:
     """Returns the evidence of the wind in the signals of a vehicle, or why there is no estimate.
 
-    Only a multirotor leans against the wind; of another vehicle only the autopilot's own estimate is known.
+    Only a multirotor leans against the wind; for another vehicle there is only the autopilot's own estimate.
 
     Args:
         signals: signals of the vehicle.
+
+    Returns:
+        Our estimate and that of the autopilot, and the reason if there is no estimate of ours.
     """
     kind = signals.telemetry.vehicle
     if kind not in POSSIBLE_MULTIROTORS:
@@ -215,10 +219,10 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         The wind, with the number of its boot.
 
     Raises:
-        NotLearnable: velocity, attitude or flight are missing, the vehicle is stuck, or its clock jumps.
+        NotLearnable: velocity, attitude or flight are missing, the vehicle is held, or its clock jumps.
     """
     telemetry = signals.telemetry
-    # The attitude at its own stamps: resampled, a reset of the yaw would be no jump.
+    # The attitude is used at its own stamps. In a resampled attitude a reset of the yaw would not be a jump.
     angles = []
     for axis in AXES:
         angle = attitude_from_messages(telemetry, axis)
@@ -248,7 +252,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
         )
     velocity_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if velocity_is_constant and _lacks_fix(telemetry):
-        # Another sensor of velocity may be set up, but it did not measure either.
+        # If another sensor of velocity is configured, it did not measure either.
         raise NotLearnable(NoWind.NO_POSITION_FIX, satellites=most_satellites(telemetry))
     _require_usable(motion, _longest_stuck(signals.position, boot, motion))
     if drag is None:
@@ -262,7 +266,7 @@ def wind_of_signals(signals: Signals, drag: Drag | None = None) -> WindVelocity:
 
 
 def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
-    """Returns the duration of settled flight in all boots, whether velocity and yaw were known in it or not.
+    """Returns the duration of settled flight in all boots, including parts in which velocity or yaw is not known.
 
     Args:
         signals: signals of the vehicle.
@@ -281,15 +285,16 @@ def _settled_seconds(signals: Signals, ground_motion: TimeSeries) -> float:
 
 
 def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) -> None:
-    """Checks that a sensor measured velocity or position: without one, the estimator's velocity means nothing.
+    """Checks that a sensor measured velocity or position, without which the estimator's velocity means nothing.
 
     Args:
         telemetry: messages of the vehicle.
         ground_motion: velocity and height, as :func:`_ground_motion` returns them.
 
     Raises:
-        NotLearnable: no sensor did at any time of the recorded velocity; or the log has no velocity, and receivers
-            that never had a fix explain it. A log without velocity for another reason passes: the caller reports it.
+        NotLearnable: no sensor measured at any time at which a velocity was recorded; or the log has no velocity
+            because receivers never had a fix. For a log without velocity for another reason nothing is raised, since
+            the caller reports that.
     """
     boots = np.unique(ground_motion.boot).tolist()
     for boot in boots:
@@ -301,7 +306,11 @@ def _require_position_source(telemetry: Telemetry, ground_motion: TimeSeries) ->
 
 
 def _lacks_fix(telemetry: Telemetry) -> bool:
-    """Returns whether satellite receivers were recorded, and none ever had a fix."""
+    """Returns whether satellite receivers were recorded, and none ever had a fix.
+
+    Args:
+        telemetry: messages of the vehicle.
+    """
     receivers = [
         telemetry.messages[name]
         for name in RECEIVER_MESSAGES
@@ -311,20 +320,20 @@ def _lacks_fix(telemetry: Telemetry) -> bool:
 
 
 def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
-    """Checks that the vehicle was free, its clock runs evenly, and yaw and velocity were measured.
+    """Checks that the vehicle was free, its clock did not jump, and yaw and velocity were measured.
 
     Args:
         motion: motion of the flight.
         stuck_seconds: longest time for which the vehicle was stuck, s.
 
     Raises:
-        NotLearnable: one of these is not so.
+        NotLearnable: one of these conditions fails.
     """
     if stuck_seconds >= STUCK_SECONDS:
         raise NotLearnable(NoWind.STUCK, duration=stuck_seconds, lean=STUCK_LEAN)
     if np.ptp(motion.time) > MAX_FLIGHT_SECONDS:
         raise NotLearnable(NoWind.CLOCK_JUMPS)
-    # A figure that never changes is not measured.
+    # A value that never changes was not measured.
     yaw_is_constant = np.ptp(motion.attitude[:, YAW]) == 0
     north_is_constant = np.ptp(motion.velocity[:, NORTH]) == 0
     if yaw_is_constant:
@@ -336,7 +345,7 @@ def _require_usable(motion: _FlightMotion, stuck_seconds: float) -> None:
 def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
     """Returns the velocity over ground and the height, from the preferred message that was recorded.
 
-    The position, where the message has it, shows resets of the estimator, and a vehicle that is stuck.
+    The position, if the message has it, is used to detect resets of the estimator, and a vehicle that is stuck.
 
     Args:
         telemetry: messages of the vehicle.
@@ -368,10 +377,10 @@ def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
 def _free_flight(
     signals: Signals, angles: Sequence[Attitude], ground_motion: TimeSeries, boot: int
 ) -> _FlightMotion | None:
-    """Returns the motion in the flight of one boot where the estimator knows it, at the stamps of the yaw.
+    """Returns the motion in the flight of one boot, while the estimator knows it, at the stamps of the yaw.
 
-    Left out are gaps of the velocity, resets of velocity or position, all before the last reset of the yaw in flight,
-    and where the estimator's flags say that it does not know the velocity.
+    Left out are gaps of the velocity, resets of velocity or position, everything before the last reset of the yaw in
+    flight, and times at which the estimator's flags say that it does not know the velocity.
 
     Args:
         signals: signals of the vehicle.
@@ -424,26 +433,29 @@ def _free_flight(
 
 
 def _motion_resets(time: Array, values: Array) -> Flags:
-    """Returns after which samples velocity or position of the estimator were reset (N − 1,).
+    """Finds the resets of the estimator's velocity and position.
 
     Args:
         time: stamps (N,), s.
         values: velocity, height and perhaps position (N, 4 or 6), as :func:`_ground_motion` returns them.
+
+    Returns:
+        Whether there is a reset between each two successive samples (N − 1,).
     """
     north_and_east = values[:, HORIZONTAL].T
     resets = _resets(time, north_and_east[0], VELOCITY_RESET)
     resets |= _resets(time, north_and_east[1], VELOCITY_RESET)
-    # The position may be missing.
+    # The columns after the height are the position north and east, which may be missing.
     for position, speed in zip(values[:, HEIGHT + 1 :].T, north_and_east, strict=False):
         resets |= is_position_reset(np.diff(position), speed[:-1], speed[1:], np.diff(time))
     return resets
 
 
 def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> Flags:
-    """Returns whether the autopilot's state estimator has a valid horizontal velocity, at some times of a boot.
+    """Returns at which times the autopilot's state estimator has a valid horizontal velocity.
 
-    Without a position source, an estimator reports a meaningless velocity, and says so in its flags. If a log has no
-    flags, the velocity counts as valid.
+    Without a position source, an estimator reports a meaningless velocity, and marks it as invalid by its flags. If a
+    log has no flags, the velocity counts as valid.
 
     Args:
         telemetry: messages of the vehicle.
@@ -451,7 +463,7 @@ def _estimator_knows_velocity(telemetry: Telemetry, boot: int, time: Array) -> F
         time: (N,) times in that boot, s.
 
     Returns:
-        (N,) flags; false also between two messages of which either says that the velocity is invalid.
+        (N,) flags; also false between two messages if one of them marks the velocity as invalid.
     """
     is_known = np.ones(len(time), np.bool_)
     for name in ESTIMATOR_FLAG_MESSAGES:
@@ -476,8 +488,8 @@ def horizontal_velocity_valid(flags: Any) -> Any:
 def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion) -> float:
     """Returns the longest time for which the vehicle leaned far and did not move.
 
-    A free vehicle that leans accelerates. A vehicle that does not is held by something, so its lean shows nothing of
-    the wind.
+    A free vehicle that leans far accelerates. If it does not, something holds it, so that its lean does not show the
+    wind.
 
     Args:
         position: (N, k) position of the vehicle, m; None if it is not known, and then 0 is returned.
@@ -506,13 +518,17 @@ def _longest_stuck(position: TimeSeries | None, boot: int, motion: _FlightMotion
 def _flights(signals: Signals, boot: int, time: Array, height: Array) -> intervals.Intervals:
     """Returns the intervals of settled flight in a boot.
 
-    If neither motors nor landed state were recorded, it is flight while armed and above the ground.
+    If neither motors nor landed state were recorded, the vehicle counts as flying while it is armed and more than
+    ``MIN_FLIGHT_HEIGHT`` above its lowest height.
 
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
         time: stamps of the heights (N,), s.
         height: (N,) m.
+
+    Returns:
+        Intervals, s since boot, without take-off and landing.
     """
     if signals.collective is not None or signals.landed_state is not None:
         return phases.settled_intervals(signals, boot)
@@ -530,16 +546,16 @@ def _flights(signals: Signals, boot: int, time: Array, height: Array) -> interva
 def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]:
     """Returns the parameters of the autopilot's own drag model that should be set to make its wind estimate better.
 
-    There are none for the population's drag, which is not that of this vehicle, and none whose interval is so wide that
-    the autopilot's own value may be as good. A DataFlash log has all parameters of
-    the firmware, so those that it does not have are left out: the firmware does not know them.
+    A parameter is left out if its interval is so wide that the autopilot's own value may be as good, and if a DataFlash
+    log, which has all parameters of the firmware, does not contain it. There are none for the drag of the population,
+    which is not that of this vehicle.
 
     Args:
         drag: drag of the vehicle.
         telemetry: log of the vehicle, with its autopilot and parameters.
 
     Returns:
-        Value with its 90 % interval by name of the parameter; empty if the autopilot has no drag model.
+        Value with its 90 % interval by name of the parameter; empty if none should be set.
     """
     if drag.source is DragSource.POPULATION:
         return {}
@@ -554,13 +570,18 @@ def drag_settings(drag: Drag, telemetry: Telemetry) -> dict[str, ParameterValue]
 
 
 def is_position_reset(change: Any, speed_before: Any, speed_after: Any, dt: Any) -> Any:
-    """Returns whether a position changed by more than its velocity covers; all arguments have one shape.
+    """Returns whether a coordinate of the position changed by more than its velocity explains.
+
+    All arguments are numbers, or arrays of the same shape.
 
     Args:
-        change: change of the position, m.
-        speed_before: speed at its beginning, m/s.
-        speed_after: speed at its end, m/s.
-        dt: time that it took, s.
+        change: change of the coordinate, m.
+        speed_before: its velocity before the change, m/s.
+        speed_after: its velocity after the change, m/s.
+        dt: duration of the change, s.
+
+    Returns:
+        A flag, or an array of flags.
     """
     covered_distance = (speed_before + speed_after) * dt / 2
     return abs(change - covered_distance) > POSITION_RESET.offset + POSITION_RESET.rate * dt
@@ -573,10 +594,10 @@ def _resets(time: Array, values: Array, limit: ResetLimit, period: float = np.in
         time: stamps (N,), s.
         values: (N,) in the unit of the limit.
         limit: largest change that is no reset.
-        period: period of values that are angles; the shorter way round counts as their change.
+        period: period of values that are angles, of which the smaller change modulo the period is used.
 
     Returns:
-        For each two neighbouring samples (N − 1,), whether there is a reset between them.
+        Whether there is a reset between each two successive samples (N − 1,).
     """
     changes = abs(np.diff(values)) % period
     shortest_changes = np.minimum(changes, period - changes)

@@ -101,10 +101,10 @@ class MotionGrid(NamedTuple):
         return np.asarray(np.einsum("tij,ti->tj", self.body_axes, self.force))
 
     def select(self, rows: Flags | slice) -> MotionGrid:
-        """Returns only some of the steps; the time step stays the same, so that there may be gaps.
+        """Returns the motion in some of the steps, with the same time step, so that there may be gaps.
 
         Args:
-            rows: flags (T,), or a slice, of the steps to keep.
+            rows: flags (T,), or a slice, of the steps to select.
         """
         return MotionGrid(
             self.time[rows],
@@ -171,7 +171,7 @@ class _Bins:
         Returns:
             Means (k, count − 1); NaN where both steps have no sample.
         """
-        # The row of ones becomes the sum of the weights, which the other rows are divided by.
+        # The first row, of ones, is summed to the weights by which the other rows are divided.
         values_and_ones = np.vstack([np.ones(len(self.index)), values])
         sums = self._sums(values_and_ones)
         rising = self._sums(self.fraction * values_and_ones)
@@ -191,6 +191,10 @@ def _bins(time: Array, step: float) -> _Bins:
     Args:
         time: stamps of the samples (N,), s, ascending.
         step: time step of the grid, s.
+
+    Returns:
+        For each sample the index of its step and its position in it, 0 to 1; the number of steps; and the start of the
+        grid, s.
     """
     # The grid begins half a sampling interval before the first sample, so that this sample is not at an edge.
     start = float(time[0] - np.median(np.diff(time)) / 2)
@@ -207,22 +211,23 @@ def motion_grid(
     step: float,
     wind: Array | None = None,
 ) -> MotionGrid:
-    """Puts the motion of a flight on an even grid, with the specific force that is not thrust or gravity.
+    """Resamples the motion of a flight to an even grid, and computes the specific force that is not thrust or gravity.
 
-    The thrust of a multirotor acts along body z. What accelerates the vehicle across it is drag and lean. All
-    quantities are means over two steps with triangular weights. The mean acceleration with these weights is the
-    difference between the mean velocities of the two steps, so manoeuvres do not look like drag.
+    The thrust of a multirotor acts along body z. Drag and lean accelerate the vehicle across body z. All quantities are
+    means over two steps with triangular weights. The mean acceleration with these weights is the difference between the
+    mean velocities of the two steps, so manoeuvres do not look like drag.
 
     Args:
         time: stamps of the samples (N,), s, ascending.
         attitude: roll, pitch and yaw (N, 3), rad.
-        velocity: over ground, north, east and down (N, 3), m/s.
+        velocity: velocity over ground, north, east and down (N, 3), m/s.
         step: time step of the grid, s.
-        wind: velocity of the air, north and east (N, 2), m/s; it is subtracted from the velocity where it is known.
+        wind: velocity of the air, north and east (N, 2), m/s, which is subtracted from the velocity; None if it is not
+            known.
 
     Returns:
         The motion at the boundaries between adjacent steps, each a mean over the step before and the step after it.
-        Those far from any with samples are left out.
+        Boundaries that are far from all steps with samples are left out.
     """
     body_x, body_y, body_z = _body_axes(attitude)
     # North and east components of body z per down component, (2, N): the tangent of the tilt.
@@ -239,14 +244,14 @@ def motion_grid(
         if wind is not None:
             mean_velocity[:, HORIZONTAL] -= bins.triangular_means(wind.T).T
 
-    # The down component of the thrust per mass is the downward acceleration less gravity; times the tilt, it gives the
-    # north and east components. What accelerates the vehicle beyond these, (T, 2), is projected on body x and y.
+    # The down component of the thrust per mass is the downward acceleration minus gravity; its product with the tilt is
+    # the north and east components. The acceleration minus these, (T, 2), is projected on body x and y.
     level_force = acceleration[:, HORIZONTAL] + (GRAVITY - acceleration[:, [DOWN]]) * mean_tilt
     # Letters of einsum: time t, axis i of the body, north or east j.
     force = np.einsum("tij,tj->ti", body_axes[:, :, :2], level_force)
-    # A force beyond the limit comes from wrong data, such as a jump of the velocity, and is left out.
+    # A force beyond the limit is due to wrong data, such as a jump of the velocity, and is left out.
     force[~(abs(force) < MAX_SPECIFIC_FORCE).all(axis=1)] = np.nan
-    # Attitude that lags behind the velocity while the tilt changes looks like a force, and so does a wrong scale.
+    # If the attitude lags behind the velocity while the tilt changes, or its scale is wrong, this looks like a force.
     timing_error = ATTITUDE_LAG * GRAVITY * tilt_rate
     scale_error = SCALE_ERROR * acceleration[:, HORIZONTAL]
     force_error = np.sqrt((timing_error**2 + scale_error**2).sum(axis=1))
@@ -265,7 +270,8 @@ def motion_grid(
 def _body_axes(attitude: Array) -> Array:
     """Returns the directions of the body axes in north, east and down, the columns of the rotation matrix R_z R_y R_x.
 
-    ``scipy.spatial.transform.Rotation`` gives the same, but takes a tenth of a second and 10 MB to import.
+    It is computed here, because the import of ``scipy.spatial.transform.Rotation``, which returns the same, takes a
+    tenth of a second and 10 MB.
 
     Args:
         attitude: roll, pitch and yaw (N, 3), rad.
@@ -293,7 +299,7 @@ def _body_axes(attitude: Array) -> Array:
 
 
 def _near_complete_steps(grid: MotionGrid) -> Flags:
-    """Returns flags of the steps that are no farther than ``MAX_BRIDGED_SECONDS`` from one that is complete.
+    """Finds the steps that are at most ``MAX_BRIDGED_SECONDS`` away from a complete step.
 
     Args:
         grid: motion of the vehicle on an even grid of times, with gaps.
@@ -301,8 +307,8 @@ def _near_complete_steps(grid: MotionGrid) -> Flags:
     Returns:
         Flags (T,).
     """
-    # The convolution with ones counts the complete steps within the reach of each step. The False added at the end
-    # keeps the list from being empty.
+    # The convolution with ones counts the complete steps within the reach of each step. The appended False is for
+    # grids without steps, since an empty list cannot be convolved.
     reach = int(MAX_BRIDGED_SECONDS / grid.step)
     complete = [*grid.complete, False]
     neighbours = np.convolve(complete, np.ones(2 * reach + 1))
@@ -315,7 +321,9 @@ def flight_grid(
     max_steps: int = MAX_STEPS,
     wind: Array | None = None,
 ) -> MotionGrid:
-    """Puts a whole flight on an even time grid, with longer steps if samples are slower or the flight is long.
+    """Averages the motion of a whole flight over the steps of an even time grid.
+
+    Steps are longer than ``step`` if samples are slower, or if the flight is so long that it would have too many.
 
     Args:
         samples: samples of the flight's motion.
@@ -346,11 +354,12 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
         velocity: (T, 3) velocity over ground, north, east and down, m/s.
 
     Returns:
-        The finite samples, with flags (T,) of which these are.
+        The finite samples, with flags (T,) that mark them among all.
 
     Raises:
-        ValueError: other shapes, stamps that do not ascend or span more than a day, or an attitude in degrees.
-        NotLearnable: too few finite samples, or a velocity that does not follow the tilt.
+        ValueError: arguments have other shapes, stamps do not ascend or span too long for one flight, or the attitude
+            seems to be in degrees.
+        NotLearnable: there are too few finite samples, or the velocity does not follow the tilt.
     """
     stamps = as_real_array(time, "time")
     angles = as_real_array(attitude, "attitude")
@@ -377,15 +386,16 @@ def validated_motion(time: Array, attitude: Array, velocity: Array) -> MotionSam
 
 
 def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
-    """Checks that the velocity belongs to a vehicle that flies freely, by comparing it with the tilt.
+    """Checks by comparing it with the tilt that the velocity is that of a vehicle in free flight.
 
-    A multirotor accelerates by about g times its tilt. So the slope of the changes of its acceleration by those of tilt
-    times g is about 1 in free flight, and about 0 if the vehicle is carried or held. Slow samples miss some of the
-    tilt, which would flatten the slope. So the changes are taken twice, from the samples with even and with odd
-    numbers, and each is the instrumental variable of the other: what only one of them shows does not count.
+    A multirotor accelerates by about g times its tilt. So the changes of its acceleration are regressed on those of g
+    times the tilt. The slope is about 1 in free flight, and about 0 if the vehicle is carried or held. At a low
+    sampling rate the changes of the tilt have errors, which would reduce the slope. So they are computed twice, from
+    the samples with even and with odd numbers, and each is the instrumental variable of the other, so that errors of
+    only one of them do not bias the slope.
 
-    Nothing is checked if the result would not be reliable: samples are slow, few, or the tilt hardly changes. A slope
-    is too small only where the difference is significant.
+    Nothing is checked if the result would not be reliable: if samples are slow or few, or if the tilt hardly changes. A
+    slope is too small only if the difference is significant.
 
     Args:
         samples: samples of the flight's motion.
@@ -416,13 +426,14 @@ def _require_velocity_follows_tilt(samples: MotionSamples) -> None:
     even, odd, measured_acceleration = (
         changes[:, is_complete] for changes in (even, odd, measured_acceleration)
     )
-    # Per step, the sums of both axes: of the squared change of the tilt, and of its product with the acceleration's.
+    # Sums over both axes for each step: of the squared change of the tilt, and of the product of the changes of tilt
+    # and acceleration.
     squares = 2 * (even * odd).sum(axis=0)
     products = ((even + odd) * measured_acceleration).sum(axis=0)
     if squares.sum() <= 2 * even.size * MIN_TILT_CHANGE**2:
         return
     slope = products.sum() / squares.sum()
-    # Adjacent changes share samples, changes of different blocks hardly any.
+    # Adjacent changes share samples, but changes of different blocks hardly share any.
     starts = np.arange(0, len(squares), INDEPENDENT_STEPS)
     residuals = np.add.reduceat(products - slope * squares, starts)
     standard_error = np.sqrt((residuals**2).sum()) / squares.sum()

@@ -22,10 +22,10 @@ MEANS_PER_FOLD_BLOCK = 5
 def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact:
     """Estimates the share of a wind torque's variance that the mean wind explains.
 
-    Air that flows past a vehicle turns it, about in proportion to the velocity along its body. So the torque, averaged
-    over 3 s, is regressed on the velocity relative to the mean wind along body x and y. Any regression explains part of
-    the data that it was fitted to. So the share is found by two-fold cross-validation: every second quarter of a minute
-    is predicted from the others.
+    Air that flows past a vehicle causes a torque about proportional to its velocity along the body. So the torque,
+    averaged over 3 s, is regressed on the velocity relative to the mean wind along body x and y. As any regression
+    explains part of the data that it was fitted to, the share is determined by two-fold cross-validation: every second
+    quarter of a minute is predicted by a regression over the others.
 
     Args:
         wind: wind of the flight.
@@ -35,6 +35,7 @@ def torque_share_of_wind(wind: WindVelocity, time: Array, torque: Array) -> Fact
     Returns:
         A fact with the ``share``, at least 0; it is ``None`` if the velocity relative to the air hardly changes.
     """
+    # Means over intervals of GUST_SECONDS, first of the torque and then of the velocity components.
     interval = np.floor(time / GUST_SECONDS)
     interval_numbers, interval_of_sample = np.unique(interval, return_inverse=True)
     finite = np.isfinite(wind.along).all(axis=1)

@@ -162,13 +162,13 @@ class Drag(ImmutableResult):
     def from_parameters(
         cls, autopilot: str = "", parameters: Mapping[str, float] = MappingProxyType({})
     ) -> Drag:
-        """Returns a first estimate of a vehicle's drag: that of typical multirotors, or what its autopilot is set to.
+        """Returns a first estimate of a vehicle's drag, from typical multirotors and the autopilot's parameters.
 
         The state estimators of both autopilots have a drag model, with parameters for linear drag (the momentum drag
         coefficient, 1/s) and for quadratic drag (a ballistic coefficient along body x and y, kg/m²). Coefficients that
-        somebody set there replace the typical ones of ``POPULATION_MEAN``, with the smaller standard deviation
-        ``CONFIGURED_SD``. Factory values, and values so small that they switch a part of that model off, say
-        nothing of this vehicle, and are ignored.
+        have been set there replace the typical ones of ``POPULATION_MEAN``, with the smaller standard deviation
+        ``CONFIGURED_SD``. Factory values, and values so small that they disable a part of that model, contain no
+        information on this vehicle, and are ignored.
 
         Args:
             autopilot: "ARDUPILOTMEGA" or "PX4"; of others no parameters are known.
@@ -194,8 +194,8 @@ class Drag(ImmutableResult):
             sd[LOG_LINEAR] = CONFIGURED_SD
             source = DragSource.PARAMETERS
         if ballistic_x > MIN_BALLISTIC_COEFFICIENT and ballistic_y > MIN_BALLISTIC_COEFFICIENT:
-            # Quadratic drag is half of the air density over the ballistic coefficient. So the geometric mean of both
-            # axes needs that of the coefficients, and the ratio of y to x is the inverse of theirs.
+            # Quadratic drag is half of the air density divided by the ballistic coefficient. So its geometric mean over
+            # both axes follows from that of the coefficients, and its ratio of y to x is the inverse of their ratio.
             quadratic = HALF_AIR_DENSITY / np.sqrt(ballistic_x * ballistic_y)
             ratio = ballistic_x / ballistic_y
             logarithms[[LOG_QUADRATIC, LOG_QUADRATIC_RATIO]] = np.log([quadratic, ratio])
@@ -207,7 +207,7 @@ class Drag(ImmutableResult):
 
     @classmethod
     def validated_or_population(cls, drag: Drag | None) -> Drag:
-        """Checks a drag that a caller has given, and replaces ``None`` by the drag of the population.
+        """Checks a drag that a caller has passed, and replaces None by the drag of the population.
 
         Args:
             drag: drag of the vehicle, as of an earlier flight; ``None`` if it is not known.
@@ -242,9 +242,9 @@ class Drag(ImmutableResult):
     def interval(self, name: str) -> Array:
         """Returns the 90 % interval of a coefficient along body x and y.
 
-        The logarithm of the coefficient of an axis is normal: the logarithm of the mean of both axes minus (x) or plus
-        (y) half of the log ratio of y to x. It is linear in :attr:`mean`, so its variance follows from the covariance.
-        The ends of its interval, exponentiated, are those of the coefficient.
+        The logarithm of the coefficient of an axis has a normal distribution: it is the logarithm of the mean of both
+        axes minus (x) or plus (y) half of the log ratio of y to x. As it is linear in :attr:`mean`, its variance
+        follows from the covariance. The ends of its interval, exponentiated, are those of the coefficient.
 
         Args:
             name: "linear" (1/s) or "quadratic" (1/m).
@@ -266,14 +266,14 @@ class Drag(ImmutableResult):
     def relative_sd(self, speed: float) -> float:
         """Returns the relative standard deviation of the drag force at an air speed in m/s, to first order.
 
-        The force per mass and speed is c + q · speed, whose derivatives by ln c and ln q are the two parts c and
-        q · speed. Differences between body x and y are left out.
+        The force per mass and speed is c + q · speed, whose derivatives by ln c and ln q are the two terms c and
+        q · speed. Differences between body x and y are neglected.
 
         Args:
             speed: air speed, m/s.
         """
-        parts = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
-        return float(np.sqrt(parts @ self.covariance[:2, :2] @ parts) / parts.sum())
+        terms = np.exp(self.mean[[LOG_LINEAR, LOG_QUADRATIC]]) * [1.0, speed]
+        return float(np.sqrt(terms @ self.covariance[:2, :2] @ terms) / terms.sum())
 
     def autopilot_parameters(self, autopilot: str) -> dict[str, ParameterValue]:
         """Converts the drag to the parameters of the drag model in an autopilot's state estimator.
@@ -294,7 +294,7 @@ class Drag(ImmutableResult):
         low, high = self.interval("linear").mean(axis=1).tolist()
         momentum = float(np.exp(self.mean[LOG_LINEAR]))
         values = {momentum_name: ParameterValue(momentum, low, high)}
-        # A ballistic coefficient is inverse to the drag, so the ends of the interval change places.
+        # A ballistic coefficient is inverse to the drag, so that the ends of the interval are exchanged.
         quadratic_low, quadratic_high = self.interval("quadratic")
         ballistic = HALF_AIR_DENSITY / np.array([self.quadratic, quadratic_high, quadratic_low])
         for axis, coefficients in zip("XY", ballistic.T.tolist(), strict=True):
@@ -302,11 +302,11 @@ class Drag(ImmutableResult):
         return values
 
     def for_next_flight(self) -> Drag:
-        """Returns the prior of another flight of the vehicle.
+        """Returns the prior for another flight of the vehicle.
 
-        The drag coefficients stay as they are. The lean has a part that stays, as by an offset load, and a part that
-        changes from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean shrinks to the
-        share a of the variance that stays, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
+        The drag coefficients are the same. The lean has a constant part, as by an offset load, and a part that changes
+        from flight to flight, as by the accelerometers' bias (``LEAN_CHANGE_SD``). So its mean is multiplied by the
+        constant share a of the variance, and its variance P becomes a² P + (1 − a²) times the square of ``LEAN_SD``.
         This is a step of a first-order autoregression whose stationary variance is that of the population.
         """
         constant_share = 1 - (LEAN_CHANGE_SD / LEAN_SD) ** 2
@@ -319,7 +319,7 @@ class Drag(ImmutableResult):
         )
 
     def as_dict(self) -> JsonValues:
-        """Returns plain JSON values, from which :meth:`from_dict` makes the drag again.
+        """Returns plain JSON values, from which :meth:`from_dict` restores the drag.
 
         ``mean`` and ``covariance`` are those of the logarithms of the coefficients and of the lean; with ``source``
         they define the drag. The others are for readers: ``linear`` (1/s) and ``quadratic`` (1/m) are medians along
@@ -357,8 +357,8 @@ class Drag(ImmutableResult):
     def validated(self) -> Drag:
         """Checks that a vehicle can have this drag, and returns it unchanged.
 
-        A logarithm that is more than ``MAX_DEVIATION`` from that of typical vehicles, and a lean that is, come from
-        mistakes in units or in a file.
+        Logarithms of coefficients, and a lean, that differ from those of typical vehicles by more than
+        ``MAX_DEVIATION`` are caused by mistakes in units or in a file.
 
         Returns:
             This drag itself.

@@ -141,7 +141,7 @@ def maximise_free_energy(
         numpy.linalg.LinAlgError: a curvature at the prior means is not negative definite.
     """
     iterates, converged = run_rounds(initial_iterate(model, samples), iterations)
-    # What each iterate holds is collected by quantity, one row for each iteration.
+    # The quantities of all iterates are stacked, one row for each iteration.
     posteriors = [iterate.posterior for iterate in iterates]
     terms = {
         name: np.array([iterate.terms[name] for iterate in iterates]) for name in iterates[0].terms
@@ -185,11 +185,11 @@ def initial_iterate(
     Args:
         model: the generative model.
         samples: statistics of the generalized data.
-        theta: (k,) θ to start from; its prior mean unless given. λ starts from its prior mean.
-        lambda_covariance: (g, g) covariance of λ in the first D step; the prior's unless given.
+        theta: (k,) θ to start from; None for its prior mean. λ starts from its prior mean.
+        lambda_covariance: (g, g) covariance of λ in the first D step; None for the prior's.
 
     Returns:
-        The states that belong to this θ and λ, with optimal covariances, and the free energy F̄ᵒ of all.
+        This θ and λ with the states that are optimal for them, optimal covariances, and the free energy F̄ᵒ.
 
     Raises:
         numpy.linalg.LinAlgError: a curvature at the start is not negative definite.
@@ -208,7 +208,7 @@ def initial_iterate(
         # The first D step estimates the states, and does not use their covariance.
         state_covariance=np.empty(0),
         theta=theta,
-        # The first D step takes θ as certain: the mean-field term of a weak prior would shrink the states to zero.
+        # The first D step treats θ as exact: the mean-field term of a weak prior would shrink the states to zero.
         theta_covariance=np.zeros_like(prior.theta_precision),
         lambda_=prior.lambda_mean,
         lambda_covariance=lambda_covariance,
@@ -219,18 +219,18 @@ def initial_iterate(
 def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
     """Runs rounds of D, E and M steps until F̄ converges.
 
-    If the states and θ are strongly coupled, plain rounds converge slowly. So a round starts from θ and λ that are
-    extrapolated along their last change, ever further as long as F̄ᵒ increases; a round that gains nothing is
-    discarded, and the next one starts without extrapolation (Salakhutdinov and Roweis, "Adaptive overrelaxed bound
-    optimization methods", ICML 2003).
+    If the states and θ are strongly coupled, plain rounds converge slowly. So each round starts from θ and λ that are
+    extrapolated along their last change, and the extrapolation grows as long as F̄ᵒ increases. A round that does not
+    increase F̄ᵒ is discarded, and the next one starts without extrapolation (Salakhutdinov and Roweis, "Adaptive
+    overrelaxed bound optimization methods", ICML 2003).
 
     Args:
         start: the first iterate.
         iterations: largest number of iterates after it.
 
     Returns:
-        The iterates, ``start`` first, and whether F̄ has converged: a round without extrapolation gained less than
-        ``CONVERGED_ROUND_NATS``.
+        The iterates, ``start`` first, and whether F̄ has converged: a round without extrapolation increased it by less
+        than ``CONVERGED_ROUND_NATS``.
     """
     iterates = [start]
     extrapolation = 0.0
@@ -252,23 +252,23 @@ def run_rounds(start: Iterate, iterations: int) -> tuple[list[Iterate], bool]:
             # The extrapolation went too far. The candidate is discarded, and a plain round follows.
             extrapolation = 0.0
         else:
-            # Even a plain round hardly gains.
+            # Even a round without extrapolation hardly increases F̄ᵒ.
             iterates.append(candidate)
             return iterates, True
     return iterates, False
 
 
 def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
-    """Fits the noise precisions and the states to parameters that another method has estimated.
+    """Estimates the noise precisions and the states for parameters that another method has estimated.
 
-    D and M steps are taken in turn, with θ held, for ``ROUNDS_AT_FIXED_THETA`` rounds.
+    D and M steps alternate with fixed θ for ``ROUNDS_AT_FIXED_THETA`` rounds.
 
     Args:
         theta: (k,) the parameters.
         posterior: posterior whose λ and covariances the iteration starts from.
 
     Returns:
-        The posterior with θ as given, and with λ, the states and all covariances that belong to it.
+        The posterior with the given θ, and with the λ, states and covariances that are optimal for it.
     """
     posterior = _after_d_step(posterior._replace(theta=theta))
     for _ in range(ROUNDS_AT_FIXED_THETA):
@@ -279,12 +279,15 @@ def condition_on_theta(theta: Array, posterior: Posterior) -> Posterior:
 
 
 def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
-    """Returns the iterate of given parameters and noise precisions: their states, and optimal covariances.
+    """Returns the iterate of given parameters and noise precisions, with the states that are optimal for them.
 
     Args:
         theta: (k,) parameters.
         lambda_: (g,) log noise precisions.
-        posterior: a posterior near by, whose covariances the D step uses.
+        posterior: posterior of similar parameters, whose covariances are used in the D step.
+
+    Returns:
+        The iterate, with optimal covariances and its free energy F̄ᵒ.
 
     Raises:
         numpy.linalg.LinAlgError: a curvature is not negative definite, or a noise precision vanishes or diverges.
@@ -296,9 +299,9 @@ def iterate_at(theta: Array, lambda_: Array, posterior: Posterior) -> Iterate:
 def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
     """Performs one round of D, E and M steps, and rejects its result if the free energy F̄ᵒ has decreased.
 
-    From the current posterior only rounding can decrease F̄ᵒ; from an extrapolated one the round may end lower. The
-    covariances are updated only at the end of the round: updates after each step would cost twice as much for hardly
-    any gain.
+    If the round starts from the current posterior, only rounding can decrease F̄ᵒ; from an extrapolated one the result
+    may be lower. The covariances are updated only at the end of the round: updates after each step would take twice the
+    time for hardly any improvement.
 
     Args:
         current: the latest iterate.
@@ -313,7 +316,7 @@ def _next_iterate(current: Iterate, start: Posterior) -> Iterate:
         posterior = posterior._replace(lambda_=_bounded_m_step(posterior))
         candidate = _optimal_iterate(posterior)
     except (LinAlgError, FloatingPointError):
-        # A noise so small, or a start so far off, that all other terms are lost in rounding.
+        # The noise is so small, or the start so far from the maximum, that all other terms are lost in rounding.
         return current
     return candidate if candidate.free_energy >= current.free_energy else current
 

@@ -138,10 +138,10 @@ class SampleFreeEnergy:
 
     @classmethod
     def from_posterior(cls, posterior: Posterior) -> SampleFreeEnergy:
-        """Prepares the free energy F(t) as a function of one sample, under the posterior of the training data.
+        """Prepares the free energy F(t) as a function of one sample, for the posterior of the training data.
 
         Args:
-            posterior: the posterior. Its statistics say how many samples share the complexity.
+            posterior: the posterior, with the number of training samples.
 
         Returns:
             The function, with all factors that do not depend on the sample.
@@ -149,7 +149,7 @@ class SampleFreeEnergy:
         model = posterior.model
         totals = _terms_without_sample_errors(posterior)
         totals[Term.MEAN_FIELD] = _mean_field_without_errors(posterior)
-        # Every sample has an equal share of what belongs to the training data as a whole.
+        # Terms of the training data as a whole are divided equally among its samples.
         sample_count = posterior.samples.sample_count
         constants = np.array([totals.get(term, 0.0) / sample_count for term in Term])
         noise_precisions = np.exp(posterior.lambda_)
@@ -169,7 +169,7 @@ class SampleFreeEnergy:
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states; those of the posterior unless given.
+            states: (T, dim X) means of the states; None for those that the posterior estimates from the data.
 
         Returns:
             (T, 10) terms in the order of ``Term``, nats, which sum to F(t).
@@ -184,8 +184,8 @@ class SampleFreeEnergy:
     def terms_of_errors(self, errors: Array, states: Array) -> Array:
         """Computes the terms of F(t) of samples whose prediction errors and states are known.
 
-        Each term is a constant (log determinants, entropies) less half of the squares of its
-        prediction errors, weighted by their precision. The mean-field term is quadratic in the states as well.
+        Each term is a constant (log determinants, entropies) minus half of the sum of its squared prediction errors,
+        weighted by their precision. The mean-field term is quadratic in the states as well.
 
         Args:
             errors: (T, dim ε̃) prediction errors.
@@ -220,14 +220,15 @@ class SampleFreeEnergy:
 
         Args:
             data: (T, dim [ỹ; η̃]) generalized data.
-            states: (T, dim X) means of the states; those of the posterior unless given.
+            states: (T, dim X) means of the states; None for those that the posterior estimates from the data.
 
         Returns:
             F(t), (T,), nats.
         """
         if states is not None:
             return self.terms(data, states).sum(axis=1)
-        # An hour of flight has so many samples that their states and errors would take hundreds of megabytes.
+        # The samples are processed in chunks: the states and errors of an hour of flight would need hundreds of
+        # megabytes.
         values = np.empty(len(data))
         for start in range(0, len(data), EVALUATED_SAMPLES):
             rows = slice(start, start + EVALUATED_SAMPLES)
@@ -236,10 +237,10 @@ class SampleFreeEnergy:
 
 
 def _error_weights(posterior: Posterior) -> Array:
-    """Returns the weight with which each squared error counts in each of the ``SAMPLE_TERMS``.
+    """Returns the weight of each squared prediction error in each of the ``SAMPLE_TERMS``.
 
-    An error counts once in the term of the outputs, inputs or states that it belongs to. In the mean-field term it
-    counts with the share that the uncertainty of λ adds to the expected precision of its noise.
+    The weight is 1 in the term of outputs, inputs or states that the error belongs to. In the mean-field term it is the
+    relative increase of the expected precision of its noise by the uncertainty of λ.
 
     Args:
         posterior: the posterior of the training data.
@@ -249,13 +250,13 @@ def _error_weights(posterior: Posterior) -> Array:
     """
     model = posterior.model
     expected_precisions = expected_noise_precisions(posterior.lambda_, posterior.lambda_covariance)
-    # Errors that λ leaves alone have the index −1, which picks the 0 appended at the end.
-    added_shares = np.append(expected_precisions / np.exp(posterior.lambda_) - 1.0, 0.0)
+    # Errors that do not depend on λ have the index −1, which selects the 0 that is appended at the end.
+    relative_increases = np.append(expected_precisions / np.exp(posterior.lambda_) - 1.0, 0.0)
     rows = _error_rows_by_term(model)
     weights = np.zeros((len(model.noise_of_error), len(SAMPLE_TERMS)))
     for column, term in enumerate(SAMPLE_TERMS):
         if term is Term.MEAN_FIELD:
-            weights[:, column] = added_shares[model.noise_of_error]
+            weights[:, column] = relative_increases[model.noise_of_error]
         else:
             weights[rows[term], column] = 1.0
     return weights
@@ -264,7 +265,7 @@ def _error_weights(posterior: Posterior) -> Array:
 def expected_noise_precisions(lambda_: Array, lambda_covariance: Array) -> Array:
     """Returns the expected noise precisions e^λ (1 + ½ Σ^λ), to second order in the uncertainty of λ.
 
-    With them, instead of e^λ, the squared errors include the mean-field term of λ.
+    If squared errors are weighted by them instead of by e^λ, the result includes the mean-field term of λ.
 
     Args:
         lambda_: (g,) means of the log noise precisions.
@@ -304,8 +305,8 @@ def theta_curvature(posterior: Posterior) -> Array:
 def lambda_curvature(posterior: Posterior) -> Array:
     """Returns the second derivative Ū_λλ of the internal action by the log noise precisions.
 
-    The squared errors weighted by e^λ, and the prior, are the only parts of the log joint density Ū that are not linear
-    in λ.
+    Only the squared errors, which are weighted by e^λ, and the prior contribute: all other parts of the log joint
+    density Ū are linear in λ.
 
     Args:
         posterior: the posterior, at whose means the derivative is taken.
@@ -349,7 +350,7 @@ def free_energy_terms(posterior: Posterior) -> Mapping[str, float]:
 def _error_rows_by_term(model: GenerativeModel) -> Mapping[Term, slice]:
     """Returns the rows of the prediction errors ε̃ whose weighted squares each term sums.
 
-    The error of a prior of x, which follows those of the states, is counted among them.
+    The error of a prior of x, which follows those of the states, is part of the same term as these.
 
     Args:
         model: model in generalised coordinates, with the layout of ε̃.
@@ -404,7 +405,7 @@ def _mean_field_without_errors(posterior: Posterior) -> float:
         posterior: estimates of states, parameters and noise precisions, with their covariances.
 
     Returns:
-        The sum over the training data, nats: the states count once for each sample, θ and λ once in all.
+        The constant part for the whole training data, nats: the states contribute once for each sample, θ and λ once.
     """
     prior = posterior.model.prior
     # The sum of the elementwise product of two symmetric matrices is the trace of their product.

@@ -85,9 +85,9 @@ class Damping(NamedTuple):
     def after_step(self, damping: float, gain: float, predicted_gain: float) -> float:
         """Returns the damping of the next step, by how well the expansion predicted the gain of the last one.
 
-        Above half of the predicted gain the damping shrinks by ``factor``, to ``MIN_DAMPING`` at least. Below a fifth
-        it grows by ``POOR_GAIN_FACTOR``, since the step was longer than the expansion holds. In between it stays. The
-        two fractions are a choice.
+        If the gain is more than half of the predicted one, the damping is divided by ``factor``, down to
+        ``MIN_DAMPING``. If it is less than a fifth, the step was too long for the expansion, and the damping is
+        multiplied by ``POOR_GAIN_FACTOR``. In between it is kept. The two fractions are a choice.
 
         Args:
             damping: damping of the last step.
@@ -118,7 +118,16 @@ class CurvatureCorrection:
         self._is_used = False
 
     def curvature(self, expansion: QuadraticExpansion) -> Array:
-        """Returns the curvature (f, f) of an expansion with the correction, if it helped and leaves it positive."""
+        """Returns the curvature of an expansion, with the correction if that improved the last prediction.
+
+        The correction is left out if the corrected curvature would not be positive definite.
+
+        Args:
+            expansion: the expansion, in f dimensions.
+
+        Returns:
+            The curvature (f, f).
+        """
         if not self._is_used:
             return expansion.curvature
         corrected = expansion.curvature + self._matrix
@@ -127,11 +136,11 @@ class CurvatureCorrection:
         return corrected if least_eigenvalue > MIN_CURVATURE_RATIO else expansion.curvature
 
     def update(self, current: QuadraticExpansion, following: QuadraticExpansion) -> None:
-        """Learns from a step: the gradient changed by the true mean curvature along it.
+        """Updates the correction by a step, along which the gradient changed by the true mean curvature.
 
-        With the step s, the change y of the gradient and the curvature C of the expansion, a correction A must make
-        (C + A) s = y, the secant equation. Of all that do, the update takes the
-        one that is nearest to the earlier correction, in a norm weighted by the curvature.
+        With the step s, the change y of the gradient and the curvature C of the expansion, a correction A must fulfil
+        the secant equation (C + A) s = y. Of all corrections that do, the update yields the one that is nearest to the
+        earlier correction, in a norm weighted by the curvature (as in the quasi-Newton method DFP).
 
         Args:
             current: expansion about the point before the step.
@@ -140,14 +149,14 @@ class CurvatureCorrection:
         step = following.point - current.point
         gradient_change = current.gradient - following.gradient
         missing_change = gradient_change - following.curvature @ step
-        # An earlier correction that is larger than what is missing now has become too large.
+        # If the earlier correction is larger along the step than what is missing now, it is scaled down.
         corrected_along_step = float(step @ self._matrix @ step)
         if corrected_along_step:
             missing_along_step = float(step @ missing_change)
             self._matrix *= min(1.0, abs(missing_along_step) / abs(corrected_along_step))
         self._satisfy_secant_equation(step, gradient_change, missing_change)
 
-        # It is used where it would have predicted the gain of this step better.
+        # It is used next if it would have predicted the gain of this step better.
         gain = following.value - current.value
         plain_prediction = predicted_gain(current, current.curvature, step)
         corrected_prediction = plain_prediction - 0.5 * float(step @ self._matrix @ step)
@@ -158,7 +167,7 @@ class CurvatureCorrection:
     ) -> None:
         """Changes the correction so that it maps the step to the missing change of the gradient.
 
-        The correction stays as it is where the gradient hardly changed along the step: the update would divide by that.
+        The correction is unchanged if the gradient hardly changed along the step, since the update divides by that.
 
         Args:
             step: s (f,).
@@ -180,10 +189,10 @@ class CurvatureCorrection:
 
 
 def predicted_gain(expansion: QuadraticExpansion, curvature: Array, step: Array) -> float:
-    """Returns the gain of a step that an expansion predicts with a curvature, nats.
+    """Returns the gain of a step that a quadratic expansion predicts, nats.
 
     Args:
-        expansion: the expansion, for its gradient.
+        expansion: the expansion, of which only the gradient is used.
         curvature: negative second derivative (f, f).
         step: the step (f,).
     """
@@ -201,23 +210,23 @@ def gauss_newton(
 ) -> tuple[list[QuadraticExpansion], float]:
     """Maximises a function by Levenberg and Marquardt's method.
 
-    Each step maximises the expansion with a damped curvature, H + damping · diag(H). A step that does not increase the
-    function is tried again with more damping; after a step that does, the damping follows how well the expansion
-    predicted the gain (Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 10.3).
+    Each step maximises the expansion with a damped curvature, H + damping · diag(H). If a step does not increase the
+    function, it is repeated with more damping. After a step that increases it, the damping is set by how well the
+    expansion predicted the gain (Nocedal and Wright, Numerical Optimization, 2nd ed., sec. 10.3).
 
     Args:
         objective: the function.
         start: its expansion about the starting point.
         damping: settings of the damping of steps.
         iterations: largest number of steps.
-        stop: ends the search where it returns true for the latest expansion.
-        corrects_curvature: whether the curvature of expansions is corrected by how gradients change: worth it where the
-            curvature is far from the second derivative, so that steps are many.
+        stop: ends the search if it returns true for the latest expansion.
+        corrects_curvature: whether the curvature of expansions is corrected by the changes of the gradients. This saves
+            steps if the curvature differs much from the second derivative.
 
     Returns:
-        The expansions about all iterates, ``start`` first, and the gain of the last step, nats: below
-        ``CONVERGED_STEP_NATS`` where the search has converged. If no attempt at a step increased the function, the gain
-        that the last expansion still predicts.
+        The expansions about all iterates, ``start`` first, and the gain of the last step, nats, which is at most
+        ``CONVERGED_STEP_NATS`` if the search has converged. If no attempt at the last step increased the function, the
+        gain is the one that the last expansion predicts.
     """
     trace = [start]
     damping_now = damping.initial
@@ -226,7 +235,8 @@ def gauss_newton(
     correction = CurvatureCorrection(len(start.point)) if corrects_curvature else None
     while gain > CONVERGED_STEP_NATS and len(trace) <= iterations and not stop(trace[-1]):
         current = trace[-1]
-        # More damping makes a step shorter, and turns it towards the gradient, until it increases the function.
+        # The damping is increased, which makes the step shorter and turns it towards the gradient, until the step
+        # increases the function.
         following = None
         needed_one_attempt = attempt == 0
         curvature = current.curvature if correction is None else correction.curvature(current)
@@ -238,7 +248,7 @@ def gauss_newton(
                 objective,
                 current.point + step,
                 current.value,
-                # A step after one that needed no second attempt mostly needs none either.
+                # If the step before succeeded at the first attempt, this one probably does as well.
                 is_likely=needed_one_attempt and attempt == 0,
             )
             if following is not None:
@@ -261,8 +271,8 @@ def _higher_expansion(
 ) -> QuadraticExpansion | None:
     """Expands a function about a point, if its value there is higher than a limit.
 
-    An expansion contains the value at its point, so a point that is probably higher is expanded at once. At other
-    points the value is computed first: that takes less time, and mostly decides that no expansion is needed.
+    An expansion contains the value at its point, so that a point whose value is probably higher is expanded at once. At
+    other points the value is computed first, which takes less time and mostly shows that no expansion is needed.
 
     Args:
         objective: the function.
@@ -273,7 +283,7 @@ def _higher_expansion(
     Returns:
         The expansion; None if the function is not higher, or not defined.
     """
-    # A comparison with NaN, where the function is not defined, is false.
+    # If the function is not defined, its value is NaN and the comparison false.
     if not is_likely and not objective.value(point) > value:
         return None
     try:

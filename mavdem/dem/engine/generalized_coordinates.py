@@ -17,11 +17,12 @@ def taylor_weights(
     window: int,
     position: float,
 ) -> Array:
-    """Returns the weights by which the samples of a window give a signal and its derivatives.
+    """Returns the weights of the samples of a window in estimates of a signal and its derivatives.
 
-    They belong to the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
-    ``window = order + 1`` the polynomial interpolates, and the weights are the inverse of the Taylor matrix, as the DEM
-    literature embeds. A wider window averages measurement noise, at the price of bandwidth.
+    They are those of the least-squares polynomial of degree ``order`` over the window (a Savitzky-Golay filter). With
+    ``window = order + 1`` the polynomial interpolates the samples, and the weights are the inverse of the Taylor
+    matrix, which is the embedding in the DEM literature. A wider window averages measurement noise, but reduces the
+    bandwidth.
 
     Args:
         order: highest derivative.
@@ -32,7 +33,7 @@ def taylor_weights(
     Returns:
         Weights (order + 1, window): row k times the samples is the k-th derivative, per second to the k.
     """
-    # The fit is made in units of the sampling step, where it is well conditioned, and scaled to seconds afterwards.
+    # The fit is computed in units of the sampling step, in which it is well conditioned, and then scaled to seconds.
     steps_from_position = np.arange(window) - position
     taylor_terms = [steps_from_position**k / factorial(k) for k in range(order + 1)]
     taylor_matrix = np.stack(taylor_terms, axis=1)
@@ -58,8 +59,8 @@ def embed(
         position: sample of the window at which the derivatives are taken.
 
     Returns:
-        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i belongs to sample i +
-        ``position``; there are none if the window would reach beyond the samples.
+        Generalized vectors (T − window + 1, (order + 1) · m), order after order. Row i is that of sample
+        i + ``position``. Samples near the ends, whose window would reach beyond the samples, have no row.
     """
     weights = taylor_weights(order, dt, window, position)
     # The correlation centres its window on window // 2 and pads the ends; the padded rows are cut off again.
@@ -89,7 +90,7 @@ def temporal_covariance(order: int, smoothness: float) -> Array:
     """
     covariance = np.zeros((order + 1, order + 1))
     for i in range(order + 1):
-        # Only the j with an even i + j = 2k.
+        # All j for which i + j = 2k is even.
         for j in range(i % 2, order + 1, 2):
             k = (i + j) // 2
             # The 2k-th derivative of ρ(τ) = exp(−τ²/4s²) at τ = 0, from its Taylor series.

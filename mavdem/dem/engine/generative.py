@@ -74,7 +74,7 @@ class Prior(NamedTuple):
             lambda_: (g,) log noise precisions λ.
 
         Returns:
-            (θ − η^θ)ᵀ P^θ (θ − η^θ), and the same of λ: twice the nats that a deviation costs.
+            (θ − η^θ)ᵀ P^θ (θ − η^θ), and the same of λ. Half of it is the decrease of the log prior density, nats.
         """
         theta_error = theta - self.theta_mean
         lambda_error = lambda_ - self.lambda_mean
@@ -190,13 +190,13 @@ class GenerativeModel:
 
     @cached_property
     def _operator_structure(self) -> OperatorStructure:
-        """Where the blocks −C̃, −Ã and −B̃ put the parameters into the error operator E, and its constant part.
+        """The entries of the error operator E that are parameters, in its blocks −C̃, −Ã and −B̃, and its constant part.
 
-        It depends on the sizes and embedding orders only, and is computed once; for each θ, :meth:`error_operator`,
-        which shows the blocks of E, then only fills in the parameters.
+        They depend only on the sizes and embedding orders, and are computed once. For each θ, :meth:`error_operator`,
+        whose documentation shows the blocks of E, then only fills in the parameters.
 
-        First the constant blocks are filled. Then a matrix of the same shape gets the number of the parameter that
-        stands in each entry, and its nonzero entries are listed.
+        First the constant blocks are filled. Then a matrix of the same shape is filled with the number of the parameter
+        in each entry, and its nonzero entries are listed.
         """
         n, r, m = self.sizes
         rows = self.error_rows
@@ -216,7 +216,7 @@ class GenerativeModel:
         constant[rows.outputs, y_columns] = np.eye(size_of_y)
         constant[rows.inputs, eta_columns] = -np.eye(size_of_v)
         constant[rows.inputs, v_columns] = np.eye(size_of_v)
-        # D shifts every order up by one. The derivative of the highest order is not modelled: the last rows of D are
+        # D shifts every order up by one. The derivative of the highest order is not modelled, so the last rows of D are
         # zero or, for q < p, absent.
         state_rows = rows.states.stop - rows.states.start
         constant[rows.states, x_columns] = np.eye(state_rows, size_of_x, k=n)
@@ -243,9 +243,9 @@ class GenerativeModel:
         X = [x; x′; …; v; v′; …] stacks n states and then r inputs, order after order: the states have derivatives up to
         order p, the noise of the states up to order q, and the inputs up to order d.
 
-        The regressors of [A B] are needed up to order q. Where d < q, the highest derivatives of the inputs are not
-        modelled, that is, they are zero. Their column is ``joint_size``, one past the last: users of this layout append
-        a column of zeros to the joint vector there.
+        The regressors of [A B] are needed up to order q. If d < q, the highest derivatives of the inputs are not
+        modelled, and are 0. Their column is ``joint_size``, one after the last: code that uses this layout appends a
+        column of zeros to the joint vector.
         """
         n, r, m = self.sizes
         orders_of_x = self.p + 1
@@ -269,9 +269,10 @@ class GenerativeModel:
     def regressor_moments(self, moments: Array) -> RegressorMoments:
         """Computes the second moments of the regressors, with their orders weighted by the temporal precisions S.
 
-        Row i of [A B] multiplies the regressors [x; v], and its derivatives multiply theirs, so that the row's part of
-        ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in it, with the matrix e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ. The noises of
-        different channels are independent, so no two rows are coupled. The same holds for C, with the regressors x.
+        Row i of [A B] multiplies the regressors [x; v] in the prediction error of state i, and their derivatives in the
+        derivatives of that error. So ½ Σ ε̃ᵀ Π̃ ε̃ is quadratic in the row, with the matrix
+        e^λ_i Σ_kl S_kl Σ_t [x; v]⁽ᵏ⁾ [x; v]⁽ˡ⁾ᵀ; the sums without e^λ_i are returned. The noises of different channels
+        are independent, so that no two rows are coupled. The same holds for C, with the regressors x.
 
         Args:
             moments: (dim z, dim z) second moments of z = [ỹ; η̃; X], summed over the samples.
@@ -280,7 +281,7 @@ class GenerativeModel:
             The moments of [x; v], for the rows of [A B], and of x, for those of C.
         """
         layout = self._regressor_layout
-        # A last row and column of zeros are the moments of derivatives that the inputs do not have.
+        # The appended row and column of zeros are the moments of derivatives of the inputs that are not modelled.
         padded = np.pad(moments, (0, 1))
         return RegressorMoments(
             states=_sum_over_orders(padded, layout.state_columns, self.state_temporal_precision),
@@ -314,8 +315,8 @@ class GenerativeModel:
     def error_gradient_in_theta(self, noise_precisions: Array, cross_moments: Array) -> Array:
         """Returns the gradient of −½ Σ ε̃ᵀ Π̃ ε̃ by the parameters θ.
 
-        With ε̃ = E z and z = [ỹ; η̃; X], an entry of E that is −θ_l, in row i and column a, adds (Π̃ Σ ε̃ zᵀ)_ia to the
-        gradient by θ_l. So a parameter's gradient is a sum over its entries.
+        The errors are ε̃ = E z with z = [ỹ; η̃; X]. An entry of E that is −θ_l, in row i and column a, adds
+        (Π̃ Σ ε̃ zᵀ)_ia to the gradient by θ_l. So the gradient by a parameter is a sum over its entries in E.
 
         Args:
             noise_precisions: (g,) e^λ.
@@ -353,8 +354,8 @@ class GenerativeModel:
             M, (dim X, dim X).
         """
         layout = self._regressor_layout
-        # The covariances Σ_i of the parameters of each row, stacked along the first axis. Covariances between rows do
-        # not count, since the noises of different channels are independent.
+        # The covariances Σ_i of the parameters of each row, stacked along the first axis. Covariances between rows have
+        # no effect, since the noises of different channels are independent.
         state_row_covariances = theta_covariance[_row_block_index(layout.state_parameters)]
         output_row_covariances = theta_covariance[_row_block_index(layout.output_parameters)]
         # W: the sum of these over the rows, weighted by the precision e^λ_i of the row's noise.
@@ -364,8 +365,8 @@ class GenerativeModel:
         output_weights = np.tensordot(
             noise_precisions[self.output_groups], output_row_covariances, axes=1
         )
-        # Inputs may have fewer derivatives than states. The layout gives all that they lack one column after the last.
-        # So the matrix has one row and one column too many, which are cut off in the end.
+        # Inputs may have fewer derivatives than states. In the layout, all derivatives that they lack are assigned to
+        # one column after the last. So the matrix has an additional row and column, which are cut off at the end.
         curvature = np.zeros((self.joint_size + 1, self.joint_size + 1))
         columns = layout.state_columns.ravel()
         curvature[np.ix_(columns, columns)] = np.kron(self.state_temporal_precision, state_weights)
@@ -417,14 +418,15 @@ class GenerativeModel:
             Π̃, (dim ε̃, dim ε̃); where x has a prior, its precision is the last block.
         """
         precision_at_zero, noise_of_error = self._precision_structure
-        # Πᶻ and Πʷ are diagonal, so the column of each error is multiplied by the precision e^λ of its noise. Errors of
-        # the inputs and of the prior of x have no such noise: their index is −1, which picks the 1 appended at the end.
+        # As Πᶻ and Πʷ are diagonal, the column of each error is multiplied by the precision e^λ of its noise. Errors of
+        # the inputs and of the prior of x have no such noise: their index is −1, which selects the 1 that is appended
+        # at the end.
         column_scales = np.append(noise_precisions, 1.0)[noise_of_error]
         return precision_at_zero * column_scales
 
     @cached_property
     def _precision_structure(self) -> PrecisionStructure:
-        """Π̃ at λ = 0, and the index in λ by which each of its columns is scaled.
+        """The precision Π̃ at λ = 0, and for each of its columns the index of the entry of λ that scales it.
 
         At λ = 0 all noises have variance 1. The blocks S⊗I of outputs and states then have only the temporal precision
         S of smooth noise and its derivatives; the blocks of the inputs and of a prior of x do not depend on λ.

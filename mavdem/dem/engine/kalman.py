@@ -56,31 +56,36 @@ def steady_state_gain(
 ) -> SteadyState:
     """Computes the gain of the steady-state Kalman filter, by solving the discrete algebraic Riccati equation.
 
-    The structure-preserving doubling algorithm is used: iteration k has the covariance after 2ᵏ samples (E. K.-W. Chu,
-    H.-Y. Fan, W.-W. Lin and C.-S. Wang, "Structure-preserving algorithms for periodic discrete-time algebraic Riccati
-    equations", International Journal of Control 77, 2004). Leading axes are several systems, solved at once.
+    The structure-preserving doubling algorithm is used, whose iteration k computes the covariance after 2ᵏ samples (E.
+    K.-W. Chu, H.-Y. Fan, W.-W. Lin and C.-S. Wang, "Structure-preserving algorithms for periodic discrete-time
+    algebraic Riccati equations", International Journal of Control 77, 2004). Leading axes are several systems, which
+    are solved together.
 
     Args:
         A: (…, n, n) state transition matrix.
         C: (…, m, n) output matrix.
         Q: (…, n, n) covariance of the process noise.
         R: (…, m, m) covariance of the measurement noise, positive definite.
-        S: (…, n, m) covariance between process and measurement noise; zero unless given.
+        S: (…, n, m) covariance between process and measurement noise; None if it is zero.
+
+    Returns:
+        The gain K and the covariance of the state before the measurement of each system.
 
     Raises:
-        numpy.linalg.LinAlgError: a system has no steady filter, with which A − K C is stable.
+        numpy.linalg.LinAlgError: a system has no steady filter for which A − K C is stable.
     """
     n = A.shape[-1]
     identity = np.eye(n)
     if S is None:
         S = np.zeros((n, C.shape[-2]))
-    # The process noise is split into a part S R⁻¹ v that the measurement shows and a rest that is independent of v. The
-    # transition matrix without that part is transposed, since the algorithm is written for the dual control problem.
+    # The process noise is the sum of S R⁻¹ v, where v is the measurement noise, and a part that is independent of v.
+    # The first part is included in the transition matrix. That is transposed, since the algorithm is written for the
+    # dual control problem.
     R_inverse_C = np.linalg.solve(R, C)
     transition = (A - S @ R_inverse_C).mT
     information = C.mT @ R_inverse_C
     P = (Q + Q.mT) / 2 - S @ np.linalg.solve(R, S.mT)
-    # Without a steady filter the covariance overflows, which ends in the error below.
+    # If there is no steady filter the covariance overflows, and the error below is raised.
     with np.errstate(all="ignore"):
         for _ in range(MAX_DOUBLINGS):
             # (I + information · P)⁻¹ times the transition, and times the information.
@@ -155,7 +160,7 @@ class SteadyStateFilter(NamedTuple):
         initial_state: Array,
         signal: Array,
     ) -> SmoothedSignal:
-        """Smooths a signal h · x over one segment, by the filter and a disturbance smoother backward in time.
+        """Smooths a signal h · x over one segment: by the filter forward, and a disturbance smoother backward in time.
 
         Args:
             forcing: (T − 1, n) known terms g that are added to the next state at each sample but the last.
@@ -164,7 +169,7 @@ class SteadyStateFilter(NamedTuple):
             signal: (n,) weights h of the states in the signal.
 
         Returns:
-            Mean of the signal at each sample, given all samples, and the states of the filter.
+            Mean of the signal at each sample (T,), given all samples, and the predicted states of the filter (T, n).
         """
         filter_forcing = forcing + measurements[:-1, None] * self.K
         predicted = np.vstack(
@@ -180,7 +185,7 @@ class SteadyStateFilter(NamedTuple):
 
     @may_overflow
     def smoothed_variance(self, samples: int, signal: Array) -> Array:
-        """Returns the variance of a smoothed signal at each sample of a segment, whatever was measured there.
+        """Returns the variance of a smoothed signal at each sample of a segment, which does not depend on the data.
 
         Args:
             samples: number T of samples of the segment.
@@ -266,10 +271,10 @@ class KalmanFilter(NamedTuple):
             R: (m, m) covariance of the measurement noise.
             S: (n, m) covariance between process and measurement noise.
             initial_covariance: (n, n) covariance of the state at the first sample.
-            samples: number of samples that the filter is needed for; it may become steady earlier.
+            samples: number of samples to which the filter will be applied; it may become steady earlier.
 
         Returns:
-            The filter, with gains up to the sample where its covariance is steady.
+            The filter, with gains up to the sample at which its covariance is steady.
         """
         covariances = [initial_covariance]
         gains = []
@@ -286,8 +291,8 @@ class KalmanFilter(NamedTuple):
                 K = (A @ P @ C.T + S) @ F_inverse
                 innovation_precisions.append(F_inverse)
                 gains.append(K)
-                # Joseph's form, with which the covariance stays positive semidefinite. Made symmetric, 2 S Kᵀ is
-                # S Kᵀ + K Sᵀ.
+                # Joseph's form keeps the covariance positive semidefinite. The symmetric part of 2 S Kᵀ, which is taken
+                # below, is S Kᵀ + K Sᵀ.
                 L = A - K @ C
                 next_P = L @ P @ L.T + Q + (K @ R - 2 * S) @ K.T
                 covariances.append((next_P + next_P.T) / 2)
@@ -318,13 +323,16 @@ class KalmanFilter(NamedTuple):
             initial_state: (…, n) mean of the state at the first sample; leading axes are independent segments.
             forcing: (…, T, n) known terms g that are added to the next state.
             measurements: (…, T, m) measured outputs y.
+
+        Returns:
+            Predicted states (…, T + 1, n), the last one after the last sample, and innovations (…, T, m).
         """
         samples = measurements.shape[-2]
         rows = self.gain_rows(samples)
         states = np.empty((*measurements.shape[:-2], samples + 1, len(self.A)))
         states[..., 0, :] = initial_state
         # With L = A − K C the filter is x̂⁺ = L x̂ + g + K y. L is transposed, since states are rows here. There is one L
-        # for each gain; the last gain is the steady one, of all later samples.
+        # for each gain; the last gain is the steady-state one, which is used for all later samples.
         L_transposed = (self.A - self.gains @ self.C).mT
         # Letters of einsum: sample t, output m, state n.
         driving = forcing + np.einsum("...tm,tnm->...tn", measurements, self.gains[rows])
@@ -352,7 +360,7 @@ class KalmanFilter(NamedTuple):
         n = len(self.A)
         L = self.A - self.gains @ self.C
         F_inverse_C = self.innovation_precisions @ self.C
-        # Nothing follows the last sample, where both N and r are zero; they are computed backward in time.
+        # N and r are computed backward in time, from 0 after the last sample.
         N = np.zeros((samples + 1, n, n))
         r = np.zeros_like(states)
         for t in range(samples - 1, -1, -1):
@@ -455,7 +463,7 @@ def smooth_states(
         np.linalg.slogdet(precisions)[1].sum() - squares - innovations.size * np.log(2 * np.pi)
     )
     smoothed = kalman_filter.smooth(states, innovations)
-    # The filter also predicts the sample after the segment, which is no part of the result.
+    # The filter also predicts the sample after the segment, which is not part of the result.
     return SmoothedStates(
         smoothed.means[:-1],
         smoothed.covariances[:-1],

@@ -61,9 +61,9 @@ def inverse(matrix: Array) -> Array:
     scale, scaled = _scaled_to_unit_diagonal(matrix)
     factor, info = scipy.linalg.lapack.dpotrf(scaled, clean=1)
     _raise_if_not_factorized(info)
-    # LAPACK fills the upper triangle only, and leaves zeros below it.
+    # LAPACK computes only the upper triangle; the entries below it are 0.
     upper = scipy.linalg.lapack.dpotri(factor)[0] * scale * scale[:, None]
-    # The diagonal, every (k + 1)-th entry, is in both triangles, so that each of them holds half of it.
+    # The sum with the transpose would count the diagonal, every (k + 1)-th entry, twice: it is halved before.
     upper.flat[:: len(upper) + 1] *= 0.5
     return upper + upper.T
 
@@ -102,9 +102,9 @@ def _raise_if_not_factorized(info: int) -> None:
 def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Array:
     """Draws samples of a Gaussian, in antithetic pairs and with matched moments.
 
-    An even number of samples has exactly the mean that is asked for. With at least twice as many samples as dimensions
-    it has exactly the covariance as well, since the standard normal samples are made orthonormal first. Few samples
-    then represent the Gaussian well.
+    The mean of an even number of samples is exactly ``mean``. If there are at least twice as many samples as
+    dimensions, their covariance is also exactly ``covariance``, since the standard normal samples are made orthonormal
+    first. So a few samples represent the Gaussian well.
 
     Args:
         mean: (k,) mean.
@@ -115,13 +115,13 @@ def normal_draws(mean: Array, covariance: Array, number: int, seed: int) -> Arra
     Returns:
         Samples (number, k).
     """
-    # Standard normal samples; the other half are the same with opposite signs, so that their mean is exactly 0.
+    # The first half of the standard normal samples; the second half has the opposite signs, so that the mean is 0.
     half = default_rng(seed).standard_normal(((number + 1) // 2, len(mean)))
     if len(mean) <= len(half):
         # Orthonormal columns, times √(number of rows), have the identity as their sample covariance.
         half = np.linalg.qr(half)[0] * np.sqrt(len(half))
-    # The symmetric root is unique, while the signs of eigenvectors differ between processors. Rounding may leave
-    # eigenvalues of a singular covariance slightly negative.
+    # The symmetric root is used because it is unique, while the signs of eigenvectors differ between processors. By
+    # rounding, eigenvalues of a singular covariance may be slightly negative.
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     root = vectors * np.sqrt(values.clip(0)) @ vectors.T
     return mean + np.vstack([half, -half])[:number] @ root
@@ -165,7 +165,7 @@ Forecasts of an unstable model overflow, and so do those of huge inputs; callers
 
 @contextmanager
 def raise_on_overflow() -> Iterator[None]:
-    """Raises an error where arithmetic in its block overflows or is undefined, instead of continuing with NaN.
+    """Returns a context in which arithmetic that overflows or is undefined raises an error instead of returning NaN.
 
     Raises:
         numpy.linalg.LinAlgError: a result overflowed, or was NaN.
@@ -183,16 +183,16 @@ _blas_lock = RLock()
 
 @contextmanager
 def one_thread(*, wait: bool = True) -> Iterator[bool]:
-    """Limits BLAS to one thread while the context is open: matrices here are so small that threads only cost time.
+    """Limits BLAS to one thread in the context, since the matrices are so small that more threads only take time.
 
     Args:
         wait: whether to wait while another thread of this process is inside such a context.
 
     Yields:
-        Whether the limit is in force. ``False``, at once, where another thread has it and this one does not wait.
+        Whether the limit is in force. It is not if another thread is inside such a context and ``wait`` is False.
     """
-    # The lock is held in a local name, since a fork replaces the global one. It is reentrant: a thread that holds it
-    # may open a further context.
+    # A local name refers to the lock until the end, since a fork replaces the global one. The lock is reentrant: a
+    # thread that holds it may open a further context.
     lock = _blas_lock
     if not lock.acquire(blocking=wait):
         yield False
@@ -218,7 +218,7 @@ if hasattr(os, "register_at_fork"):
 def load_libraries() -> None:
     """Loads the parts of SciPy that learning uses, and finds the BLAS libraries, which :func:`one_thread` needs.
 
-    Otherwise each is loaded at its first use. A process that is forked afterwards shares them.
+    Otherwise each would be loaded at its first use, in every process. A process that is forked afterwards shares them.
     """
     for part in ("fft", "linalg", "ndimage", "special"):
         import_module(f"scipy.{part}")

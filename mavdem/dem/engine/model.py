@@ -133,7 +133,7 @@ def discretize(A: Array, B: Array, dt: float) -> Transition:
     flow = scipy.linalg.expm(generator)
     effect_of_start = flow[..., :n, n:end_of_inputs]
     effect_of_change = flow[..., :n, end_of_inputs:]
-    # The change is u_{t+1} − u_t, so that part of it counts against the inputs at the start.
+    # The change is u_{t+1} − u_t: its effect is added for the inputs at the end, and subtracted for those at the start.
     return Transition(
         Phi=flow[..., :n, :n], Gamma0=effect_of_start - effect_of_change, Gamma1=effect_of_change
     )
@@ -149,8 +149,9 @@ At this number, 7e7, the transformation to the eigenvectors loses half of the di
 def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     """Runs the recursion x_t = F x_{t−1} + g_t over all samples, vectorized over time.
 
-    With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, which runs over all samples
-    at once. If the eigenvectors are too ill conditioned, as of a defective F, the recursion runs sample by sample.
+    With F = V Λ V⁻¹ the coordinates V⁻¹ x follow one scalar recursion for each eigenvalue, which is solved for all
+    samples at once. If the matrix of eigenvectors is too ill conditioned, as that of a defective F, the recursion runs
+    sample by sample.
 
     Args:
         F: (n, n) state transition matrix.
@@ -165,7 +166,7 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
     eigenvalues, eigenvectors = np.linalg.eig(F)
     if np.linalg.cond(eigenvectors) > MAX_MODE_CONDITION:
         return _sample_by_sample(F, forcing, x0)
-    # Of a pair of conjugate eigenvalues one is enough: the other adds the same real part.
+    # Only one of each pair of conjugate eigenvalues is used, and counted twice: the other adds the same real part.
     is_used = eigenvalues.imag >= 0
     multiplicity = np.where(eigenvalues.imag[is_used] > 0, 2.0, 1.0)
     to_modes = np.linalg.inv(eigenvectors)[is_used]
@@ -181,7 +182,14 @@ def linear_recursion(F: Array, forcing: Array, x0: Array) -> Array:
 
 
 def _sample_by_sample(F: Array, forcing: Array, x0: Array) -> Array:
-    """Runs the recursion of :func:`linear_recursion` step by step, which needs no eigenvectors; (T, n)."""
+    """Runs the recursion of :func:`linear_recursion` step by step, which needs no eigenvectors.
+
+    Args:
+        F, forcing, x0: as for :func:`linear_recursion`.
+
+    Returns:
+        States x₁ … x_T, (T, n).
+    """
     states = []
     state = x0
     for term in forcing:
@@ -194,7 +202,7 @@ def scalar_recursion(factor: complex, forcing: NDArray[Any], start: complex) -> 
     """Runs the recursion x_t = λ x_{t−1} + g_t over all samples at once.
 
     It is a triangular system of equations with two diagonals, x_t − λ x_{t−1} = g_t, which BLAS solves (``tbsv``).
-    ``scipy.signal.lfilter`` does the same, but takes half a second to import.
+    ``scipy.signal.lfilter`` returns the same, but its import takes half a second.
 
     Args:
         factor: λ, real if the forcing is real.

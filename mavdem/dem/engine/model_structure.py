@@ -1,4 +1,4 @@
-"""Where parameters, errors and regressors of the generative model stand in its vectors and matrices.
+"""Indices of parameters, errors and regressors of the generative model in its vectors and matrices.
 
 The equations are those of ``generative.py``: prediction errors ε̃ = E(θ) [ỹ; η̃; X] with the precision Π̃(λ).
 """

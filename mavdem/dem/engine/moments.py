@@ -56,13 +56,16 @@ class GeneralizedMoments:
     ) -> GeneralizedMoments:
         """Returns the moments for states that are estimated linearly from the data of the same sample.
 
-        Since the estimates X are a linear map of the data, their moments follow from those of the data, and no sample
-        has to be visited again.
+        Since the estimates X are a linear map of the data, their moments follow from those of the data, without another
+        pass over the samples.
 
         Args:
             model: the generative model.
             samples: second moments of the data [ỹ; η̃]: generalized outputs ỹ and generalized inputs η̃.
             state_map: (dim X, dim [ỹ; η̃]) the map L from the data to the estimated generalized states X = L [ỹ; η̃].
+
+        Returns:
+            The moments of [ỹ; η̃; X].
         """
         data_dimension = state_map.shape[1]
         identity_map = np.eye(data_dimension)
@@ -86,8 +89,8 @@ class GeneralizedMoments:
     def error_moments(self, theta: Array) -> Array:
         """Returns the second moments Σ_t ε̃ε̃ᵀ of the prediction errors, for parameters θ (k,).
 
-        The map from the data to the errors is formed before the moments: errors are far smaller than the signals that
-        they are differences of, and would be lost in the rounding of the joint moments.
+        The map from the data to the errors is computed first, and not the joint moments: errors are small differences
+        of large signals, and would be lost in the rounding of those moments.
 
         Args:
             theta: parameters θ (k,).

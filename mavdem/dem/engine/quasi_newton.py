@@ -31,7 +31,10 @@ It is so far below all real values that the line search turns back from there.
 
 
 def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
-    """Maximises F̄ᵒ over θ and λ, from a given iterate.
+    """Maximises F̄ᵒ over θ and λ by L-BFGS, from a given iterate.
+
+    A few rounds of D, E and M steps come first, since the search works with coordinates that are scaled by the
+    curvature at their result.
 
     Args:
         start: the first iterate.
@@ -40,7 +43,7 @@ def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
     Returns:
         The iterate of highest F̄ᵒ.
     """
-    # Importing scipy.optimize takes half a second.
+    # Imported here, since the import takes half a second.
     from scipy.optimize import minimize
 
     iterates, _ = run_rounds(start, FIRST_ROUNDS)
@@ -54,7 +57,7 @@ def maximise_by_quasi_newton(start: Iterate, max_evaluations: int) -> Iterate:
             "maxfun": max_evaluations,
             "maxiter": max_evaluations,
             "maxcor": REMEMBERED_STEPS,
-            # SciPy takes the gain relative to the value.
+            # SciPy compares the gain relative to the value.
             "ftol": CONVERGED_ROUND_NATS / max(abs(search.best.free_energy), 1.0),
             "gtol": 0.0,
         },
@@ -91,7 +94,7 @@ class _Search:
         self._breakdown_value = BREAKDOWN_NATS - start.free_energy
 
     def evaluate(self, coordinates: Array) -> tuple[float, Array]:
-        """Evaluates −F̄ᵒ and its gradient, and keeps the iterate if it is the best so far.
+        """Evaluates −F̄ᵒ and its gradient, and stores the iterate as ``best`` if it is the best so far.
 
         Args:
             coordinates: (k + g,) deviations of θ and λ from the origin, scaled.

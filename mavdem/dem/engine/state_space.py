@@ -64,11 +64,10 @@ class StateSpace:
     def from_transition(transition: Transition, C: Array, gain: Array) -> StateSpace:
         """Returns the innovation form of a first-order-hold model with a Kalman filter.
 
-        The model over a step is x_{t+1} = Φ x_t + Γ₀ u_t + Γ₁ u_{t+1}, in which the state already depends on the inputs
-        of its own sample. If the state is replaced by x − Γ₁ u, that dependence becomes the feedthrough D = C Γ₁, and B
-        = Φ Γ₁ + Γ₀ (Franklin, Powell and Workman, sec. 4.3.2). The filter corrects its state at each sample by gain ·
-        e, so that A = Φ and K = Φ · gain. A segment starts with the state of least norm, C⁺ y, that has its first
-        outputs.
+        The model over a step is x_{t+1} = Φ x_t + Γ₀ u_t + Γ₁ u_{t+1}, in which the state depends on the inputs of the
+        same sample. With x − Γ₁ u as the state, that dependence becomes the feedthrough D = C Γ₁, and B = Φ Γ₁ + Γ₀
+        (Franklin, Powell and Workman, sec. 4.3.2). The filter corrects its state at each sample by gain · e, so that
+        A = Φ and K = Φ · gain. A segment starts with the state of least norm that explains its first outputs, C⁺ y.
 
         Args:
             transition: the model over one sampling step; leading axes are several models.
@@ -106,8 +105,8 @@ class StateSpace:
     def second_state(self, inputs: Array, outputs: Array) -> Array:
         """Returns the state with which the filter starts: that of a segment's second sample.
 
-        No sample precedes the first one, so nothing predicts its state. It is taken from the first outputs themselves,
-        and moved on by one step.
+        As no sample precedes the first one, its state cannot be predicted. It is estimated from the first outputs, and
+        propagated by one step.
 
         Args:
             inputs: (r,) inputs of the first sample.
@@ -199,11 +198,11 @@ class StateSpace:
         Returns:
             Outputs (S, H, m).
         """
-        # What the inputs add to outputs and states is the same for all simulations, and is computed once.
+        # The contributions of the inputs to outputs and states are the same for all simulations, and computed once.
         feedthrough = self.feedthrough(inputs)
         forcing = self._input_forcing(inputs)
         outputs = np.empty((len(start_rows), horizon, len(self.C)))
-        # All simulations take each step together.
+        # Each step is computed for all simulations at once.
         for step in range(horizon):
             rows = np.minimum(start_rows + step, len(inputs) - 1)
             outputs[:, step] = states @ self.C.T + feedthrough[rows]
@@ -263,8 +262,8 @@ def filter_gain(
 ) -> Array:
     """Computes the gain of the steady-state Kalman filter of a continuous model whose noises are smooth.
 
-    A Kalman filter assumes white noises. So each smooth noise is replaced by the white noise that has the same power
-    density at low frequency, where the states respond: the variance of the smooth one times the integral of its
+    A Kalman filter assumes white noises. So each smooth noise is replaced by the white noise with the same power
+    density at low frequencies, to which the states respond: the variance of the smooth noise times the integral of its
     autocorrelation exp(−τ²/4s²).
 
     Args:
@@ -284,11 +283,11 @@ def filter_gain(
     Phi = discretize(A, np.empty((len(A), 0)), dt).Phi
     # ∫ exp(−τ²/4s²) dτ: power density at low frequency of a smooth noise of variance 1, s.
     power_density = 2 * smoothness * np.sqrt(np.pi)
-    # A white noise of that power density, sampled every dt, has the variance of the smooth one times the ratio
-    # power_density / dt. If the correlation is shorter than a step, the samples are independent already, and keep
-    # their variance.
+    # White noise of that power density, sampled every dt, has the variance of the smooth one times power_density / dt.
+    # If this ratio is less than 1, the correlation is shorter than a step: the samples are independent already, and
+    # their variance is not changed.
     R = np.diag(measurement_variances) * max(power_density / dt, 1.0)
     # Over one step the white process noise adds its power density times dt to the covariance of the states.
     P = steady_state_gain(Phi, C, process_covariance * power_density * dt, R).covariance
-    # P Cᵀ (C P Cᵀ + R)⁻¹, by solving in place of inverting.
+    # P Cᵀ (C P Cᵀ + R)⁻¹, computed by solving a linear system instead of inverting the matrix.
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

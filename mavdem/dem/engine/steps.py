@@ -39,7 +39,7 @@ Newton's method converges quadratically: after a step of 1e-6 the error is about
 
 
 def d_step(posterior: Posterior) -> Array:
-    """Takes the D step: finds the states X of every sample at the maximum of F, given θ and λ.
+    """Performs the D step: finds the states X of every sample at the maximum of F, given θ and λ.
 
     F is quadratic in X with the same curvature at every sample. So the maximum is linear in the data, X = L [ỹ; η̃],
     with one matrix L for all samples.
@@ -67,12 +67,15 @@ class StateGradient(NamedTuple):
 def state_gradient(posterior: Posterior) -> StateGradient:
     """Returns the gradient of F by the states of a sample, as the matrices of a linear function.
 
-    The prediction errors are linear in the data and in X, ε̃ = E_data [ỹ; η̃] + E_X X, and F has −½ ε̃ᵀ Π̃ ε̃. So the
-    gradient is −E_Xᵀ Π̃ ε̃, less the mean-field terms: the uncertainty of λ raises the noise precisions, and that of θ
-    penalizes X.
+    The prediction errors are linear in the data and in X, ε̃ = E_data [ỹ; η̃] + E_X X, and F contains −½ ε̃ᵀ Π̃ ε̃. So the
+    gradient is −E_Xᵀ Π̃ ε̃ minus the mean-field terms: the uncertainty of λ increases the noise precisions, and that of
+    θ penalizes X.
 
     Args:
         posterior: the posterior of θ and λ; its states are not used.
+
+    Returns:
+        The matrix that multiplies the data [ỹ; η̃], and the one that multiplies −X, which is the precision of X.
     """
     model = posterior.model
     E = model.error_operator(posterior.theta)
@@ -87,9 +90,9 @@ def state_gradient(posterior: Posterior) -> StateGradient:
 
 
 def e_step(posterior: Posterior) -> Array:
-    """Takes the E step: finds the parameters θ at the maximum of F̄, given the states and λ.
+    """Performs the E step: finds the parameters θ at the maximum of F̄, given the states and λ.
 
-    F̄ is quadratic in θ, so one Newton step from any θ arrives there.
+    F̄ is quadratic in θ, so that one Newton step from any θ reaches the maximum.
 
     Args:
         posterior: the posterior; its θ is where the step starts.
@@ -103,9 +106,9 @@ def e_step(posterior: Posterior) -> Array:
 def theta_gradient(posterior: Posterior) -> Array:
     """Returns the first derivative of F̄ by θ.
 
-    It has three parts: the prior of θ, the squared errors at the means of the states, and the mean-field term by which
-    the uncertainty of the states adds to these squared errors. The uncertainty of λ raises the noise precisions of the
-    second part.
+    It has three parts: those of the prior of θ, of the squared errors at the means of the states, and of the mean-field
+    term, by which the uncertainty of the states adds to these squared errors. In the second part the uncertainty of λ
+    increases the noise precisions.
 
     Args:
         posterior: the posterior of the states, θ and λ.
@@ -157,11 +160,10 @@ def _state_spread(posterior: Posterior) -> Array:
 
 
 def m_step(posterior: Posterior) -> Array:
-    """Takes the M step: finds the log noise precisions λ at the maximum of F̄, given the states and θ.
+    """Performs the M step: finds the log noise precisions λ at the maximum of F̄, given the states and θ.
 
-    F̄ is concave in λ, so Newton's method finds its one maximum. Each entry of a step is limited to
-    ``MAX_LAMBDA_STEP``, and the step is halved until F̄ increases. The search ends with a step below
-    ``MIN_LAMBDA_STEP``.
+    F̄ is concave in λ, so that Newton's method finds its only maximum. Each entry of a step is limited to
+    ``MAX_LAMBDA_STEP``, and a step that decreases F̄ is halved. The search ends with a step below ``MIN_LAMBDA_STEP``.
 
     Args:
         posterior: the posterior; its λ is where the search starts.
@@ -180,7 +182,7 @@ def m_step(posterior: Posterior) -> Array:
             step = step / 2
             next_value = free_energy.value(lambda_ + step)
         if next_value < value:
-            # Even the smallest step decreases F̄: only rounding is left.
+            # Even the smallest step decreases F̄: the maximum is reached up to rounding.
             break
         lambda_ = lambda_ + step
         value = next_value
@@ -218,8 +220,8 @@ class FreeEnergyOfLambda(NamedTuple):
     def from_posterior(cls, posterior: Posterior) -> FreeEnergyOfLambda:
         """Returns F̄ as a function of λ, with the states and θ of a posterior.
 
-        The squared errors are expected values: the mean-field terms, which come from the uncertainty of the states, of
-        θ and of λ, are added to the squares at the means. The covariances are those of the posterior.
+        The squared errors are expected values: the squares at the means, plus the mean-field terms by the uncertainty
+        of the states, of θ and of λ, with the covariances of the posterior.
 
         Args:
             posterior: the posterior; its mean of λ is not used.
@@ -268,8 +270,8 @@ class FreeEnergyOfLambda(NamedTuple):
 def with_optimal_covariances(posterior: Posterior) -> Posterior:
     """Sets every covariance of a posterior to the maximum of F̄, Eq. ``Pi_curvature``.
 
-    These are the inverses of the negative curvatures (second derivatives) of the internal energy, or action, at the
-    means: the Laplace approximation.
+    They are the inverses of the negative second derivatives of the internal energy, or action, at the means (Laplace
+    approximation).
 
     Args:
         posterior: the posterior, whose means are kept.

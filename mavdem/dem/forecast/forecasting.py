@@ -31,8 +31,8 @@ class ForecasterBase:
             steps: number of samples from the start of one forecast to the next.
             inputs: (H, r) inputs after the training data.
             outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
-            smooth: whether all inputs of a forecast count for each of its samples, not only those up to the sample. It
-                matters to models that take the inputs as measurements.
+            smooth: whether each sample of a forecast is estimated from all of its inputs, not only from those up to the
+                sample. It only matters for models that use the inputs as measurements.
 
         Returns:
             The outputs (H, m) with their variance.
@@ -97,7 +97,7 @@ class ForecasterBase:
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Predicts the samples after the training data, inputs unknown, starting again at every ``steps``-th sample.
 
-        Nothing is fitted again.
+        The parameters of the model are not changed.
 
         Args:
             steps: number of samples from the start of one prediction to the next.
@@ -119,9 +119,9 @@ class ForecasterBase:
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
-            from_zero: begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
-            smooth: lets a model that takes the motors for measurements use all of them for each sample, not only those
-                up to it.
+            from_zero: whether to begin with state 0 at row 0 (the outputs at their trim), as in the paper's figures.
+            smooth: whether each sample is estimated from all inputs, not only from those up to it, in models that use
+                the inputs as measurements.
 
         Returns:
             The outputs (H, m), rad and rad/s.
@@ -136,8 +136,8 @@ class ForecasterBase:
 
         Args:
             inputs: (H, r) validated inputs over the forecast.
-            smooth: whether all inputs count for each sample, not only those up to it, in models that take the inputs as
-                measurements.
+            smooth: whether each sample is estimated from all inputs, not only from those up to it, in models that use
+                the inputs as measurements.
 
         Returns:
             The outputs (H, m) with their variance.
@@ -150,8 +150,8 @@ class ForecasterBase:
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """Forecasts the samples after the training data, inputs known, starting again at every ``steps``-th sample.
 
-        Each forecast is as :meth:`forecast`'s, from the state that the filter has after all samples before its start.
-        Nothing is fitted again.
+        Each forecast is one of :meth:`forecast`, from the state that the filter has after all samples before its start.
+        The parameters of the model are not changed.
 
         Args:
             steps: number of samples from the start of one forecast to the next.

@@ -89,8 +89,8 @@ def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | No
         effect_directions: (r,) relative effect of each motor on the axis; None if it is not known.
 
     Returns:
-        (r, c) unit-length combinations of the inputs, as columns: one if the effects of the motors are known; each
-        input by itself if there are fewer inputs than a multirotor has motors. None if a flight must show the effects.
+        (r, c) combinations of the inputs of unit length, as columns: one if the effects of the motors are known; each
+        single input if there are fewer inputs than a multirotor has motors. None if the effects must be estimated.
     """
     if inputs < MIN_MOTORS:
         return np.eye(inputs)
@@ -102,16 +102,16 @@ def known_axis_mixer(inputs: int, effect_directions: Array | None) -> Array | No
 def axis_mixer(record: Record) -> Array:
     """Returns the combinations of the inputs that turn the axis, which become channels of the joint model.
 
-    If the mixer is not known, the motors' effects are estimated by a regression of the last output. Four motors may
-    also have a mixer row of a quadrotor X. Of these candidates, that with the largest mutual information with the
-    outputs is used. The estimated effects cost ½ ln N nats for each of their r − 1 free numbers, N being the number of
-    samples (the BIC; Schwarz, "Estimating the dimension of a model", 1978).
+    If the mixer is not known, one candidate are the motors' effects as estimated by a regression of the last output.
+    For four motors, the mixer rows of a quadrotor X are further candidates. The candidate with the largest mutual
+    information with the outputs is used. From that of the estimated effects, ½ ln N nats are subtracted for each of
+    their r − 1 free numbers, with N samples (the BIC; Schwarz, "Estimating the dimension of a model", 1978).
 
     Args:
         record: the training data.
 
     Returns:
-        (r, c) unit-length combinations as columns: one for a multirotor, each input by itself for fewer inputs.
+        (r, c) combinations of unit length as columns: one for a multirotor, each single input for fewer inputs.
 
     Raises:
         NotLearnable: no segment has two samples.
@@ -127,7 +127,7 @@ def axis_mixer(record: Record) -> Array:
     estimated_row = _mixer_row_of_regression(regression, scaling, motor_count)
     estimation_cost = 0.5 * (motor_count - 1) * np.log(statistics.row_count)
 
-    # A mixer row of the frame has no free numbers, and pays nothing for them.
+    # The mixer rows of a frame have no free numbers, so that nothing is subtracted.
     best_row = estimated_row
     best_score = _mutual_information(record, estimated_row, prior_precision) - estimation_cost
     for mixer_row in QUADROTOR_X_MIXERS:
@@ -144,7 +144,7 @@ def _mixer_row_of_regression(
 ) -> Array:
     """Returns the effects of the motors on the last output, by an autoregression of outputs and all motors.
 
-    A motor's effect is the sum over its lags of the coefficients with which the last output follows it.
+    The effect of a motor is the sum of its coefficients over all lags in the regression of the last output.
 
     Args:
         regression: the autoregression; its channels are the m outputs, and then the motors.
@@ -167,11 +167,11 @@ def _mixer_row_of_regression(
 def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array) -> float:
     """Returns the mutual information of the outputs and a combination of the inputs, up to a constant, nats.
 
-    It is the log evidence F̄ of a joint autoregression of both, less those of two separate ones. That of the outputs
+    It is the log evidence F̄ of a joint autoregression of both, minus those of two separate ones. That of the outputs
     alone is the same for every combination, and is left out.
 
-    The evidence of the outputs given the combination would be no criterion. In closed loop the controller computes the
-    combination that turns the axis from the motion itself, so it adds little to what the past of the motion shows.
+    The evidence of the outputs given the combination would not be suitable. In closed loop, the controller computes the
+    combination that turns the axis from the motion itself, so that it adds little information to the past motion.
 
     Args:
         record: the training data.
@@ -179,7 +179,7 @@ def _mutual_information(record: Record, mixer_row: Array, prior_precision: Array
         prior_precision: (L, L) prior precision of a channel's coefficients by lag.
 
     Returns:
-        F̄ of the joint autoregression less F̄ of that of the combination alone, nats.
+        F̄ of the joint autoregression minus F̄ of that of the combination alone, nats.
     """
     lags = len(prior_precision)
     combined = _with_combined_inputs(record, mixer_row[:, None])
@@ -225,8 +225,8 @@ def select_hyperparameters(
     Args:
         statistics: statistics of the samples with ``lags`` lags.
         lags: number of lags of the statistics.
-        candidates: hyperparameters to select from. Those with more lags are left out; where no candidate remains,
-            all ridges are tried with ``lags`` lags.
+        candidates: hyperparameters to select from. Those with more lags are left out; if none remains, all ridges are
+            tried with ``lags`` lags.
 
     Returns:
         The selected hyperparameters and the regression with them; of equal ones the first.
@@ -267,7 +267,7 @@ class JointModel(ImmutableResult):
 
     @classmethod
     def learn(cls, record: Record) -> JointModel:
-        """Learns the joint model from training data: the mixer first, then by F̄ the lags and the ridge.
+        """Learns the joint model from training data: first the mixer, then the lags and the ridge of highest F̄.
 
         Args:
             record: the training data.
@@ -280,7 +280,7 @@ class JointModel(ImmutableResult):
         """
         with one_thread():
             mixer = axis_mixer(record)
-            # The statistics have the most lags that the record suffices for; those of fewer lags are a part of them.
+            # The statistics of fewer lags are a part of those of the largest number of lags.
             lags = _largest_lags(record)
             combined = _with_combined_inputs(record, mixer)
             scaling, statistics = lag_regression.LagStatistics.from_record(combined, lags)
@@ -302,13 +302,14 @@ class JointModel(ImmutableResult):
         outputs: Array,
         smooth: bool = False,
     ) -> var.Forecast:
-        """Forecasts the outputs given the inputs, which it takes as measurements, again from every ``steps``-th sample.
+        """Forecasts the outputs with the inputs as measurements, starting again at every ``steps``-th sample.
 
         Args:
             steps: number of samples from the start of one forecast to the next.
             inputs: (H, r) inputs after the training data.
             outputs: (H, m) outputs after the training data; each forecast uses those before its start only.
-            smooth: whether all inputs of a forecast count for each of its samples, not only those up to the sample.
+            smooth: whether each sample of a forecast is estimated from all of its inputs, not only from those up to the
+                sample.
 
         Returns:
             The outputs (H, m) with their variance.
@@ -320,7 +321,7 @@ class JointModel(ImmutableResult):
     def rolling_forecast_unknown_inputs(
         self, steps: int, inputs: Array, outputs: Array
     ) -> var.Forecast:
-        """Forecasts the outputs without knowing the inputs to come, again from every ``steps``-th sample.
+        """Forecasts the outputs with unknown future inputs, starting again at every ``steps``-th sample.
 
         Args:
             steps: number of samples from the start of one forecast to the next.
@@ -348,9 +349,9 @@ class JointModel(ImmutableResult):
     def half_widths(self, variance: Array, level: float, steps: int) -> Array:
         """Returns the half widths of bands about rolling forecasts, by Student's t.
 
-        The variance is estimated from the training data. The errors of forecasts that overlap are not independent. So
-        the degrees of freedom of a forecast i samples long are the number of such forecasts that fit into the training
-        data one after the other, divided by ``FORECASTS_PER_INDEPENDENT_ERROR``, and ``MIN_STUDENT_FREEDOM`` at least.
+        The variance was estimated from the training data, in which errors of overlapping forecasts are not independent.
+        So the degrees of freedom of a forecast of i samples are the number of such forecasts that fit into the training
+        data without overlap, divided by ``FORECASTS_PER_INDEPENDENT_ERROR``, and at least ``MIN_STUDENT_FREEDOM``.
 
         Args:
             variance: (H, m) variances of the forecasts.
@@ -370,10 +371,11 @@ class JointModel(ImmutableResult):
 
 
 def _largest_lags(record: Record) -> int:
-    """Finds the largest number of lags of an autoregression that a record suffices for.
+    """Returns the largest number of lags of an autoregression for which a record is long enough.
 
-    That is the largest candidate for which the longest segment has ``MIN_SAMPLES_PER_LAG`` samples for each lag; where
-    even the smallest is too large, as many lags, up to the smallest candidate, as leave one sample to regress.
+    That is the largest of the ``LAG_CANDIDATES`` for which the longest segment has ``MIN_SAMPLES_PER_LAG`` samples for
+    each lag. If it is too short for all of them, it is the smallest candidate, or one less than the samples of the
+    segment.
 
     Args:
         record: the training data.

@@ -45,7 +45,7 @@ class ChannelScaling(NamedTuple):
             record: training data, in physical units.
         """
         inputs, outputs = record.channel_statistics
-        # The statistics of the outputs and of the inputs are joined, field by field, to those of all channels.
+        # Each field of the result joins that of the outputs and that of the inputs.
         channels = ChannelStatistics(
             *(np.concatenate(pair) for pair in zip(outputs, inputs, strict=True))
         )
@@ -55,7 +55,7 @@ class ChannelScaling(NamedTuple):
         """Scales channels from physical units to mean 0 and variance 1.
 
         Args:
-            channels: (…, k) values of the channels; fewer than k columns are the first channels, such as the outputs.
+            channels: (…, k) values of the channels, or of the first ones only, such as the outputs.
 
         Returns:
             (…, k) scaled values.
@@ -80,13 +80,13 @@ def lagged_rows(samples: Array, lags: int) -> Array:
         L.
     """
     rows = max(0, samples.shape[-2] - lags)
-    # Each block has, for each of the samples, the sample ``lag`` steps before it.
+    # Each block has the samples that are ``lag`` steps before those of the rows.
     blocks = [samples[..., lags - lag : lags - lag + rows, :] for lag in range(1, lags + 1)]
     return np.concatenate(blocks, axis=-1)
 
 
 def latest_samples(channels: Array, count: int) -> Array:
-    """Takes the last samples of channels; if there are too few, the first one is repeated before them.
+    """Returns the last samples of channels; if there are too few, the first one is repeated in front of them.
 
     Args:
         channels: samples of k channels (T, k), at least one sample.
@@ -126,7 +126,7 @@ class LagStatistics(NamedTuple):
         for channels in segments:
             past = lagged_rows(channels, lags)
             ones = np.ones((len(past), 1))
-            # Of a segment with fewer than L samples both the past and the targets are empty.
+            # For a segment with fewer than L samples, both the past and the targets are empty.
             targets = channels[lags:][: len(past)]
             tables.append(np.hstack([past, ones, targets]))
         return cls(sum(map(len, tables)), np.asarray(sum(table.T @ table for table in tables)))
@@ -138,6 +138,9 @@ class LagStatistics(NamedTuple):
         Args:
             record: training data; its channels are the outputs and then the inputs.
             lags: number L of lags.
+
+        Returns:
+            The scaling, and the statistics of the scaled channels.
 
         Raises:
             NotLearnable: no segment has more than ``lags`` samples.
@@ -153,7 +156,7 @@ class LagStatistics(NamedTuple):
         return ScaledStatistics(scaling, statistics)
 
     def plus_discounted(self, earlier: LagStatistics, weight: float) -> LagStatistics:
-        """Adds the statistics of earlier samples with a weight, so that each of them counts as a fraction of a sample.
+        """Returns the sum of these statistics and those of earlier samples, which are multiplied by a weight.
 
         Args:
             earlier: statistics of the earlier samples.
@@ -169,7 +172,7 @@ class LagStatistics(NamedTuple):
     def gram_of_fewer_lags(self, lags: int, fewer: int) -> Array:
         """Returns the Gram matrix of the same regression with fewer lags, by leaving out columns.
 
-        The rows stay the same, so that free energies of different numbers of lags are of the same data.
+        The rows are the same, so that free energies with different numbers of lags are those of the same data.
 
         Args:
             lags: number of lags L of these statistics.
@@ -218,7 +221,9 @@ class Regression(NamedTuple):
 
 
 def lag_prior_precision(lags: int, ridge: float) -> Array:
-    """Returns the prior precision of a channel's coefficients by lag, which grows with the square of the lag.
+    """Returns the prior precision of the coefficients of a channel, which increases with the square of the lag.
+
+    So coefficients of longer lags are shrunk more towards 0 (the Minnesota prior).
 
     Args:
         lags: number L of lags.
@@ -238,18 +243,18 @@ def regress(
 ) -> Regression:
     """Regresses samples of k channels on their lags, with a Gaussian prior, and computes the evidence.
 
-    The prior mean is a random walk, A₁ = I and all else 0. Deviations from it have the covariance Σ ⊗ P⁻¹, the same for
-    every channel. With a diagonal precision P that grows with the lag this is the "Minnesota prior" (R. Litterman,
-    "Forecasting with Bayesian vector autoregressions", Journal of Business & Economic Statistics 4(1), 1986). Σ is
-    estimated as the squared errors, those of the prior among them, over the number of rows less the effective number
-    of coefficients.
+    The prior mean is a random walk: A₁ = I, and all other coefficients are 0. Deviations from it have the covariance
+    Σ ⊗ P⁻¹, with the same P for every channel. With a diagonal precision P that grows with the lag this is the
+    "Minnesota prior" (R. Litterman, "Forecasting with Bayesian vector autoregressions", Journal of Business & Economic
+    Statistics 4(1), 1986). The estimate of Σ is the sum of the squared errors, including those of the prior, divided by
+    the number of rows minus the effective number of coefficients.
 
     Args:
         gram: statistics of rows [z_{t−1}, …, z_{t−L}, 1, z_t] of channels of about variance 1.
         row_count: number of rows, more than 0.
         prior_precision: (L, L) prior precision P of a channel's coefficients by lag.
-        noise_floor: variance that the free energy adds to those of the innovations, so that a channel that follows
-            exactly from others does not dominate it.
+        noise_floor: variance that is added to the variances of the innovations in the free energy. Without it, a
+            channel that is determined exactly by others would dominate the free energy.
 
     Returns:
         The posterior of the coefficients, and the terms of F̄.
@@ -264,7 +269,7 @@ def regress(
     # With the Cholesky factor F Fᵀ of the posterior precision, R = F⁻¹ has RᵀR = the posterior covariance.
     factor = np.linalg.cholesky(gram[:q, :q] + precision)
     covariance_root, _ = scipy.linalg.lapack.dtrtri(factor, lower=True)
-    # The targets become the errors of a random walk: small numbers, where the samples themselves are large.
+    # The targets become the changes from sample to sample, which are small compared with the samples.
     moments = gram.copy()
     moments[q:] -= moments[:k]
     moments[:, q:] -= moments[:, :k]
@@ -272,10 +277,12 @@ def regress(
     explained = covariance_root @ moments[:q, q:]
     deviation = covariance_root.T @ explained
     squared_errors = moments[q:, q:] - explained.T @ explained
-    # The nearest positive semidefinite matrix: rounding leaves negative eigenvalues where errors vanish.
+    # If errors vanish, rounding makes eigenvalues negative. They are set to 0, which gives the nearest positive
+    # semidefinite matrix.
     eigenvalues, eigenvectors = np.linalg.eigh((squared_errors + squared_errors.T) / 2)
     squared_errors = (eigenvectors * np.maximum(eigenvalues, 0.0)) @ eigenvectors.T
-    # The trace of prior precision times posterior covariance: the coefficients that the prior determines, not the data.
+    # The trace of prior precision times posterior covariance is the number of coefficients that the prior determines
+    # and not the data.
     effective_coefficients = q - np.sum(precision * (covariance_root.T @ covariance_root))
 
     noise = squared_errors / row_count + noise_floor * np.eye(k)

@@ -101,18 +101,18 @@ def simulate_models(models: StateSpace, inputs: Array, outputs: Array) -> Array:
         (b, H, m, S) simulated outputs.
     """
     A, B, C, D, K = models.A, models.B, models.C, models.D, models.K
-    # (h + 1, r + m, S): what the filter takes at each step of every piece.
+    # Inputs and outputs, which the filter needs at each step of every piece, (h + 1, r + m, S).
     samples = np.concatenate([inputs[: len(outputs)], outputs], axis=1)
     second_state_map = np.concatenate([models.second_of_inputs, models.second_of_outputs], axis=-1)
     # x⁺ = (A − K C) x + (B − K D) u + K y.
     filter_transition = A - K @ C
     filter_inputs = np.concatenate([B - K @ D, K], axis=-1)
-    # The states (b, n, S) of all models and pieces take each step together. First the filter runs, and corrects them by
-    # the measured outputs.
+    # Each step is computed for the states (b, n, S) of all models and pieces at once. First the filter runs, which
+    # corrects them by the measured outputs.
     states = second_state_map @ samples[0]
     for sample in samples[1:]:
         states = filter_transition @ states + filter_inputs @ sample
-    # Then they follow the models alone.
+    # Then the models are simulated without measurements.
     simulated = []
     for inputs_now in inputs[len(outputs) :]:
         simulated.append(C @ states + D @ inputs_now)
@@ -139,16 +139,16 @@ class SimulationPieces(NamedTuple):
     def from_segments(cls, segments: Segments, horizon: int) -> SimulationPieces:
         """Cuts segments into overlapping pieces of two horizons each; at most ``MAX_PIECES``, evenly spread.
 
-        In the first half of a piece the filter finds the state, and over the second half the model is simulated.
+        Over the first half of a piece the filter estimates the state, and over the second half the model is simulated.
 
         Args:
             segments: inputs (T, r) and outputs (T, m) of each segment, one of them longer than two horizons.
             horizon: number of samples of each simulation, and of the filter before it.
 
         Returns:
-            The pieces as arrays, step by step, so that all of them are simulated at once.
+            The pieces as arrays with the step as the first axis, so that all of them are simulated at once.
         """
-        # The filter and the simulation take a horizon each; one more sample sets the filter's first state.
+        # The filter and the simulation last one horizon each; one more sample initialises the state of the filter.
         piece_length = 2 * horizon + 1
         all_pieces: list[SegmentSamples] = []
         for inputs, outputs in segments:
@@ -185,10 +185,10 @@ def _piece_starts(length: int, horizon: int) -> range:
 
 
 def effective_piece_count(lengths: Sequence[int], horizon: int) -> float:
-    """Returns the effective number of simulations, by which the fit counts its data.
+    """Returns the effective number of simulations, from which the effective sample size of the fit follows.
 
-    Pieces overlap, so their errors are not independent. Their effective number is that of simulations which fit into
-    the samples without overlap, at most the number of pieces.
+    As pieces overlap, their errors are not independent. The effective number is that of simulations which fit into the
+    samples without overlap, and at most the number of pieces.
 
     Args:
         lengths: numbers of samples of the segments; segments too short for a piece of two horizons are left out.
@@ -210,13 +210,13 @@ def simulation_horizon(
 ) -> int | None:
     """Returns the horizon of the fit: the number of samples of each simulation, at most ``settings.horizon``.
 
-    A shorter horizon gives more independent simulations. So it is shortened, for a short record, until the effective
-    sample size is ``MIN_SAMPLES_PER_PARAMETER`` for each free parameter of A and B.
+    A shorter horizon yields more independent simulations. So for a short record it is shortened until the effective
+    sample size is ``MIN_SAMPLES_PER_PARAMETER`` times the number of free parameters of A and B.
 
     Args:
         model: the generative model; parameters that its prior does not fix are free.
         settings: settings of the fit, with the horizon in seconds.
-        scaling: the engine's units, which tell whether the inputs are known.
+        scaling: the engine's units, and whether the inputs are known.
         record: the training data.
 
     Returns:
@@ -333,7 +333,7 @@ class SimulationObjective:
             points: (b, f) free parameters of b models; the other parameters are the same for all.
 
         Returns:
-            Measured less simulated outputs (b, H, m, S): over H steps, of S pieces; infinite or NaN where a simulation
+            Measured minus simulated outputs (b, H, m, S): over H steps, of S pieces; infinite or NaN where a simulation
             overflows.
         """
         thetas = np.repeat(self.theta[None], len(points), axis=0)
@@ -367,7 +367,7 @@ class SimulationObjective:
         # The derivatives of all errors by one parameter in each row (f, number of errors).
         jacobian = (errors[1:] - residuals).reshape(len(point), -1) / steps[:, None]
         mean_square = _mean_square(residuals)
-        # The pieces overlap, so each error counts as a fraction of an independent sample.
+        # As the pieces overlap, each error counts only as a fraction of an independent sample.
         samples_per_error = self.effective_samples / residuals.size
         # The derivatives of −N/2 ln(mean square), and of the log prior.
         gradient = -samples_per_error * jacobian @ residuals.ravel() / mean_square - (
@@ -381,7 +381,7 @@ class SimulationObjective:
     def terms(self, expansion: QuadraticExpansion) -> dict[str, float]:
         """Returns the terms of F̄, Eq. ``F_action_opt``, at the point of an expansion.
 
-        A simulation has no uncertain states, so that there is no entropy of states.
+        As simulated states are not uncertain, there is no entropy of states.
 
         Args:
             expansion: expansion of the log joint density about the point.
@@ -423,9 +423,9 @@ def fit_simulation_error(
     gain: Array,
     record: Record,
 ) -> SimulationFit | None:
-    """Fits A and B so that simulations over a short horizon have the least errors, by Gauss-Newton steps.
+    """Fits A and B by Gauss-Newton steps, so that simulations over a short horizon have the smallest errors.
 
-    Each step increases the free energy F̄. Parameters of A and B are free where their prior precision is below
+    Each step increases the free energy F̄. A parameter of A and B is free if its prior precision is below
     ``KINEMATIC_PRECISION``; the others are fixed by kinematics.
 
     Args:
@@ -471,8 +471,8 @@ def fit_simulation_error(
     return SimulationFit(
         theta=fitted_theta,
         free=free,
-        # The curvature has the mean squared error for the noise variance. Divided by the degrees of freedom, which the
-        # fit of the parameters has reduced, the variance is unbiased.
+        # In the curvature the noise variance is the mean squared error, which is too small since the parameters were
+        # fitted. The factor corrects it to the sum of squares divided by the degrees of freedom.
         covariance=inverse(trace[-1].curvature)
         * effective_samples
         / (effective_samples - len(free)),
@@ -486,12 +486,12 @@ def fit_simulation_error(
 def _weak_prior_precision(model: GenerativeModel, is_free: Flags, record: Record) -> Array:
     """Returns the prior precision of the simulation-error fit under the "regulated" prior.
 
-    Free parameters get the weak ``FREE_PARAMETER_PRECISION``, so that the data decide. But the effects of motor
-    combinations that are orthogonal to the mixer row of the axis are held near 0 by ``NON_TURNING_PRECISION``: such
-    combinations, for example all motors alike, hardly turn the vehicle.
+    Free parameters get the weak ``FREE_PARAMETER_PRECISION``, so that the data determine them. But combinations of
+    motors that are orthogonal to the mixer row of the axis, such as the sum of all motors, hardly turn the vehicle:
+    their effects get the higher precision ``NON_TURNING_PRECISION`` about 0.
 
     Args:
-        model: the generative model, whose prior holds for all other parameters.
+        model: the generative model, whose prior is used for all other parameters.
         is_free: (k,) which parameters are free.
         record: the training data.
 

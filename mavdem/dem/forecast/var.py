@@ -80,9 +80,12 @@ class VectorAutoregression(NamedTuple):
         Args:
             regression: posterior of the coefficients, (L k + 1, k), those of the latest lag first, the constant last.
             scaling: scaling of the channels.
+
+        Returns:
+            The autoregression in scaled channels, with the innovation covariance of the regression.
         """
         q, k = regression.mean.shape
-        # A row has the coefficients of one channel: A₁ … A_L side by side, and the offset last.
+        # Each row contains the coefficients of one channel: its rows of A₁ … A_L side by side, and its offset last.
         coefficients = regression.mean.T
         lags = (q - 1) // k
         return cls(
@@ -170,7 +173,7 @@ class VectorAutoregression(NamedTuple):
             steps: number of samples to forecast.
 
         Returns:
-            Means (…, steps, k) and variances (steps, k) of the channels, outputs first. If a mean overflows it is
+            Means (…, steps, k) and variances (steps, k) of the channels, outputs first. A mean that overflows is
             replaced by the mean of the training data, with infinite variance.
         """
         # Step h of the forecast is the h-th map of the past, plus the h-th constant.
@@ -180,9 +183,10 @@ class VectorAutoregression(NamedTuple):
         # Letters of einsum: step h of the forecast, signal k, entry i of the past.
         mean = np.einsum("...i,hki->...hk", past_latest_first, maps, optimize=True) + constants
         # Ψ_h is the response of sample t + h to the innovation e_t. Since e_t is added to z_t, the process responds to
-        # both alike. So Ψ_0 is the identity, and Ψ_h the first k columns, those of the latest sample, of the h-th map.
+        # e_t as to z_t. So Ψ_0 is the identity, and Ψ_h is the first k columns of the h-th map, those of the latest
+        # sample.
         responses = np.concatenate([np.eye(k)[None], maps[:-1, :, :k]])
-        # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, Ψ being the response to it.
+        # Each further step adds the variance diag(Ψ Σ Ψᵀ) of one more innovation, where Ψ is the response to it.
         # Letters of einsum: step h, signal i, innovations j and l.
         added_variances = np.einsum(
             "hij,jl,hil->hi", responses, self.innovation_covariance, responses
@@ -213,7 +217,7 @@ class VectorAutoregression(NamedTuple):
         return AffineMap(np.ascontiguousarray(maps[:, :, :-1]), maps[:, :, -1])
 
     def output_map(self, m: int) -> AffineMap:
-        """Returns the expected outputs of a sample as a linear function of its own inputs and of the past.
+        """Returns the expected outputs of a sample as a linear function of the inputs of the same sample and the past.
 
         The inputs u of the sample help to predict its outputs y, since their innovations are correlated:
         E[y | u, past] = E[y | past] + Σ_yu Σ_uu⁻¹ (u − E[u | past]).
@@ -222,8 +226,8 @@ class VectorAutoregression(NamedTuple):
             m: number of outputs.
 
         Returns:
-            A map (m, (L + 1) k) that multiplies [z_t; z_{t−1}; …; z_{t−L}], zero for the outputs in z_t, and a constant
-            (m,); for scaled channels.
+            A map (m, (L + 1) k) that multiplies [z_t; z_{t−1}; …; z_{t−L}], and a constant (m,), for scaled channels.
+            The columns of the map for the outputs in z_t are 0.
         """
         Sigma = self.innovation_covariance
         # The tolerance keeps Σ_uu invertible where an input does not vary.
@@ -243,7 +247,7 @@ class VectorAutoregression(NamedTuple):
 
         Args:
             m: number of outputs.
-            steps: number of samples that the filter is needed for.
+            steps: number of samples to which the filter will be applied.
 
         Returns:
             The filter of scaled channels; its initial covariance is 0, since the past is known.
@@ -253,12 +257,12 @@ class VectorAutoregression(NamedTuple):
         r = k - m
         Sigma = self.innovation_covariance
         output_coefficients = self.coefficients.swapaxes(0, 1)[:, :, :m].reshape(k, n)
-        # The identity below the diagonal moves the outputs of each lag to the next lag. The first m rows give the next
-        # outputs from the outputs of all lags.
+        # The identity below the diagonal moves the outputs of each lag to the next lag. The first m rows compute the
+        # next outputs from the outputs of all lags.
         A = np.eye(n, k=-m)
         A[:m] = output_coefficients[:m]
-        # The innovation of the sample has a part that moves the outputs, with covariance Q, and a part that disturbs
-        # the measured inputs, with covariance R. The two parts are correlated, with covariance S.
+        # The innovation has a part that is added to the outputs, with covariance Q, and a part that is added to the
+        # measured inputs, with covariance R. The two parts are correlated, with covariance S.
         Q = np.zeros((n, n))
         S = np.zeros((n, r))
         R = Sigma[m:, m:] + ROUNDING_TOLERANCE * np.eye(r)
@@ -268,18 +272,18 @@ class VectorAutoregression(NamedTuple):
         return KalmanFilter.design(A, output_coefficients[m:], Q, R, S, known_past, steps)
 
     def forecast_known_inputs(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
-        """Forecasts the outputs y, given the inputs u, by a Kalman filter that takes the inputs as measurements of y.
+        """Forecasts the outputs y, given the inputs u, by a Kalman filter that uses the inputs as measurements of y.
 
-        In closed loop the controller computes the inputs from the motion, so that the inputs tell of the outputs.
-        The steps:
+        In closed loop the controller computes the inputs from the motion, so that the inputs contain information on the
+        outputs. The steps:
 
-        1. The filter of :meth:`output_filter` has the outputs of the last L samples as its state. They are known at the
-           start, from the past.
-        2. The process gives each channel as a sum over earlier outputs, which are the filter's state, and over earlier
+        1. The state of the filter of :meth:`output_filter` is the outputs of the last L samples. At the start they are
+           known from the past.
+        2. In the process each channel is a sum over earlier outputs, which are the filter's state, and over earlier
            inputs and the offset, which are known. The known part is computed for all samples beforehand.
         3. The known part of y is added to the state at each step, as a forcing term. The known part of u is subtracted
-           from the measured u; the rest is what the filter takes as its measurement.
-        4. The filter runs forward and, if ``smooth``, the smoother backward.
+           from the measured u, and the difference is the measurement of the filter.
+        4. The filter runs forward and, if ``smooth``, the smoother runs backward.
 
         Args:
             past: (…, L, k) samples up to the forecast, the latest last; leading axes are separate forecasts.
@@ -287,7 +291,8 @@ class VectorAutoregression(NamedTuple):
             smooth: whether each sample is estimated from all H inputs, or only from those up to that sample.
 
         Returns:
-            The outputs (…, H, m) in physical units; overflow is treated as in :meth:`forecast_unknown_inputs`.
+            Means and variances of the outputs (…, H, m) in physical units; overflow is treated as in
+            :meth:`forecast_unknown_inputs`.
         """
         lags, k, _ = self.coefficients.shape
         steps, r = inputs.shape[-2:]
@@ -296,15 +301,15 @@ class VectorAutoregression(NamedTuple):
         coefficients = self.coefficients.swapaxes(0, 1)
         scaled_past = self.scaling.scaled(past)
         scaled_inputs = (inputs - self.scaling.center[m:]) / self.scaling.scale[m:]
-        # The known part of each sample, (…, H, k): what earlier inputs and the offset add to all k channels. The first
-        # m channels are the outputs, the other r the inputs.
+        # The known part of each sample, (…, H, k): the effect of earlier inputs and of the offset on all k channels.
+        # The first m channels are the outputs, the other r the inputs.
         earlier_inputs = lagged_rows(
             np.concatenate([scaled_past[..., m:], scaled_inputs], axis=-2), lags
         )
         input_coefficients = coefficients[:, :, m:].reshape(k, lags * r)
         known_effect = earlier_inputs @ input_coefficients.T + self.offset
         # The state starts with the latest m outputs, so the known part of the outputs is added to its first m entries.
-        # The other entries are only moved on from lag to lag, and nothing is added to them.
+        # The other entries are only moved from lag to lag, and nothing is added to them.
         forcing = np.zeros((*known_effect.shape[:-1], m * lags))
         forcing[..., :m] = known_effect[..., :m]
         states, innovations = kalman_filter.filter(
@@ -329,23 +334,23 @@ class VectorAutoregression(NamedTuple):
         """Forecasts outputs given the inputs, starting again at every ``steps``-th sample.
 
         Args:
-            past: (L or more, k) samples before the first one.
+            past: samples before the first forecast, at least L of them (T, k).
             steps: number of samples from one forecast to the next.
             inputs: (H, r) inputs.
             outputs: (H, m) measured outputs; each forecast uses those before it.
-            smooth: whether all inputs of a forecast count for each of its samples, not only those up to it.
+            smooth: whether each forecast sample also uses the inputs after it, up to the end of its forecast.
 
         Returns:
-            The outputs (H, m), as of :meth:`forecast_known_inputs`.
+            Means and variances of the outputs (H, m), as those of :meth:`forecast_known_inputs`.
         """
         length = len(inputs)
         m = outputs.shape[1]
-        # A single forecast covers all samples where there are fewer than steps.
+        # If there are fewer samples than ``steps``, a single forecast covers them all.
         steps = max(1, min(steps, length))
         pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
         inputs_by_forecast = inputs[_rows_by_forecast(len(pasts), steps, length)]
         forecasts = self.forecast_known_inputs(pasts, inputs_by_forecast, smooth)
-        # The forecasts (S, steps, m) one after another; the last may reach beyond the samples, and is cut off there.
+        # The forecasts (S, steps, m) are joined; the last may reach beyond the H samples, and is cut off there.
         return Forecast(
             forecasts.mean.reshape(-1, m)[:length], forecasts.variance.reshape(-1, m)[:length]
         )
@@ -357,44 +362,44 @@ class VectorAutoregression(NamedTuple):
         inputs: Array,
         outputs: Array,
     ) -> Forecast:
-        """Forecasts outputs without knowing the inputs to come, starting again at every ``steps``-th sample.
+        """Forecasts outputs without knowing later inputs, starting again at every ``steps``-th sample.
 
         Args:
-            past: (L or more, k) samples before the first one.
+            past: samples before the first forecast, at least L of them (T, k).
             steps: number of samples from one forecast to the next.
             inputs: (H, r) inputs; each forecast uses those before it.
             outputs: (H, m) measured outputs; each forecast uses those before it.
 
         Returns:
-            The outputs (H, m), as of :meth:`forecast_unknown_inputs`.
+            Means and variances of the outputs (H, m), as those of :meth:`forecast_unknown_inputs`.
         """
         length, m = outputs.shape
-        # A single forecast covers all samples where there are fewer than steps.
+        # If there are fewer samples than ``steps``, a single forecast covers them all.
         steps = max(1, min(steps, length))
         pasts = self._pasts_of_forecasts(past, steps, inputs, outputs)
         forecasts = self.forecast_unknown_inputs(pasts, steps)
-        # The first m of the k channels are the outputs. The S forecasts of ``steps`` samples each are put one after
-        # another; the last may reach beyond the H samples, and is cut off there.
+        # The first m of the k channels are the outputs. The S forecasts of ``steps`` samples each are joined; the last
+        # may reach beyond the H samples, and is cut off there.
         return Forecast(
             forecasts.mean[..., :m].reshape(-1, m)[:length],
             forecasts.variance[..., :m].reshape(-1, m)[:length],
         )
 
     def one_step_predictions(self, record: Record) -> Array:
-        """Predicts each sample of a record from those before it in its segment, and from its own inputs.
+        """Predicts the outputs of each sample of a record from its inputs and from the samples before it.
 
         Args:
             record: T samples in any number of segments, in physical units.
 
         Returns:
-            The outputs (T, m) of all segments, one after the other, in physical units.
+            Predicted outputs (T, m) of all segments in order, in physical units. No segment uses samples of another.
         """
         m = record.outputs.shape[1]
         weights, constant = self.output_map(m)
         predictions = []
         for channels in self.scaling.scaled_segments(record):
-            # The first sample stands for the samples before the segment. For the first sample itself, whose past is
-            # unknown, the past is the mean of the training data, which is 0 here.
+            # The samples before the segment are assumed to equal its first sample. The first sample itself is predicted
+            # as if its past were the mean of the training data, which is 0 here.
             padded = np.concatenate([np.repeat(channels[:1], self.lags, axis=0), channels])
             past = lagged_rows(padded, self.lags)
             past[0] = 0.0
@@ -409,7 +414,7 @@ class VectorAutoregression(NamedTuple):
             variance: (…, H, c) variances, or an array that broadcasts to that shape.
 
         Returns:
-            The forecast. If a mean is not finite it is that of the training data, with infinite variance.
+            The forecast. A mean that is not finite is replaced by that of the training data, with infinite variance.
         """
         columns = mean.shape[-1]
         # In scaled channels, the mean of the training data is 0.
@@ -424,26 +429,26 @@ class VectorAutoregression(NamedTuple):
 def _rows_by_forecast(forecasts: int, steps: int, length: int) -> Indices:
     """Returns the rows of the samples that each rolling forecast covers.
 
-    Forecasts follow one another without overlap. The last may reach beyond the end; it repeats the last row there.
+    Forecasts follow one another without overlap. If the last one extends beyond the last row, it repeats that row.
 
     Args:
         forecasts: number S of forecasts.
-        steps: number of samples of each.
-        length: number of samples of all together.
+        steps: number of samples of each forecast.
+        length: number of samples, which is the number of rows.
 
     Returns:
-        Rows (S, steps).
+        Indices of rows (S, steps).
     """
     return np.minimum(np.arange(forecasts * steps), length - 1).reshape(-1, steps)
 
 
 def _latest_first(past: Array) -> Array:
-    """Flattens samples to the order of the coefficients: the latest sample first.
+    """Flattens samples to the order of the coefficients, which begin with those of the latest sample.
 
     Args:
         past: (…, L, k) samples of k channels, the latest last.
 
     Returns:
-        (…, L · k) the samples side by side.
+        (…, L · k) the samples side by side, the latest first.
     """
     return past[..., ::-1, :].reshape(*past.shape[:-2], past.shape[-2] * past.shape[-1])

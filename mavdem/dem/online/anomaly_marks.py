@@ -61,11 +61,11 @@ class AnomalyMarks:
         self._marked_sample = -np.inf
 
     def add(self, surprise: float) -> bool:
-        """Takes the surprise of the next sample, and decides whether the sample is marked.
+        """Adds the surprise of the next sample, and decides whether the sample is marked.
 
         Args:
-            surprise: Drop of the sample's free energy below its recent median, in units of usual drops. A surprise that
-                is not finite, as after a gap, is ignored.
+            surprise: Drop of the sample's free energy below its recent median, in units of a usual drop (``Surprise``).
+                A value that is not finite, which is that of samples soon after a gap, is ignored.
 
         Returns:
             Whether the evidence exceeds the limit, and the last mark is at least ``REFRACTORY_SECONDS`` ago.
@@ -73,7 +73,8 @@ class AnomalyMarks:
         if not np.isfinite(surprise):
             return False
         self._sample_count += 1
-        # An exponential average. The logarithm keeps one huge surprise from counting like a change that lasts.
+        # An exponential average. The logarithm limits the weight of a single very large surprise, which would otherwise
+        # have the same effect as a lasting change.
         self._evidence += self._smoothing * (np.log1p(max(surprise, 0.0)) - self._evidence)
         self._current_peak = max(self._current_peak, self._evidence)
         samples_since_mark = self._sample_count - self._marked_sample
@@ -81,7 +82,8 @@ class AnomalyMarks:
         if is_marked:
             self._marked_sample = self._sample_count
         if self._sample_count % self._samples_per_peak == 0:
-            # A peak counts as the limit at most, whatever its size: one failure must not hide the next.
+            # A peak is cut off at the limit. Otherwise one failure would raise the limit so much that the next one
+            # would not be marked.
             self._peaks.append(min(self._current_peak, self._limit))
             self._current_peak = self._evidence
             self._limit = evidence_limit(np.array(self._peaks))
@@ -91,9 +93,9 @@ class AnomalyMarks:
 def evidence_limit(peaks: Array) -> float:
     """Returns the evidence that the next peak exceeds once in ``MEAN_SECONDS_BETWEEN_FALSE_MARKS``.
 
-    The peaks are taken to have Gumbel's distribution, whose quantile is x(P) = μ − β log(−log P). The location μ
-    follows from the median of the peaks, the scale β from their median deviation. For n peaks the distance from the
-    median is widened by the factor √(1 + 1/n), since the median is uncertain.
+    The peaks are assumed to have Gumbel's distribution, whose quantile is x(P) = μ − β log(−log P). The location μ
+    follows from the median of the peaks, the scale β from their median deviation. The distance of the limit from the
+    median of n peaks is multiplied by √(1 + 1/n), since the median is uncertain.
 
     Args:
         peaks: (n,) largest evidence of each interval of ``PEAK_SECONDS``.
@@ -105,7 +107,7 @@ def evidence_limit(peaks: Array) -> float:
     if count < MIN_PEAKS:
         return np.inf
     median = np.median(peaks)
-    # There is a peak every PEAK_SECONDS, and all but one of them in MEAN_SECONDS_BETWEEN_FALSE_MARKS are below.
+    # There is a peak every PEAK_SECONDS. In MEAN_SECONDS_BETWEEN_FALSE_MARKS all of them but one are below the limit.
     probability = 1 - PEAK_SECONDS / MEAN_SECONDS_BETWEEN_FALSE_MARKS
     # Distance of the quantile from the median, which is the quantile of P = 1/2, in units of the scale.
     distance = np.log(np.log(2)) - np.log(-np.log(probability))

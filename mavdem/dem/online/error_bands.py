@@ -48,11 +48,11 @@ class ErrorBands:
         self.half_widths = np.full((1 + horizons, outputs), np.nan)
 
     def add(self, one_step_error: Array, horizon_errors: Array) -> None:
-        """Takes the errors of the predictions of one sample; those that are not finite are ignored.
+        """Adds the errors of the predictions of one sample; those that are not finite are ignored.
 
         Args:
-            one_step_error: (m,) error of its prediction from the samples before it.
-            horizon_errors: (H, m) errors of its predictions at each horizon.
+            one_step_error: (m,) error of the sample's prediction from the samples before it.
+            horizon_errors: (H, m) errors of the sample's predictions at each horizon.
         """
         self._errors[0, :, self._next_slot] = one_step_error
         self._errors[1:, :, self._next_slot] = horizon_errors
@@ -61,9 +61,10 @@ class ErrorBands:
     def update(self) -> None:
         """Computes the half widths from the errors of the last ``BAND_SECONDS``.
 
-        A half width is the size that the next error stays below with a probability of 90 %, by the order statistics of
-        the errors, whatever their distribution; it is ``MAX_MEDIANS`` medians at most. It sorts all errors, and is
-        therefore called once for each block of samples.
+        The next error is smaller than the half width with a probability of 90 %. This follows from the order statistics
+        of the errors, without an assumption about their distribution. A half width is at most ``MAX_MEDIANS`` times the
+        median size of the errors. This function sorts all errors, and is therefore called once for each block of
+        samples.
         """
         # Sorting puts infinity and NaN last, so that the first ``count`` sizes are the finite ones. Sizes have the
         # shape (1 + H, m, capacity), counts and quantiles (1 + H, m, 1).

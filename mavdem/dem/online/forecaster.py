@@ -64,11 +64,12 @@ class PredictionMaps(NamedTuple):
         """Predicts from the latest samples.
 
         Args:
-            inputs: Inputs of the latest samples, (T, r); where T is below L + 1, the first stands for all before.
+            inputs: Inputs of the latest samples, (T, r). If T is below L + 1, the samples before the first are assumed
+                to equal the first.
             outputs: Outputs of the same samples, (T, m).
 
         Returns:
-            (H + 1, m) outputs at each horizon and, last, of the latest sample. What overflows is not finite.
+            (H + 1, m) outputs at each horizon and, last, of the latest sample. Values that overflow are not finite.
         """
         if len(outputs) <= MAX_LAGS:
             inputs = latest_samples(inputs, MAX_LAGS + 1)
@@ -127,9 +128,10 @@ class OnlineForecaster:
         self.relearn((), axis_mixer)
 
     def relearn(self, blocks: Iterable[MemoryBlock], axis_mixer: Array | None) -> None:
-        """Forgets all samples and learns from these blocks, if the mixer or later samples proved to be wrong.
+        """Discards all samples and learns from these blocks instead.
 
-        The last model predicts until the next fit.
+        It is called when the mixer has changed, or when samples have turned out not to be of flight. The last model
+        predicts until the next fit.
 
         Args:
             blocks: Blocks in the order of time.
@@ -139,9 +141,9 @@ class OnlineForecaster:
         # Blocks of the first second, whose samples determine the scaling of the channels.
         self._blocks_before_scaling: list[MemoryBlock] = []
         self._scaling: ChannelScaling | None = None
-        # Sums over the samples since then, exponentially forgotten.
+        # Sums over all samples, with weights that decrease exponentially with their age.
         self._statistics: LagStatistics | None = None
-        # Scaled channels (up to L, k) of the latest samples in the sums: the lags of the first samples that follow.
+        # Scaled channels (up to L, k) of the latest samples in the sums, which are the lags of the next samples.
         self._latest_channels = np.empty((0, 0))
         self._samples_since_fit = 0
         self.errors.forget_averages()
@@ -155,10 +157,13 @@ class OnlineForecaster:
     def predict(self, memory: SampleMemory) -> NextPredictions:
         """Compares the latest sample with its predictions, and predicts the next ones.
 
-        The order matters: the sample is compared with its predictions before its own predictions are stored.
+        The sample has to be compared with its predictions before the predictions from it are stored.
 
         Args:
             memory: Memory to which the latest sample has been added.
+
+        Returns:
+            The prediction of the latest sample, NaN if there is none, and the predictions at each horizon.
         """
         inputs, outputs = memory.latest_samples(MAX_LAGS + 1)
         latest_outputs = outputs[-1]
@@ -170,7 +175,7 @@ class OnlineForecaster:
             predictions = self._maps.predict(inputs, outputs)
             if len(outputs) > 1:
                 expected = predictions[-1]
-            # Soon after a gap not all lags are known, and the sample is held.
+            # Soon after a gap not all lags are known. The prediction is then the latest sample itself, as below.
             if len(outputs) >= MAX_LAGS:
                 ahead = predictions[:-1]
                 is_finite = np.isfinite(ahead)
@@ -189,13 +194,14 @@ class OnlineForecaster:
 
         Args:
             block: The block.
-            may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, it is put off,
-                so that samples do not wait.
+            may_fit: Whether the model is fitted when a fit is due. While another thread computes a fit, this fit is
+                postponed, so that samples do not wait.
         """
-        # Without the mixer the inputs cannot be combined to channels. The blocks come again with :meth:`relearn`.
+        # Without the mixer the inputs cannot be combined to channels. :meth:`relearn` is given the blocks again when
+        # the mixer is known.
         if self.axis_mixer is None:
             return
-        # The samples of the first second determine the scaling, and are counted together when it is known.
+        # The samples of the first second determine the scaling, and are added to the sums when it is known.
         if self._scaling is None:
             self._blocks_before_scaling.append(block)
             self._scaling = self._scaling_of_first_second(self.axis_mixer)
@@ -209,7 +215,7 @@ class OnlineForecaster:
             statistics = self._count_samples(new_block, self.axis_mixer, self._scaling)
         is_due = self._samples_since_fit * self._dt >= REFIT_SECONDS and statistics.row_count >= 1
         if may_fit and is_due:
-            # If the regression fails, it is tried again with the next samples.
+            # If the regression fails, it is repeated with the next samples.
             with one_thread(wait=False) as is_free, suppress(LinAlgError):
                 if is_free:
                     self._samples_since_fit = 0
@@ -234,7 +240,7 @@ class OnlineForecaster:
             axis_mixer: (r, c) combinations of the inputs.
 
         Returns:
-            Mean and standard deviation of each channel in the blocks so far; None before these last
+            Mean and standard deviation of each channel in the blocks so far; None if these are shorter than
             ``FIRST_FIT_SECONDS``.
         """
         blocks = self._blocks_before_scaling
@@ -242,13 +248,13 @@ class OnlineForecaster:
             return None
         channels = np.concatenate([self._channels(block, axis_mixer) for block in blocks])
         deviation = channels.std(axis=0)
-        # A channel that is constant at first may vary later: it keeps its unit.
+        # A channel that is constant at first may vary later, so it keeps its physical unit.
         return ChannelScaling(channels.mean(axis=0), np.where(deviation > 0, deviation, 1.0))
 
     def _count_samples(
         self, block: MemoryBlock, axis_mixer: Array, scaling: ChannelScaling
     ) -> LagStatistics:
-        """Adds the samples of a block to the sums of the regression, in which the samples before it fade.
+        """Adds the samples of a block to the sums of the regression, and reduces the weight of earlier samples.
 
         The sums are second moments of each sample with the ``MAX_LAGS`` samples before it. With n new samples the old
         sums are multiplied by exp(−n dt / ``MEMORY_SECONDS``) before the new ones are added.
@@ -262,14 +268,14 @@ class OnlineForecaster:
             The new sums.
         """
         channels = scaling.scaled(self._channels(block, axis_mixer))
-        # Within a segment the first samples of a block follow from the last ones of the block before.
+        # Within a segment, the last samples of the block before are the lags of the first samples of this one.
         if not block.starts_segment and len(self._latest_channels):
             channels = np.vstack([self._latest_channels, channels])
         self._latest_channels = channels[-MAX_LAGS:]
         self._samples_since_fit += len(block.outputs)
         statistics = LagStatistics.from_segments([channels], MAX_LAGS)
         if self._statistics is not None:
-            # Weight of earlier samples after the time of the new ones.
+            # The factor by which the weight of earlier samples decreases over the time of the new ones.
             remaining_weight = np.exp(-statistics.row_count * self._dt / MEMORY_SECONDS)
             statistics = statistics.plus_discounted(self._statistics, remaining_weight)
         self._statistics = statistics
@@ -286,15 +292,16 @@ class OnlineForecaster:
         Raises:
             numpy.linalg.LinAlgError: The regression fails for these samples; it may succeed with more.
         """
-        # The whole grid would take too long at each fit. With one alternative at a time, all are tried in turn.
+        # Trying all hyperparameters of the grid at each fit would take too long. Each fit tries one alternative, and
+        # successive fits try them all.
         candidates = self._hyperparameters, next(self._alternatives)
         chosen, regression = select_hyperparameters(statistics, MAX_LAGS, candidates)
         process = VectorAutoregression.from_regression(regression, scaling)
         # A mode is an eigenvalue of the autoregression. With the magnitude 1 + 1/h it grows about by the factor
         # (1 + 1/h)ʰ ≈ e over the longest horizon of h steps.
         if process.spectral_radius > 1 + 1 / self._horizons[-1]:
-            # The beginning of a manoeuvre can look like motion that grows without end. Then the last model is kept, and
-            # the model is fitted again with the next block, which shows how the manoeuvre goes on.
+            # At the beginning of a manoeuvre the fitted motion can grow without limit. Then the last model is kept, and
+            # the model is fitted again with the next block, which contains more of the manoeuvre.
             self._samples_since_fit = round(REFIT_SECONDS / self._dt)
             return
         self._hyperparameters = chosen
@@ -305,10 +312,10 @@ class OnlineForecaster:
     ) -> PredictionMaps:
         """Returns the linear maps by which a fitted process predicts, computed once for all samples until the next fit.
 
-        There are two kinds of prediction. The outputs at each of the H horizons, some steps ahead, follow from the
-        samples up to the latest one. The outputs of the latest sample itself follow from that sample's inputs and from
-        the samples before it. Both are put into one array of weights, (H + 1, m, L + 1, k) with L = ``MAX_LAGS`` and k
-        channels [outputs, inputs @ axis_mixer], scaled. Then the weights are changed to those of outputs and inputs in
+        There are two kinds of prediction. The outputs at each of the H horizons are predicted from the samples up to
+        the latest one. The outputs of the latest sample itself are predicted from its inputs and from the samples
+        before it. The weights of both are put into one array, (H + 1, m, L + 1, k) with L = ``MAX_LAGS`` and the k
+        scaled channels [outputs, inputs @ axis_mixer]. Then they are converted to weights of outputs and inputs in
         physical units.
 
         Args:
@@ -320,24 +327,24 @@ class OnlineForecaster:
             The maps.
         """
         m = self._outputs
-        # The process predicts all channels at every step up to the last horizon. Needed are only the outputs, which are
-        # the first m channels, at the horizons; a horizon of h steps has index h − 1.
+        # The process predicts all channels at every step up to the last horizon. Only the outputs, which are the first
+        # m channels, at the horizons are needed; a horizon of h steps has index h − 1.
         all_maps, all_constants = process.prediction_maps(int(self._horizons[-1]))
         horizon_maps = all_maps[self._horizons - 1, :m]
         horizon_constants = all_constants[self._horizons - 1, :m]
         latest_map, latest_constant = process.output_map(m)
         # Weights are in blocks of k channels, the latest sample first. The process may have fewer lags than MAX_LAGS;
-        # the weights of the older samples stay zero. The map of the latest sample is one block longer than the others,
-        # since its first block holds the weights of that sample's own inputs.
+        # the weights of the older samples are then zero. The map of the latest sample is one block longer than the
+        # others, since its first block contains the weights of the inputs of that sample.
         k = len(scaling.center)
         weights = np.zeros((len(horizon_maps) + 1, m, (MAX_LAGS + 1) * k))
         weights[:-1, :, : horizon_maps.shape[2]] = horizon_maps
         weights[-1, :, : latest_map.shape[1]] = latest_map
-        # The samples of a stream have the earliest first.
+        # In the samples of a stream the earliest is first, so the blocks are reversed.
         weights = weights.reshape(-1, m, MAX_LAGS + 1, k)[:, :, ::-1]
         constants = np.vstack([horizon_constants, latest_constant[None]])
 
-        # A scaled channel is (channel − centre) / scale, of the predictions as of the samples.
+        # A scaled channel is (channel − centre) / scale, for the predictions and for the samples.
         weights = scaling.scale[:m, None, None] * weights / scaling.scale
         constants = scaling.center[:m] + scaling.scale[:m] * constants
         constants -= (weights @ scaling.center).sum(axis=2)

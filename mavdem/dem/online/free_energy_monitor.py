@@ -63,12 +63,15 @@ class FreeEnergyMonitor(NamedTuple):
         Args:
             learned: The model, as ``learn`` returns it, with its ``sample_free_energy``.
             end_time: Time of the last sample that it was learned from, s.
+
+        Returns:
+            The monitor, which computes F(t) directly from the samples of a window.
         """
         assert learned.sample_free_energy is not None
         window = learned.settings.window
         inputs = learned.record.inputs.shape[1]
         outputs = learned.record.outputs.shape[1]
-        # An affine map is known by its values at 0 and, less these, at each unit vector.
+        # An affine map is determined by its value at 0, and its values at the unit vectors minus that value.
         unit_vectors = np.eye(window * (outputs + inputs))
         zeros = np.zeros((1, len(unit_vectors)))
         windows = np.vstack([zeros, unit_vectors])
@@ -95,17 +98,17 @@ class FreeEnergyMonitor(NamedTuple):
         return float(self.learned.free_energy[-1])
 
     def terms(self, memory: SampleMemory) -> Array | None:
-        """Computes how well the latest samples agree with the model: F(t) at the centre of their embedding window.
+        """Computes F(t) of the sample at the centre of the latest embedding window: how well it agrees with the model.
 
-        The samples of the window give the derivatives of outputs and inputs, as in the fit. F(t) is the same function
-        as for the training samples, the equal share of the model's complexity included.
+        The derivatives of outputs and inputs are computed from the samples of the window, as in the fit. F(t) is the
+        same function as for the training samples, and includes the same share of the model's complexity.
 
         Args:
             memory: Memory with the latest samples.
 
         Returns:
-            (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``, which sum to F(t); None
-            where the last gap is too near for a whole window.
+            (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; their sum is F(t). None
+            if there is not yet a whole window of samples since the last gap.
         """
         window = self.learned.settings.window
         inputs, outputs = memory.latest_samples(window)
@@ -120,10 +123,10 @@ class FreeEnergyMonitor(NamedTuple):
 
 
 def _generalized_data(learned: Learned, outputs: Array, inputs: Array) -> Array:
-    """Returns the generalized data [ỹ; η̃] at the centre of each of N windows, order after order, as the fit had them.
+    """Returns the generalized data [ỹ; η̃] at the centre of each of N windows, computed as in the fit.
 
     Args:
-        learned: The model, which has the engine's units and the embedding.
+        learned: The model, whose scaling and embedding are used.
         outputs: (N, window, m) outputs of the samples of each window.
         inputs: (N, window, r) inputs of the same samples.
 
@@ -135,7 +138,7 @@ def _generalized_data(learned: Learned, outputs: Array, inputs: Array) -> Array:
     output_weights = taylor_weights(settings.p, learned.dt, settings.window, center)
     input_weights = taylor_weights(settings.d, learned.dt, settings.window, center)
     count, window, _ = outputs.shape
-    # All windows are scaled as one table, to which the engine may add the column of a constant input.
+    # All windows are scaled as one table, to which the scaling may add the column of a constant input.
     scaled_outputs = learned.scaling.scale_outputs(outputs.reshape(count * window, -1))
     scaled_inputs = learned.scaling.scale_inputs(inputs.reshape(count * window, -1))
     output_derivatives = output_weights @ scaled_outputs.reshape(count, window, -1)
@@ -172,8 +175,8 @@ class Surprise:
             value: F(t), nats.
 
         Returns:
-            The distance below the median, in units of the distance of the 5 % quantile; negative above the median, NaN
-            while the past is too short.
+            The distance of the value below the median of the past, divided by the distance of the 5 % quantile below
+            the median. It is negative above the median, and NaN if the past is too short.
         """
         self._past_values.append(value)
         return (self._median - value) / self._unit
@@ -181,9 +184,9 @@ class Surprise:
     def update_quantiles(self) -> None:
         """Computes from the past the median of F(t) and the unit of surprise, both in nats.
 
-        The unit is the distance of the 5 % quantile below the median; at most ``MAX_QUARTILES`` distances of the lower
-        quartile, so that a failure that lasts does not widen it. It sorts the whole past, and is therefore called once
-        for each block of samples.
+        The unit is the distance of the 5 % quantile below the median, but at most ``MAX_QUARTILES`` times the distance
+        of the lower quartile, so that a lasting failure does not increase it. This function sorts the whole past, and
+        is therefore called once for each block of samples.
         """
         if len(self._past_values) < MIN_PAST_VALUES:
             return
@@ -192,5 +195,5 @@ class Surprise:
         low, lower_quartile, median = np.quantile(self._past_values, [low_share, 0.25, 0.5])
         unit = min(median - low, MAX_QUARTILES * (median - lower_quartile))
         self._median = median
-        # Where F(t) did not vary, this floor keeps the surprise of a drop finite.
+        # If F(t) did not vary, this minimum keeps the surprise of a drop finite.
         self._unit = max(unit, ROUNDING_TOLERANCE)

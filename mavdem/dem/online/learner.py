@@ -100,7 +100,7 @@ class _Sample(NamedTuple):
 
 
 def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> FreeEnergyMonitor:
-    """Learns a model of a record, and prepares all that the learner needs of it; runs in the executor.
+    """Learns a model of a record, and prepares everything that the learner needs of it; runs in the executor.
 
     Args:
         record: The samples in the memory.
@@ -108,13 +108,13 @@ def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> F
         end_time: Time of the last sample of the record, s.
 
     Returns:
-        The monitor, which holds the model; it is sent back from the process of the executor.
+        The monitor, which contains the model. If the executor has processes of its own, the monitor is pickled.
 
     Raises:
         ValueError: The samples do not support a model.
     """
     learned = learn(record, settings)
-    # The joint model is computed when it is first used: it is used here, so that samples do not wait for it later.
+    # The joint model is computed at its first access. That is here, so that samples do not wait for it later.
     learned.joint  # noqa: B018
     return FreeEnergyMonitor.from_model(learned, end_time)
 
@@ -220,10 +220,10 @@ class OnlineLearner:
         inputs: ArrayLike,
         weak_since: float | None = None,
     ) -> Estimate:
-        """Takes the next sample and returns the estimates as of this sample.
+        """Adds the next sample and returns the estimates at this sample.
 
-        A step other than ``dt`` from the last sample, also backwards, begins a new segment: the model is kept, and
-        nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` gaps in a row, ``obstacle`` states
+        If the step from the last sample differs from ``dt``, or is negative, a new segment begins. The model is kept,
+        but nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` gaps in a row, ``obstacle`` states
         that samples do not come every ``dt``.
 
         >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
@@ -236,25 +236,26 @@ class OnlineLearner:
             time: Time of the sample, s.
             outputs: Measured motion, (m,): angle (rad) and rate (rad/s).
             inputs: Motor outputs, (r,), in the unit of the stream.
-            weak_since: Time since which a motor has lost thrust, s; None if all are sound. While one has, there is no
-                wind torque: what the other motors balance then is not wind.
+            weak_since: Time at which a motor lost thrust, s; None if no motor has. Since that time no wind torque is
+                estimated, because the torque that the other motors balance is then not that of the wind.
 
         Returns:
             The estimates, by the model that was learned before this sample.
 
         Raises:
-            ValueError: A value is not finite or larger than ``mavdem.learn`` takes, or there are more or fewer values.
+            ValueError: A value is not finite, a value is larger than ``mavdem.learn`` accepts, or there are more or
+                fewer values.
 
         See Also:
-            :func:`mavdem.learn`: from a whole flight.
+            :func:`mavdem.learn`: learns a model from a whole flight.
         """
-        # First the sample is checked and remembered. A gap before it ends the segment.
+        # First the sample is checked and added to the memory. A gap before it ends the segment.
         sample = self._checked_sample(time, inputs, outputs)
         step = self._dt if self._last_time is None else sample.time - self._last_time
         self._count_gaps(step)
         has_completed_block = self._memory.add(sample.inputs, sample.outputs, sample.time)
         self._sample_count += 1
-        # Then come the estimates, by what was learned before this sample.
+        # Then the estimates are computed, by what was learned before this sample.
         wind_torque, wind_torque_band = np.nan, np.nan
         if self.follows_torque:
             wind_torque, wind_torque_band = self._wind_torque.update(sample.inputs, weak_since)
@@ -266,7 +267,7 @@ class OnlineLearner:
             physical=None if smoother is None else smoother.physical,
         )
         self._last_time = sample.time
-        # Last, the learner learns from it: quantiles and forecasts once for each block, the model when it is due.
+        # Last, quantiles and forecasts are updated, once for each block, and the model is learned again if that is due.
         if has_completed_block:
             self._error_bands.update()
             self._surprise.update_quantiles()
@@ -278,28 +279,28 @@ class OnlineLearner:
         return estimate
 
     def forget_since(self, time: float) -> None:
-        """Forgets the samples since a time, because they turned out not to be of flight, as of a vehicle on the ground.
+        """Discards the samples since a time, because the vehicle turned out to have been on the ground since then.
 
-        The forecasts are learned again from the samples before. A running call of ``learn`` is cancelled, and another
-        begins, since these samples may be the last ones (:meth:`adopt_finished_fit`).
+        The forecasts are learned again from the samples before that time. A running call of ``learn`` is cancelled, and
+        another begins, since the samples before may be the last ones of the flight (:meth:`adopt_finished_fit`).
 
         Args:
             time: Time on the clock of the latest segments, s.
         """
-        # Samples before and after the forgotten ones do not follow each other.
+        # There is a gap between the samples before and after the discarded ones.
         self._begin_segment()
         if drop_blocks_since(self._memory.blocks, time):
             self._forecaster.relearn(self._memory.blocks, self._forecaster.axis_mixer)
             self._wind_torque.drop_blocks_since(time)
-            # A running fit uses the forgotten samples.
+            # A running fit uses the discarded samples.
             if self._pending_fit is not None:
                 self._pending_fit.cancel()
                 self._pending_fit = None
         if not self._memory.blocks:
-            # There is nothing to learn from, as in the beginning; but the model stays.
+            # There are no samples to learn from, as at the beginning. The current model is kept.
             self._next_fit_sample = self._sample_count + self._samples_before_fit
             return
-        # The samples before may be the last of the flight, and newer than the model.
+        # The model may not have been learned from the latest of the remaining samples, and no more may follow.
         self._next_fit_sample = self._sample_count
         self._start_fit_when_due()
 
@@ -316,7 +317,7 @@ class OnlineLearner:
         if not self._pending_fit.done():
             return
         finished_fit = self._pending_fit
-        # There is no pending fit any more, also where its result cannot be adopted.
+        # Also if its result cannot be adopted, the fit is not pending any more.
         self._pending_fit = None
         self._adopt(finished_fit.result)
 
@@ -324,7 +325,7 @@ class OnlineLearner:
         """Learns a model from the samples in the memory at once, and returns it; the model in use is not changed.
 
         Args:
-            timeout: Longest time to wait for the executor, s; without an end unless given.
+            timeout: Longest time to wait for the executor, s; None for no limit.
 
         Returns:
             The result of ``learn``.
@@ -341,12 +342,15 @@ class OnlineLearner:
         return self._executor.submit(learn, record, self._settings).result(timeout)
 
     def _checked_sample(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> _Sample:
-        """Returns a sample as arrays, so that a wrong value does not reach the memory.
+        """Checks a sample before it is added to the memory.
 
         Args:
             time: Time of the sample, s.
             inputs: Motor outputs, (r,).
             outputs: Measured motion, (m,).
+
+        Returns:
+            The sample, with inputs and outputs as arrays.
 
         Raises:
             ValueError: There are more or fewer values, or one is not finite or too large; the message names it.
@@ -363,9 +367,9 @@ class OnlineLearner:
         """Updates the count of consecutive gaps, and begins a new segment at a gap.
 
         There is a gap before a sample if the step from the last one differs from ``dt`` by more than
-        ``MAX_STEP_DEVIATION``. A step without a gap sets the count to 0. While the count is ``MAX_GAPS`` or more,
-        :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``; this function withdraws the
-        obstacle after the last gap.
+        ``MAX_STEP_DEVIATION`` times ``dt``. A step without a gap sets the count to 0. While the count is ``MAX_GAPS``
+        or more, :meth:`update` reports as ``obstacle`` that the samples do not come every ``dt``. This function removes
+        that obstacle at the first step without a gap.
 
         Args:
             step: Time from the last sample to this one, s; negative if the clock was set back.
@@ -375,7 +379,7 @@ class OnlineLearner:
             self._gaps_in_a_row += 1
             return
         if self._gaps_in_a_row >= MAX_GAPS:
-            # Samples come every ``dt`` again, so that this is no obstacle any more. There may be another.
+            # Samples come every ``dt`` again, so this obstacle is removed. There may be another reason for no model.
             self.obstacle = self._reason_of_no_model()
         self._gaps_in_a_row = 0
 
@@ -383,7 +387,7 @@ class OnlineLearner:
         """Ends the segment of the samples so far; the next sample begins another.
 
         Nothing is predicted or differentiated across the boundary. The samples that do not fill a block yet become a
-        shorter one, from which the forecasts still learn.
+        shorter block, from which the forecasts learn as well.
         """
         has_completed_block = self._memory.end_segment()
         if has_completed_block:
@@ -395,8 +399,8 @@ class OnlineLearner:
     def _learn_from_last_block(self) -> None:
         """Updates the forecasts and the wind torque with the block that was just completed.
 
-        The forecaster and the estimator of the wind torque take every block. They fit their parameters when that is
-        due, unless the caller puts it off by ``refits`` or ``fits_physical``.
+        The forecaster and the estimator of the wind torque are given every block. They fit their parameters when that
+        is due, unless the caller postpones it by ``refits`` or ``fits_physical``.
         """
         block = self._memory.blocks[-1]
         self._forecaster.add_block(block, may_fit=self.refits)
@@ -404,15 +408,16 @@ class OnlineLearner:
             self._wind_torque.add(block, self.fits_physical)
 
     def _estimate(self, sample: _Sample) -> Estimate:
-        """Returns the estimates as of the latest sample, except those of the wind torque.
-
-        These are the predictions with their bands and, where there is a model, the free energy of the samples under it.
+        """Returns the estimates at the latest sample, except those of the wind torque.
 
         Args:
-            sample: The latest sample, which the memory has already.
+            sample: The latest sample, which has already been added to the memory.
+
+        Returns:
+            The predictions with their bands and, if there is a model, the free energy of the samples under that model.
         """
         expected, ahead = self._forecaster.predict(self._memory)
-        # The bands are those of the errors before this sample, whose errors are added for the next one.
+        # The bands are computed from the errors before this sample. Its own errors are added for later bands.
         half_widths = self._error_bands.half_widths
         errors = self._forecaster.errors
         self._error_bands.add(sample.outputs - expected, errors.latest)
@@ -437,12 +442,12 @@ class OnlineLearner:
         is_marked = self._anomaly_marks.add(surprise)
         if is_marked:
             self._latest_mark = SurpriseMark(sample.time, self._cause_of_mark(monitor.learned))
-            # The vehicle may have changed: it is learned again as soon as some samples show how it moves now, and the
-            # pause after the last fit is over.
+            # The vehicle may have changed. So the model is learned again when enough samples have been recorded since
+            # the mark, and the pause after the last fit is over.
             after_mark = self._sample_count + round(LEARNING_SECONDS / self._dt)
             earliest_sample = max(after_mark, self._pause_end_sample)
             self._next_fit_sample = min(self._next_fit_sample, earliest_sample)
-        # The free energy belongs to the centre of the embedding window, which ends with this sample.
+        # The free energy is that of the sample at the centre of the embedding window, which ends with this sample.
         window = monitor.learned.settings.window
         samples_since_center = window - 1 - window // 2
         return estimate._replace(
@@ -464,7 +469,7 @@ class OnlineLearner:
             learned: The model that was surprised.
 
         Returns:
-            The cause; None if it is undecided, or it is not known how the motors turn the vehicle.
+            The cause; None if it cannot be decided, or if the effect of the motors on the axis is not known.
         """
         directions = self._memory.effect_directions
         if directions is None:
@@ -483,9 +488,10 @@ class OnlineLearner:
     def _start_fit_when_due(self) -> None:
         """Starts a fit of the model to the samples in the memory, when it is due and no other is running.
 
-        With an executor the result is adopted at a later sample; without one, the fit is computed here and now. The
-        next fit is due when new samples are ``NEW_SAMPLE_SHARE`` of those that this one has, but not before
-        ``LEARNING_SECONDS`` have passed, or longer where the memory holds more than ``FULL_RATE_SAMPLES``.
+        With an executor the result is adopted at a later sample; without one, this function computes the fit and adopts
+        its result. The next fit is due when the number of new samples is ``NEW_SAMPLE_SHARE`` of the samples of this
+        fit, but not before ``LEARNING_SECONDS`` have passed. If the memory holds more than ``FULL_RATE_SAMPLES``, this
+        time is longer in proportion to the number of samples.
         """
         is_due = self.refits and self._sample_count >= self._next_fit_sample
         if not is_due or self._pending_fit is not None or not self._memory.blocks:
@@ -504,7 +510,7 @@ class OnlineLearner:
                 _learn_and_monitor, record, self._settings, end_time
             )
         except RuntimeError as error:
-            # The processes of the executor are gone.
+            # The executor has been shut down, or its processes have ended.
             self._retry_later(error)
         if self.obstacle == TOO_FEW_SAMPLES:
             self.obstacle = self._reason_of_no_model()
@@ -512,10 +518,11 @@ class OnlineLearner:
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
         """Adopts the result of a fit, or states why the fit failed.
 
-        F(t) of the new model has a level of its own, so that surprise begins with that of the training samples.
+        The level of F(t) differs from model to model, so the past of surprise becomes F(t) of the new model's training
+        samples.
 
         Args:
-            result: Function that returns the result, or raises the error of the fit, which becomes the obstacle.
+            result: Function that returns the result of the fit or raises its error, which becomes the obstacle.
         """
         try:
             monitor = result()
@@ -527,17 +534,17 @@ class OnlineLearner:
         self.obstacle = None
         self._surprise = Surprise(self._dt, monitor.past_values)
         self._monitor = monitor
-        # The joint model of the fit shows the axis mixer. If the forecaster had none, or another, it learns again.
+        # The axis mixer is that of the fit's joint model. If the forecaster had none or another, it learns again.
         mixer = self._forecaster.axis_mixer
         fitted_mixer = monitor.learned.joint.mixer
         if mixer is None or not is_same_mixer(mixer, fitted_mixer):
             self._forecaster.relearn(self._memory.blocks, fitted_mixer)
 
     def _retry_later(self, error: BaseException) -> None:
-        """States why a fit failed, and lets it be tried again after as many samples as before the first fit.
+        """States why a fit failed, and schedules the next one after as many samples as before the first fit.
 
-        If the samples have not supported any model yet, the older half of the memory is dropped: a vehicle that stood
-        on the ground may have taken off. A failure of the executor drops nothing.
+        If no model could be learned from the samples so far, the older half of the memory is dropped, since the vehicle
+        may have stood on the ground and taken off later. After a failure of the executor nothing is dropped.
 
         Args:
             error: The error of the fit or of the executor.
@@ -548,7 +555,7 @@ class OnlineLearner:
             kept=self._monitor is not None,
         )
         self._next_fit_sample = self._sample_count + self._samples_before_fit
-        # A ValueError says that the samples are at fault.
+        # A ValueError means that no model can be learned from the samples.
         if isinstance(error, ValueError) and self._monitor is None:
             for _ in range(len(self._memory.blocks) // 2):
                 self._memory.blocks.popleft()

@@ -28,7 +28,7 @@ def validated_horizons(horizons: tuple[int, ...]) -> tuple[int, ...]:
         The steps as integers.
 
     Raises:
-        ValueError: There are none, or they do not increase, or one is not from 1 to ``MAX_STEPS``.
+        ValueError: There are no horizons, they do not increase, or one is not an integer from 1 to ``MAX_STEPS``.
     """
     steps: list[int] = []
     if np.ndim(horizons):
@@ -42,15 +42,15 @@ def checked_row(values: Any, name: str, columns: int) -> Array:
     """Checks the values of one sample, in the same way as a table of samples for ``learn``.
 
     Args:
-        values: The values; of a single column, one number.
+        values: The values; one number is accepted for a single column.
         name: Name of the argument, for the message of an error.
-        columns: Number of values that there must be.
+        columns: Required number of values.
 
     Returns:
         The values as an array, (columns,).
 
     Raises:
-        ValueError: There are more or fewer, or one is not finite or larger than ``MAX_ABS_VALUE``.
+        ValueError: There are more or fewer values, or one is not finite or larger than ``MAX_ABS_VALUE``.
     """
     if isinstance(values, np.ndarray) and values.shape == (columns,) and values.dtype == float:
         # The rows of a live stream are such arrays, which need no conversion.
@@ -62,11 +62,11 @@ def checked_row(values: Any, name: str, columns: int) -> Array:
 
 
 def is_same_mixer(mixer: Array, other_mixer: Array) -> bool:
-    """Returns whether two axis mixers are so much alike that their difference may be chance, apart from signs.
+    """Returns whether two axis mixers are so similar, apart from signs, that their difference may be due to chance.
 
     Args:
         mixer: (r, c) combinations of the inputs, as columns of unit length.
-        other_mixer: (r, c) the other ones.
+        other_mixer: (r, c) combinations of the other mixer.
     """
     cosines = np.sum(mixer * other_mixer, axis=0)
     return bool(abs(cosines).min() >= MIN_MIXER_COSINE)

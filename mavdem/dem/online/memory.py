@@ -32,13 +32,13 @@ def record_from_blocks(
     """Joins blocks to a record for a fit, with a segment for each run of blocks without a gap.
 
     Args:
-        blocks: Blocks in the order of time, at least one. The first begins a segment, also where the block before it,
-            of the same segment, has been dropped.
+        blocks: Blocks in the order of time, at least one. The first begins a segment, even if it is the rest of a
+            segment whose earlier blocks have been dropped.
         dt: Sampling step, s.
-        effect_directions: (r,) relative effect of each input on the axis, where it is known.
+        effect_directions: (r,) relative effect of each input on the axis; None if it is not known.
 
     Returns:
-        The samples of all blocks, one after another, with the lengths of the segments.
+        The samples of all blocks in order, with the lengths of the segments.
     """
     blocks = list(blocks)
     # Number of samples of each segment.
@@ -57,8 +57,8 @@ def record_from_blocks(
 def drop_blocks_since(blocks: deque[MemoryBlock], time: float) -> bool:
     """Drops the latest blocks that end after a time.
 
-    Blocks of an earlier boot of the autopilot, whose clock was different, are kept whatever their times: if times go
-    back from one block to the next, a boot begins.
+    The clock starts again at each boot of the autopilot. If the times decrease from one block to the next, a boot lies
+    between, and the blocks before it are kept.
 
     Args:
         blocks: Blocks in the order in which they were recorded; changed in place.
@@ -115,7 +115,7 @@ class SampleMemory:
         self._latest_time = np.nan
 
     def add(self, inputs: Array, outputs: Array, time: float) -> bool:
-        """Takes the next sample.
+        """Adds the next sample.
 
         Args:
             inputs: Motor outputs, (r,).
@@ -142,7 +142,7 @@ class SampleMemory:
         """Ends the segment because a gap follows: the next sample begins another one.
 
         Returns:
-            Whether that has completed a block, of the samples that belonged to none yet; it may be short.
+            Whether this has completed a block, which contains the samples that belonged to none yet and may be short.
         """
         has_open_samples = self._open_samples > 0
         if has_open_samples:
@@ -159,10 +159,10 @@ class SampleMemory:
         """Returns the latest samples since the last gap, also those that belong to no block yet.
 
         Args:
-            number: Number of samples; fewer are returned where there are fewer since the gap.
+            number: Number of samples. If there are fewer since the gap, those are returned.
 
         Returns:
-            The samples in the order of time: views, which hold until the next sample is added.
+            The samples in the order of time, as views that are valid until the next sample is added.
         """
         end = self._samples_since_gap
         start = max(end - min(number, self._max_samples), 0)
@@ -193,7 +193,7 @@ class SampleMemory:
         If there are ``max_blocks`` already, the oldest one is dropped.
         """
         inputs, outputs = self.latest_samples(self._open_samples)
-        # The tables of the memory are written over: a block has samples of its own.
+        # The tables of the memory will be overwritten, so that a block needs copies.
         block = MemoryBlock(
             inputs.copy(), outputs.copy(), self._next_block_starts_segment, self._latest_time
         )

@@ -54,8 +54,8 @@ class PredictionErrors:
         """Compares the next sample with its predictions, and updates the averages of the squared errors.
 
         There are three kinds of prediction: by the model, by the last sample at the time of the prediction, and by the
-        mean of all samples up to then. The model should be better than the other two. The mean of the samples is
-        updated last, so that this sample enters only later predictions.
+        mean of all samples before that time. The model should be better than the other two. The mean of the samples is
+        updated last, so that only later predictions use this sample.
 
         Args:
             sample: (m,) outputs of the sample.
@@ -70,8 +70,7 @@ class PredictionErrors:
         new_averages = averages + self._update_weight * (squares - averages)
         is_finite = np.isfinite(new_averages)
         if not is_finite.all():
-            # The first error of all is the beginning of its average. Where there was no prediction the average stays as
-            # it was.
+            # An average begins with the first error. If there was no prediction, the average does not change.
             first_or_new = np.where(np.isfinite(averages), new_averages, squares)
             new_averages = np.where(np.isfinite(squares), first_or_new, averages)
         self._mean_squares = new_averages
@@ -79,7 +78,7 @@ class PredictionErrors:
         self._mean += (sample - self._mean) / self._sample_count
 
     def store(self, predictions: Array, sample: Array) -> None:
-        """Keeps the predictions that are made at a sample, after it has been compared.
+        """Stores the predictions that are made at a sample, after the sample has been compared with earlier ones.
 
         Args:
             predictions: (H, m) predictions of the model at each horizon.

@@ -52,8 +52,8 @@ def cause_of_surprise(
     """Decides whether a misfit of the model or a disturbance made the free energy of the latest samples drop.
 
     Args:
-        command: (T,) command of the axis: the combination of the motors' outputs that turns the vehicle, positive where
-            it accelerates the last output.
+        command: (T,) command of the axis: the combination of the motors' outputs that turns the vehicle. A positive
+            command accelerates the last output.
         outputs: (T, m) outputs of the same samples, without a gap; the last one is the body rate.
         dt: Sampling step, s.
         settings: Settings of the model, whose embedding window gives the acceleration.
@@ -73,8 +73,8 @@ def sustained_share(command: Array, dt: float) -> float:
     """Returns the share of the command's deviation over the last ``CAUSE_SECONDS`` that is constant.
 
     The deviation is that from the median of the ``REFERENCE_SECONDS`` before. Its constant share is the square of its
-    mean over its mean square. In a manoeuvre the torques of the motors add up to almost zero, since the body rate
-    returns to its former value; a constant deviation opposes a torque from outside.
+    mean divided by its mean square. Over a manoeuvre the torque of the motors averages to almost zero, since the body
+    rate returns to its former value. A constant deviation, in contrast, opposes an external torque.
 
     Args:
         command: (T,) command of the axis, longer than ``CAUSE_SECONDS``; it must vary.
@@ -94,9 +94,9 @@ def explained_share(
 ) -> float | None:
     """Returns the share of the acceleration that the command explains, over the last ``CAUSE_SECONDS``.
 
-    The measured angular acceleration is regressed on the command after a first-order lag. The share is the coefficient
-    of determination (R²) with that of the ``MOTOR_LAGS`` for which it is largest. With a negative slope, against the
-    command, the acceleration counts as not explained.
+    The measured angular acceleration is regressed on the command after a first-order lag, with each of the
+    ``MOTOR_LAGS``. The share is the largest coefficient of determination (R²). If the slope is negative, so that the
+    acceleration opposes the command, the share is 0.
 
     Args:
         command: (T,) command of the axis.
@@ -118,7 +118,7 @@ def explained_share(
     # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.
     derivatives = embed(outputs[-sample_count:], settings.p, dt, window, center)
     acceleration = derivatives[-latest:, 2 * m - 1]
-    # Of the commands after each lag only the smoothed values are used, which come before their derivatives.
+    # Of the lagged commands only the smoothed values are used, which are the columns before those of the derivatives.
     lagged_commands = _lagged_commands(command[-sample_count:], dt)
     smoothed = embed(lagged_commands, settings.p, dt, window, center)
     commanded_acceleration = smoothed[-latest:, : len(MOTOR_LAGS)]
@@ -134,7 +134,7 @@ def _lagged_commands(command: Array, dt: float) -> Array:
     """Returns the command after a first-order lag with each of the time constants ``MOTOR_LAGS``.
 
     Args:
-        command: (T,) command; the lagged ones begin at its first value.
+        command: (T,) command; each lagged command begins with its first value.
         dt: Sampling step, s.
 
     Returns:

@@ -11,17 +11,17 @@ QUANTILE_SECONDS = 0.1
 
 
 def unusual_samples(free_energy: Array, dt: float) -> Indices:
-    """Returns which samples a live session would have marked, had it had the final model from the beginning.
+    """Returns the samples that a live session would have marked if it had had the final model from the beginning.
 
-    Each value of F(t) is compared with those before it (``Surprise``), and a sample is marked where surprise stays
-    above what was usual in the flight so far (``AnomalyMarks``).
+    Each value of F(t) is compared with those before it (``Surprise``), and a sample is marked if surprise stays above
+    the usual surprise of the flight so far (``AnomalyMarks``).
 
     Args:
         free_energy: F(t) of N samples, nats.
         dt: time from one sample to the next, s.
 
     Returns:
-        Numbers of the marked samples, ascending.
+        Indices of the marked samples, ascending.
     """
     surprise = Surprise(dt)
     marks = AnomalyMarks(dt)

@@ -258,8 +258,8 @@ class DensityModel:
         """Returns the modelled cross-spectral density, and its derivatives by the logarithm of each parameter.
 
         Parameters act in three ways. Those of the loop change the responses to every source. The time of the
-        synchronous steps changes their phases. All others change only the density of a source: the derivative of that
-        density is the density times a logarithmic slope, d ln density / dθ, and passes the same responses.
+        synchronous steps changes their phases. All others change only the density of a source. The derivative of that
+        density is the density times a logarithmic slope, d ln density / dθ, and is multiplied by the same responses.
 
         ``tests/plant/test_closed_loop.py`` compares the derivatives with finite differences.
 
@@ -320,19 +320,22 @@ class DensityModel:
     def _components(
         self, parameters: LoopParameters, loop: ClosedLoopResponse, *, with_reference: bool = True
     ) -> list[DensityComponent]:
-        """Returns the components of the densities of all sources but the synchronous steps.
+        """Returns the components of the densities of all sources except the synchronous steps.
 
         They are: the part of the reference that does not come in synchronous steps; noise of the angle, which acts like
-        a reference; gyro noise before and behind the filters; a share of the output's own density for what it does
-        besides the control law; and wind torque: a floor in proportion to the motors' torque, slow drift, quick eddies,
-        and smooth gusts.
+        a reference; gyro noise before and behind the filters; a share of the density of the output, for the part of the
+        output that does not follow the control law; and wind torque, which consists of a floor in proportion to the
+        motors' torque, slow drift, quick eddies, and smooth gusts.
 
         Args:
             parameters: the parameters of the loop.
             loop: its frequency responses, of which the motor lag is used.
-            with_reference: whether the reference moves; without it, its density is 0.
+            with_reference: whether the reference varies; if not, its density is 0.
+
+        Returns:
+            The components, each with its source and the logarithmic slopes of its density.
         """
-        # A density that is proportional to the n-th power of a parameter has the logarithmic slope n. That of the
+        # A density that is proportional to the n-th power of a parameter has the logarithmic slope n. The slope of the
         # asynchronous share 1 − p by the logarithm of the odds is −p.
         synchronous = _share_from_odds(parameters.synchronous_odds)
         asynchronous = (1 - synchronous) if with_reference else 0.0

@@ -155,7 +155,7 @@ class SteadyLikelihood(NamedTuple):
 def steady_likelihood(
     loop: SampledLoop, samples: Array, trim_covariance: Array
 ) -> SteadyLikelihood:
-    """Computes the exact log likelihood of one segment with the steady filter, as the module's equations have it.
+    """Computes the exact log likelihood of one segment with the steady filter, by the equations of the module.
 
     ``tests/plant/test_loop_evidence.py`` compares it with the density of the joint Gaussian of all samples.
 
@@ -165,7 +165,7 @@ def steady_likelihood(
         trim_covariance: (3, 3) prior covariance of the trims.
 
     Returns:
-        For each model (B,) the log likelihood, the innovations (T, 3), and their covariance F.
+        The log likelihood, the innovations (T, 3) and their covariance F of each of the B models.
 
     Raises:
         numpy.linalg.LinAlgError: a model has no steady filter.
@@ -195,7 +195,7 @@ def steady_likelihood(
     weighted_by_model = weighted_residuals.transpose(1, 2, 0, 3).reshape(B, 1 + CHANNELS, -1)
     products = weighted_by_model @ residuals_by_model.mT
 
-    # Information of the samples on the start δ and the trims μ together.
+    # Joint information of the samples on the start δ and the trims μ.
     information = np.empty((B, STATES + CHANNELS, STATES + CHANNELS))
     information[:, :STATES, :STATES] = _start_information(L, C.mT @ F_inverse @ C, T)
     information[:, :STATES, STATES:] = sums[:, 1:].mT
@@ -216,7 +216,7 @@ def steady_likelihood(
         - np.linalg.slogdet(posterior_factor)[1]
         - T * np.linalg.slogdet(2 * np.pi * F)[1]
     )
-    # The filter runs once more, from the most probable start and without the most probable trims.
+    # The filter runs once more, from the most probable start, after the most probable trims have been subtracted.
     start = estimate[:, None, :STATES]
     trims = estimate[:, None, STATES:]
     innovations = _filter_residuals(L, K, C, samples[:, None, None] - trims, start)

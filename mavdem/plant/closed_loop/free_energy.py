@@ -245,7 +245,8 @@ def loop_free_energy(posterior: LoopPosterior, maximum: QuadraticExpansion) -> L
     samples = data.sample_count
     noise_log_determinant = samples * np.log(loop.noise_variance).sum()
 
-    # The hyperparameters' entropy is that of their marginal posterior, that of the parameters is given them.
+    # The entropy of the hyperparameters is that of their marginal posterior. The entropy of the parameters is that of
+    # their posterior given the hyperparameters.
     parameters = slice(0, PARAMETERS)
     hyperparameters = slice(PARAMETERS, None)
     parameter_log_determinant = logdet(maximum.curvature[parameters, parameters])

@@ -43,17 +43,18 @@ def denoised_density(density: Array, noise_density: float) -> ArrayPair:
 def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range: Flags) -> Array:
     """Distributes the folded density of the reference over the frequencies that fold onto each other.
 
-    A power law with a white floor, folded, is fitted to the estimate by its Whittle likelihood. Beyond half of the
-    message rate the fitted law is the result; below it, the estimate less what the law folds onto it.
+    A power law with a white floor is folded and fitted to the estimate by its Whittle likelihood. Above half of the
+    message rate the result is the fitted law. Below it, the result is the estimate minus the part of the law that folds
+    onto it.
 
     Args:
-        density: estimate at J frequencies (J,), each with all that folds onto it.
+        density: estimate at J frequencies (J,), including the densities that fold onto them.
         frequency: magnitudes of the frequencies and their F aliases (J, F), Hz.
-        is_base: flags (F,) of which the one of the frequency itself is true.
+        is_base: flags (F,), true only for the frequency itself.
         in_range: flags (J, F) of the frequencies below half of the controller's rate.
 
     Returns:
-        Unfolded density (J, F), 0 out of range; only that of the frequencies themselves is above 0 everywhere.
+        Unfolded density (J, F), 0 out of range. At the frequencies themselves it is above 0.
     """
     # Importing scipy.optimize takes half a second.
     from scipy.optimize import minimize
@@ -62,7 +63,7 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         """Returns the density size · (1 + (f / corner)²)^(−exponent) + white at all frequencies (J, F).
 
         Args:
-            logarithms: natural logarithms of size, corner (Hz), exponent and white floor (4,). They are bounded, since
+            logarithms: natural logarithms of size, corner (Hz), exponent and white floor (4,). They are clipped, since
                 the search may try values whose exponentials overflow.
         """
         upper = [
@@ -80,8 +81,8 @@ def unfolded_density(density: Array, frequency: Array, is_base: Flags, in_range:
         folded_density = np.where(in_range, power_law(logarithms), 0.0).sum(axis=1)
         return (np.log(folded_density) + density / folded_density).sum()
 
-    # The search begins with the level of the lowest bands as size, a corner at 1 Hz, and with the level of the highest
-    # bands, shared by all aliases, as white floor.
+    # The search begins with the level of the lowest bands as the size, a corner at 1 Hz, and the level of the highest
+    # bands, divided by the number of aliases, as the white floor.
     low_frequency_size = np.log(density[:EDGE_BANDS].mean())
     white_floor = np.log(np.median(density[-EDGE_BANDS:]) / len(is_base))
     start = np.array([low_frequency_size, 0.0, INITIAL_LOG_EXPONENT, white_floor])

@@ -129,7 +129,7 @@ def closed_loop_response(
 
     Args:
         parameters: parameters of the loop, of which those of the plant and the controller's gain are used.
-        controller: responses C_r and C_y of the controller by the logged gains, (J, F) each.
+        controller: responses C_r and C_y of the controller with the logged gains, (J, F) each.
         gyro_filter: response F of the gyro filters (J, F).
         angle_gain: gain K of the angle feedback, 1/s.
         s: jω at J frequencies and F aliases of each (J, F), rad/s.
@@ -148,7 +148,8 @@ def closed_loop_response(
     output_from_rate = C_r * setpoint_from_rate - C_y * gyro_filter
     from_rate = np.array([gyro_filter, output_from_rate, setpoint_from_rate])
 
-    # The loop gain is L = −(rate per output) · (output per rate). Sources are in the order of ``Source``.
+    # The loop gain L is the negative product of rate per output and output per rate. Sources are in the order of
+    # ``Source``.
     sensitivity = 1 / (1 - rate_from_output * output_from_rate)
     rate_from_source = sensitivity * np.array(
         [rate_from_output * C_r, -rate_from_output * C_y, rate_from_output, plant]

@@ -131,21 +131,21 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
        rate, and content above half of it folds (aliases) in the same way in all of them.
     3. Each window of ``SPECTRUM_SECONDS`` of each stream is Fourier-transformed with a Hann taper.
     4. The products x yᴴ of the transforms of each pair of quantities are averaged over bands of neighbouring
-       frequencies, so that they scatter less.
+       frequencies, which reduces their variance.
 
-    Windows overlap by half, so neighbouring windows share half of their samples. The number of independent values that
-    a window adds to a band is therefore taken as half of the band's frequencies.
+    Windows overlap by half, so neighbouring windows share half of their samples. The number of independent values of a
+    window in a band is therefore assumed to be half of the number of frequencies in the band.
 
     Args:
         streams: C quantities, each with the stamps of its own messages.
         window_starts: times (W,) at which windows of ``SPECTRUM_SECONDS`` begin, s.
 
     Returns:
-        Densities of each window in bands, with the rate about half of which they fold.
+        Densities of each window in bands, with the message rate; frequencies above half of it are folded.
     """
     streams = [with_unrounded_stamps(stream) for stream in streams]
-    # All streams get the same number of messages, about evenly spaced. In the message rate a loss of the link counts
-    # for no more than MAX_COUNTED_GAP.
+    # All streams are reduced to the same number of messages, about evenly spaced. For the message rate, a gap counts as
+    # at most MAX_COUNTED_GAP.
     slowest = min((stream.time for stream in streams), key=len)
     stamps = _evenly_spaced_stamps(slowest)
     matched_streams = [_matched_messages(stream, stamps) for stream in streams]
@@ -158,8 +158,8 @@ def cross_spectra(streams: Sequence[Messages], window_starts: Array) -> CrossSpe
     frequency = frequency[is_in_range]
 
     # The products x y* of each pair of quantities, averaged over the frequencies of each band. ``reduceat`` sums from
-    # each edge to the next; the last edge only marks the end. An hour of flight has hundreds of windows, whose
-    # transforms at all frequencies would take hundreds of megabytes.
+    # each edge to the next; the last edge only marks the end. Windows are processed one by one, since the transforms of
+    # an hour of flight at all frequencies would need hundreds of megabytes.
     edges = _band_edges(frequency)
     counts = np.diff(edges)
     densities = []
