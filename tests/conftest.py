@@ -4,7 +4,7 @@ import faulthandler
 import gc
 import os
 import pickle
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -227,6 +227,15 @@ def run_folder(tmp_path_factory):
     folder = folder / "once"
     folder.mkdir(exist_ok=True)
     return folder
+
+
+@fixture(scope="session")
+def browser(tmp_path_factory):
+    """A browser, which all tests of this process share."""
+    from browsing import Browser
+
+    with closing(Browser(tmp_path_factory.mktemp("chromium"))) as browser:
+        yield browser
 
 
 @fixture(scope="session")

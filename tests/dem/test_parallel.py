@@ -33,9 +33,8 @@ def test_a_process_that_is_killed_is_replaced():
         link.close()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as reopened:
             reopened.bind(address)
-        assert executor.submit(os.nice, 0).result() - os.nice(0) == min(
-            LOW_PRIORITY, 19 - os.nice(0)
-        )
+        # Tests that are run with a still lower priority, as beside other work, have processes of that.
+        assert executor.submit(os.nice, 0).result() == max(LOW_PRIORITY, os.nice(0))
         executor.submit(time.sleep, 3600)  # which is not waited for
     with raises(ProcessLookupError):
         os.kill(second, 0)

@@ -5,7 +5,7 @@ from math import inf, pi, sin, tan
 from urllib.parse import unquote
 
 import numpy as np
-from browsing import FITS, browsing
+from browsing import FITS
 from hover import Hover
 from known_gains import ARDUPILOT, PX4
 from numpy.testing import assert_allclose
@@ -183,11 +183,11 @@ def parameters_at(address, path):
 
 
 @mark.slow
-def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters(tmp_path):
+def test_a_browser_computes_the_autopilots_biquads_and_writes_them_as_parameters(tmp_path, browser):
     harmonic = trial_of(ARDUPILOT | HARMONIC_NOTCH)
     static = trial_of(PX4 | {"IMU_GYRO_NF0_FRQ": 0.0}, autopilot="PX4")
     two = trial_of(PX4 | PX4_NOTCHES, autopilot="PX4")
-    with browsing(tmp_path / "profile") as tab:
+    with browser.tab() as tab:
         moves = {"INS_HNTCH_FREQ": 80, "INS_HNTCH_BW": 60, "INS_HNTCH_ATT": 20}
         logged, first, found, is_labelled, links, off, effects = tried(
             tab, harmonic, moves, tmp_path

@@ -1,4 +1,8 @@
-"""Chromium without a screen, driven over its DevTools protocol: what a person does, a page's policy notwithstanding."""
+"""Chromium without a screen, driven over its DevTools protocol: what a person does, a page's policy notwithstanding.
+
+Tests take it from the fixture ``browser``: its start takes as long as most of them, so that one serves all tests of a
+process, each with tabs of profiles of its own.
+"""
 
 import asyncio
 import itertools
@@ -16,16 +20,14 @@ FITS = "document.documentElement.scrollWidth <= innerWidth"
 HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
 
 
-class Page:
-    """A tab: ``said`` has what its console complains of."""
+class Connection:
+    """A connection to the browser, or to a tab: ``said`` has what a tab's console complains of."""
 
     def __init__(self, loop, line):
         self._loop = loop
         self._line = line
         self._numbers = itertools.count(1)
         self.said = []
-        for part in ("Page", "Runtime", "Log"):
-            self.command(f"{part}.enable")
 
     def command(self, method, **given):
         return self._loop.run_until_complete(self._command(method, given))
@@ -48,6 +50,15 @@ class Page:
             if answer.get("id") == number:
                 assert "error" not in answer, answer
                 return answer["result"]
+
+
+class Page(Connection):
+    """A tab."""
+
+    def __init__(self, loop, line):
+        super().__init__(loop, line)
+        for part in ("Page", "Runtime", "Log"):
+            self.command(f"{part}.enable")
 
     def run(self, script):
         """What an expression is, once it is that."""
@@ -96,50 +107,67 @@ class Page:
             )
 
 
-@contextmanager
-def browsing(folder):
-    """A tab of a new profile in a ``folder``."""
-    if CHROMIUM is None:
-        skip("there is no Chromium")
-    options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
-    words = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    loop = asyncio.new_event_loop()
-    try:
+class Browser:
+    """A process of Chromium, whose files are in a ``folder``."""
+
+    def __init__(self, folder):
+        if CHROMIUM is None:
+            skip("there is no Chromium")
+        options = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0")
+        words = [CHROMIUM, *options, f"--user-data-dir={folder}", "about:blank"]
+        self._process = subprocess.Popen(
+            words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        self._loop = asyncio.new_event_loop()
         place = folder / "DevToolsActivePort"
         ends = time.monotonic() + PATIENCE_SECONDS
         while not (place.is_file() and place.read_text().count("\n")) and time.monotonic() < ends:
             time.sleep(0.02)
-        port = place.read_text().splitlines()[0]
-        session, line = loop.run_until_complete(_attached(port))
+        port, path = place.read_text().splitlines()
+        self._address = f"ws://127.0.0.1:{port}"
+        self._session = self._loop.run_until_complete(_session())
+        self._connection = Connection(self._loop, self._line(path))
+
+    def close(self):
+        self._loop.run_until_complete(self._session.close())
+        self._process.kill()
+        self._process.wait()
+        self._loop.close()
+
+    def _line(self, path):
+        """A line to the browser or to a tab, by its path."""
+        return self._loop.run_until_complete(_line(self._session, f"{self._address}{path}"))
+
+    @contextmanager
+    def tab(self):
+        """A tab of a new profile, in a window of its own."""
+        context = self._connection.command("Target.createBrowserContext")
+        target = self._connection.command("Target.createTarget", url="about:blank", **context)
+        line = self._line(f"/devtools/page/{target['targetId']}")
         try:
-            yield Page(loop, line)
+            yield Page(self._loop, line)
         finally:
-            loop.run_until_complete(session.close())
-    finally:
-        process.kill()
-        process.wait()
-        loop.close()
+            self._loop.run_until_complete(line.close())
+            self._connection.command("Target.disposeBrowserContext", **context)
+
+    def shown(self, page, script, folder, width=1600, dark=False):
+        """The title of a page and what an expression is on it; the browser may not complain of anything."""
+        path = folder / "page.html"
+        path.write_text(page)
+        with self.tab() as tab:
+            tab.size(width, dark)
+            tab.open(path.as_uri())
+            found = tab.run(script)
+            assert tab.said == []
+            return tab.run("document.title"), found
 
 
-async def _attached(port):
+async def _session():
     # Most tests of the modules that import this one open no page.
     import aiohttp
 
-    session = aiohttp.ClientSession()
-    async with session.get(f"http://127.0.0.1:{port}/json/list") as answer:
-        tabs = await answer.json()
-    address = next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
-    return session, await session.ws_connect(address, max_msg_size=0)
+    return aiohttp.ClientSession()
 
 
-def shown(page, script, folder, width=1600, dark=False):
-    """The title of a page and what an expression is on it; the browser may not complain of anything."""
-    path = folder / "page.html"
-    path.write_text(page)
-    with browsing(folder / f"profile_{width}") as tab:
-        tab.size(width, dark)
-        tab.open(path.as_uri())
-        found = tab.run(script)
-        assert tab.said == []
-        return tab.run("document.title"), found
+async def _line(session, address):
+    return await session.ws_connect(address, max_msg_size=0)

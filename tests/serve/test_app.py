@@ -13,6 +13,7 @@ from contextlib import ExitStack, contextmanager
 from http.client import HTTPResponse
 from pathlib import Path
 from shutil import rmtree
+from types import SimpleNamespace
 from unittest.mock import Mock
 from urllib.parse import urlencode
 
@@ -612,24 +613,37 @@ def test_a_viewer_ends_when_its_tab_is_gone(monkeypatch):
         assert start.call_count == 2
 
 
-@mark.slow
 def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monkeypatch):
-    monkeypatch.setattr("mavdem.serve.viewers.MAX_SECONDS_WITHOUT_TAB", 0.05)
+    now = [0.0]
+    looks = []
+
+    def sleep(seconds):
+        looks.append(now[0])
+        time.sleep(seconds)
+
+    def look():
+        """Waits until the viewer has been looked at anew: the first look after may have begun before."""
+        count = len(looks) + 2
+        while len(looks) < count:
+            time.sleep(0.005)
+
+    clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
+    monkeypatch.setattr("mavdem.serve.viewers.time", clock)
     with ExitStack() as stack:
         viewer, viewers, _ = stack.enter_context(running_viewer(monkeypatch, os.getpid()))
         # A connection of this process stands for that of a browser.
         listener = stack.enter_context(socket.create_server(("127.0.0.1", 0)))
         stack.enter_context(socket.create_connection(listener.getsockname()))
-        viewers.open(Path("a.rrd"))
-        time.sleep(0.3)
-        assert not viewer.close.called
-        monkeypatch.setattr("mavdem.serve.viewers.MAX_IDLE_SECONDS", 0.3)
-        for _ in range(10):
+        for now[0] in (0.0, 599.0, 1198.0):
             viewers.open(Path("a.rrd"))
-            time.sleep(0.05)
+            look()
+            assert not viewer.close.called
+        now[0] = 1797.0
+        look()
         assert not viewer.close.called
+        now[0] = 1799.0
         while not viewer.close.called:
-            time.sleep(0.01)
+            time.sleep(0.005)
 
 
 def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):

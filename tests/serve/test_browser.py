@@ -1,6 +1,6 @@
 """The server's pages in Chromium: drop, progress, search, compare, share, delete, by keyboard, on a telephone, dark."""
 
-from browsing import FITS, HOSTILE, browsing
+from browsing import FITS, HOSTILE
 from pytest import mark
 from serving import TOKEN, log, serving
 
@@ -25,8 +25,8 @@ def drop(page, *files):
     page.run(DROP % json.dumps([[name, base64.b64encode(data).decode()] for name, data in files]))
 
 
-def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path):
-    with serving(tmp_path / "served", is_eager=False) as server, browsing(tmp_path / "a") as page:
+def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path, browser):
+    with serving(tmp_path / "served", is_eager=False) as server, browser.tab() as page:
         page.open(f"{server.address}/")
         assert "Drop a flight log here" in page.run(SHOWN)
         many = [
@@ -74,11 +74,11 @@ def test_logs_are_dropped_followed_found_compared_and_deleted(tmp_path):
         assert page.said == []
 
 
-def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
+def test_a_link_is_shared_and_opened_in_another_profile(tmp_path, browser):
     with (
         serving(tmp_path / "served", TOKEN, is_eager=False) as server,
-        browsing(tmp_path / "a") as mine,
-        browsing(tmp_path / "b") as other,
+        browser.tab() as mine,
+        browser.tab() as other,
     ):
         id = server.add("a.ulg", "One.", token=TOKEN)
         address = f"{server.address}/f/{id}"
@@ -114,8 +114,8 @@ def test_a_link_is_shared_and_opened_in_another_profile(tmp_path):
         assert mine.said == []
 
 
-def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path):
-    with serving(tmp_path / "served") as server, browsing(tmp_path / "a") as page:
+def test_pages_fit_a_telephone_and_are_used_by_keyboard(tmp_path, browser):
+    with serving(tmp_path / "served") as server, browser.tab() as page:
         id = server.add("a_log_with_a_very_long_name_that_does_not_break_" * 3 + ".ulg", "One.")
         failed = server.add("b.ulg", "damaged")
         for width, dark in ((500, True), (500, False), (1280, True), (360, True)):
@@ -160,10 +160,10 @@ COUNT_REQUESTS = """(async () => {
 """The requests in 1.2 s after the pointer moved over a page ten times; the page asks once a second."""
 
 
-def test_a_page_that_waits_for_the_viewer_asks_once_a_second(tmp_path):
+def test_a_page_that_waits_for_the_viewer_asks_once_a_second(tmp_path, browser):
     with (
         serving(tmp_path / "served", is_eager=False, open_recording=lambda path: "") as server,
-        browsing(tmp_path / "a") as page,
+        browser.tab() as page,
     ):
         id = server.add("a.ulg", "With a model.")
         server.work.run()

@@ -7,7 +7,6 @@ from shutil import copy
 
 import numpy as np
 import pytest
-from browsing import browsing
 from recorded_flights import FLIGHT
 from serving import TOKEN, serving
 
@@ -206,7 +205,7 @@ def page_of_a_flight(start, end):
 
 
 @pytest.mark.slow
-def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, tmp_path):
+def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, browser):
     """The script of a flight's page lists, searches and plots the log's fields; without Chromium it is not tested."""
     flight = flight_with_log(served, FLIGHT.read_bytes())
     entry = served.library.entry(flight.rsplit("/", 1)[1])
@@ -216,7 +215,7 @@ def test_a_field_is_searched_plotted_linked_to_and_removed_in_a_browser(served, 
     status = "document.getElementById('fieldstatus').textContent"
     listed = "[...document.querySelectorAll('#fieldlist button')].map(one => one.textContent)"
     charts = "document.documentElement.charts.groups.flight?.charts.length"
-    with browsing(tmp_path / "profile") as tab:
+    with browser.tab() as tab:
         tab.open(f"{served.address}/f/{entry.id}")
         tab.until(f"{charts} === 1")
         tab.run("document.querySelector('#fields summary').click()")

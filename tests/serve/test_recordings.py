@@ -3,7 +3,6 @@
 import json
 import threading
 
-from browsing import browsing
 from mcap.reader import make_reader
 from pytest import approx, mark, raises
 from recorded_flights import short_flight
@@ -216,8 +215,8 @@ def test_both_recordings_of_a_real_log_show_what_its_page_shows(tmp_path, monkey
 
 
 @mark.slow
-def test_the_browser_waits_and_then_downloads(tmp_path):
-    with serving(tmp_path / "served", is_eager=False) as server, browsing(tmp_path / "a") as page:
+def test_the_browser_waits_and_then_downloads(tmp_path, browser):
+    with serving(tmp_path / "served", is_eager=False) as server, browser.tab() as page:
         id = server.add("a.ulg", MODEL)
         server.work.run()
         page.open(f"{server.address}/f/{id}")

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from browsing import shown
 from hover import Hover, only
 from numpy.testing import assert_allclose
 from pytest import mark
@@ -74,9 +73,9 @@ SPAN = """new Promise(done => {
 
 
 @mark.slow
-def test_charts_of_a_group_without_limits_show_all_of_their_lines(tmp_path):
+def test_charts_of_a_group_without_limits_show_all_of_their_lines(tmp_path, browser):
     time = np.linspace(20.0, 80.0, 7)
     chart = over_time("Height", "m", [Line("height", "#1f7ad6", time, time)])
     page = render_document("a", "b", [], [Chapter("c", (), [Group.side_by_side([chart])])])
-    _, span = shown(page, SPAN, tmp_path)
+    _, span = browser.shown(page, SPAN, tmp_path)
     assert span == [20.0, 80.0]

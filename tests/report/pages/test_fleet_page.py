@@ -6,7 +6,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
-from browsing import FITS, HOSTILE, shown
+from browsing import FITS, HOSTILE
 from fleet_rows import fleet_rows, flight_row
 from numpy.testing import assert_allclose
 from pytest import approx, mark
@@ -229,12 +229,12 @@ return found;
 
 
 @mark.slow
-def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path):
+def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path, browser):
     rows = fleet_rows(1000)
     text = fleet_page(rows)
     few = table_of(text)
     many = json.dumps(few | {"rows": few["rows"] * 10})
-    _, found = shown(text.replace(json.dumps(few), many), SORTED, tmp_path)
+    _, found = browser.shown(text.replace(json.dumps(few), many), SORTED, tmp_path)
     assert found["dates"] == sorted(found["dates"], reverse=True)
     flown = [flight[0].duration for flight in flights_of(rows)]
     seconds = [one for one in flown if one is not None]
@@ -257,8 +257,8 @@ def test_a_browser_sorts_searches_and_prints_ten_thousand_flights(tmp_path):
 
 
 @mark.slow
-def test_a_browser_runs_nothing_of_a_log_and_scrolls_sideways_in_the_table_only(tmp_path):
-    assert shown(fleet_page(hostile()), FITS, tmp_path, 500) == ("Fleet", True)
+def test_a_browser_runs_nothing_of_a_log_and_scrolls_sideways_in_the_table_only(tmp_path, browser):
+    assert browser.shown(fleet_page(hostile()), FITS, tmp_path, 500) == ("Fleet", True)
 
 
 def test_each_line_leads_to_the_page_of_its_flight():
@@ -285,10 +285,11 @@ return {
 @mark.slow
 def test_a_phone_shows_bars_counts_of_lights_that_do_not_warn_and_whole_texts_of_few_flights(
     tmp_path,
+    browser,
 ):
     told = {"file": f"/logs/{'a_log_with_a_long_name_' * 3}.ulg", "headline": "What is wrong. " * 9}
     text = fleet_page([flight_row("quad", number, **told) for number in range(2)])
-    _, found = shown(text, WHOLE, tmp_path, width=390)
+    _, found = browser.shown(text, WHOLE, tmp_path, width=390)
     assert found["isBarInBox"]
     assert found["lights"] == "8 unknown"
     assert found["cut"] == []
@@ -305,12 +306,14 @@ return {...found, cut: cut.length, all: state()};
 
 
 @mark.slow
-def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_asked_for(tmp_path):
+def test_a_phone_shows_what_needs_a_look_first_and_all_flights_when_they_are_asked_for(
+    tmp_path, browser
+):
     flights = []
     for number in range(40):
         health = {10: "fault", 20: "drift"}.get(number, "ok")
         flights.append(flight_row("quad", number, health=health))
-    _, found = shown(fleet_page(flights), BRIEF, tmp_path, width=390)
+    _, found = browser.shown(fleet_page(flights), BRIEF, tmp_path, width=390)
     assert found["first"] == [2, "To look at first: 2 of 40 flights"]
     assert found["levels"] == ["rating bad", "rating watch"] and found["cut"] == 0
     assert found["all"][0] > 12 and found["all"][1] == "40 flights"

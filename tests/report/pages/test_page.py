@@ -6,7 +6,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
-from browsing import HOSTILE, browsing, shown
+from browsing import HOSTILE
 from hover import Hover
 from live_rows import flown
 from made_up_analysis import assessment, physical
@@ -64,10 +64,14 @@ class Balanced(HTMLParser):
 
 
 @mark.slow
-def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(tmp_path):
+def test_every_column_of_the_motors_is_shown_and_no_line_ends_before_a_percent_sign(
+    tmp_path, browser
+):
     text = render_document("flight.tlog", "", analysis_blocks(assessment(physical())))
     widths = "[...document.querySelectorAll('.scroll')].map(e => e.scrollWidth - e.clientWidth)"
-    assert [shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [[0, 0, 0]]
+    assert [browser.shown(text, widths, tmp_path, width)[1] for width in (500, 1200)] == 2 * [
+        [0, 0, 0]
+    ]
     assert not re.search(r"\d ?%", text.split("<section")[1])
     assert "0.4 s long, at 77.2 s" in text
 
@@ -159,9 +163,13 @@ return [zoomed, wider, await spans(), figure.ariaLabel ?? figure.getAttribute("a
 
 
 @mark.slow
-def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(flight, tmp_path):
+def test_dragging_over_one_plot_zooms_all_and_a_button_shows_the_whole_flight(
+    flight, tmp_path, browser
+):
     # The window is that of a telephone, in the dark.
-    title, (zoomed, wider, whole, label, fits) = shown(flight, ZOOM, tmp_path, 500, dark=True)
+    title, (zoomed, wider, whole, label, fits) = browser.shown(
+        flight, ZOOM, tmp_path, 500, dark=True
+    )
     # The plots: modes, motors twice and wind torque; angle and rate of three axes; the spectrogram.
     assert (
         fits and len(whole) == 11 and label.startswith("Modes") and title == f"\ufffd\ufffd{NAME}"
@@ -195,9 +203,9 @@ return [spans, values, now, closed && part.open, found, closedSections, opened =
 
 @mark.slow
 def test_an_event_moves_the_plots_and_back_the_cursor_reads_them_and_a_link_opens_its_part(
-    flight, tmp_path
+    flight, tmp_path, browser
 ):
-    _, (spans, values, now, is_opened, found, closed_sections, are_open) = shown(
+    _, (spans, values, now, is_opened, found, closed_sections, are_open) = browser.shown(
         flight, USED, tmp_path, 1200
     )
     assert found == ["ATC_RAT_RLL_FLTE"]
@@ -232,10 +240,10 @@ return { ...result, screen: getComputedStyle(document.querySelector(".contents")
 
 
 @mark.slow
-def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_it(flight, tmp_path):
+def test_a_page_is_laid_out_anew_for_light_paper_and_prints_all_of_it(flight, tmp_path, browser):
     assert len(flight.encode()) < 700_000
     (tmp_path / "page.html").write_text(flight)
-    with browsing(tmp_path / "profile") as tab:
+    with browser.tab() as tab:
         tab.size(1280, dark=True)
         tab.open((tmp_path / "page.html").as_uri())
         # It has its charts too where it is printed before any was on a screen.
