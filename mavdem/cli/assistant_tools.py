@@ -33,7 +33,7 @@ sent: nothing is ever sent to a vehicle."""
 """The instructions that an assistant reads about the server as a whole."""
 
 LARGE_PARTS = ("model", "spectra")
-"""Keys of a review that hold columns of numbers, a hundred thousand characters each; left out unless asked for."""
+"""Keys of a review that hold columns of numbers, a hundred thousand characters each; left out unless requested."""
 
 MAX_SAMPLES = 500
 """Most samples of a field in one answer: some ten thousand characters, since an assistant reads numbers as text."""
@@ -43,7 +43,7 @@ MAX_LISTED_FIELDS = 2000
 one of a few hundred kilobytes can define half a million."""
 
 MAX_ERROR_CHARACTERS = 2000
-"""Most characters of an error that lists what a log has instead of what was asked for."""
+"""Most characters of an error that lists what a log has instead of what was requested."""
 
 READ_ONLY = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 """What every tool is: it changes nothing, and reaches nothing but the files it is given."""

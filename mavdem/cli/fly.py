@@ -263,7 +263,7 @@ def _fly_into_files(
     Args:
         name: Name of the scenario, for progress and for the recording.
         scenario: The scenario.
-        out: Log to write, with the true states in a file beside it; None for none.
+        out: Log to write, with the true states in a file next to it; None for none.
         rrd: Recording for Rerun to write; None for none.
 
     Returns:

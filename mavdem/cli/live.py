@@ -254,11 +254,11 @@ def _stream_with_prior(
         axis: Axis to model.
         vehicle: Name of the vehicle; None for the first that is found.
         prior: Model of an earlier flight, or the folder that holds it; None for none.
-        rates_requested: Whether the vehicle is asked for the rates of messages.
+        rates_requested: Whether the vehicle is requested to send messages at certain rates.
     """
     stream = LiveStream(axis, vehicle, rates_requested=rates_requested)
     if prior is not None:
-        # The drag is in the report beside the model, which may be missing.
+        # The drag is in the report, in the folder of the model; there may be none.
         with suppress(Unreadable):
             stream.wind.earlier_drag = earlier_drag(prior)
     return stream
@@ -287,7 +287,7 @@ def _output_paths(
 ) -> OutputPaths:
     """Chooses the files that a session writes, and checks before the flight that they can be written.
 
-    A model or page without a name is put beside another named file, under the same name.
+    A model or page without a name is written to the folder of another named file, under that file's name.
 
     Args:
         rrd: Path of the option --rrd.

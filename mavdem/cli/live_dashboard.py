@@ -53,7 +53,7 @@ class Dashboard:
         Raises:
             Unreadable: A port is taken, or a file cannot be written.
             click.BadParameter: ``connect`` is no URL.
-            MissingExtra: The dashboard is asked for, and Rerun is not installed.
+            MissingExtra: The dashboard is requested, and Rerun is not installed.
         """
         self.view: LiveView | None = None
         self.file: RecordingFile | None = None

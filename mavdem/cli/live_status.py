@@ -22,13 +22,13 @@ UNCHANGED_STATE_PERIOD = 30.0
 
 
 class PrintedState(NamedTuple):
-    """What a line says of the state of a session, without its figures."""
+    """The state of a session that a line reports, without its values."""
 
     vehicle: str | None
     """The vehicle; None before it is known."""
 
     obstacle: Hashable
-    """What the fact says why there is no new model; None while all is well."""
+    """Code of the reason why there is no new model; None while models are learned."""
 
     is_late: bool
     """Whether this computer does not keep up."""
@@ -39,7 +39,7 @@ class StatusLines:
 
     On a terminal the status is updated where it is. Elsewhere a line with the time of day is printed where the state is
     new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or no longer are, is printed when it
-    changes. A fact is new where it says something else; the same with other figures is no news.
+    changes. A fact is new if it has another code; the same code with other values is not printed again.
     """
 
     def __init__(self, terminal_text: Live | None) -> None:

@@ -1,4 +1,4 @@
-"""``mavdem review``, and ``mavdem LOG``: everything that a log says, on one screen and in one folder."""
+"""``mavdem review``, and ``mavdem LOG``: everything that a log shows, on one screen and in one folder."""
 
 import sys
 from pathlib import Path

@@ -74,7 +74,7 @@ def _columns(table: Table) -> list[Column]:
 
 
 def _shortened_last_column(columns: list[Column], width: int, row_lines: int) -> Column:
-    """Returns the last column with texts short enough to fit beside the other columns.
+    """Returns the last column with texts short enough to fit next to the other columns.
 
     Args:
         columns: All columns of the table.
@@ -91,7 +91,7 @@ def _shortened_last_column(columns: list[Column], width: int, row_lines: int) ->
 
 
 def _fitting_columns(row_names: Column, columns: list[Column], width: int) -> int:
-    """Returns how many columns fit beside the row names if their headings wrap.
+    """Returns how many columns fit next to the row names if their headings wrap.
 
     It is at least 1: a column that is too wide has to be shown somewhere.
 

@@ -1,4 +1,4 @@
-"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command, at once or when it is ready.
+"""Termination by signals: how Ctrl-C, SIGTERM and SIGHUP end a command, immediately or at its next safe point.
 
 Windows has SIGBREAK in the place of SIGHUP, and no program sends SIGTERM there.
 """
@@ -15,7 +15,7 @@ from mavdem.processes import TERMINATION_SIGNALS
 
 @contextmanager
 def default_interrupt_action() -> Iterator[None]:
-    """Context in which Ctrl-C ends the process at once, without a ``KeyboardInterrupt``.
+    """Context in which Ctrl-C ends the process immediately, without a ``KeyboardInterrupt``.
 
     It is used while modules are imported, since a library that is being imported may catch the exception, or turn it
     into another one.

@@ -190,7 +190,7 @@ def track_command(
         _print_fleet(tracked, pages, blocks_by_name)
         _report_index_and_table(out, pages.index)
     if unknown_name is not None:
-        # A serial number may be that of a log which had to be read first. What was read is kept and reported.
+        # The serial number may belong to a log that had to be read first. What was read is stored and reported.
         message = f"'{unknown_name}' begins with no serial number and no log of this fleet; no name was given."
         raise click.BadParameter(message, param_hint="--name")
     if tracked.problems:
@@ -312,7 +312,7 @@ def _is_subject_known(rows: FlightRows, given_name: str) -> bool:
         given_name: Argument of --name, see :func:`_store_name`.
     """
     subject = given_name.partition("=")[0]
-    return _is_vehicle(rows, subject) or bool(_contents_of_log(rows, subject))
+    return _is_vehicle(rows, subject) or bool(_content_hashes_of_log(rows, subject))
 
 
 def _store_names(store: Store, given_names: Names) -> str | None:
@@ -350,22 +350,22 @@ def _store_name(store: Store, rows: FlightRows, given_name: str) -> None:
     if _is_vehicle(rows, subject):
         store_vehicle_name(store.db, subject, name)
         return
-    for content in _contents_of_log(rows, subject):
+    for content in _content_hashes_of_log(rows, subject):
         store_flight_name(store.db, content, name)
 
 
 def _is_vehicle(rows: FlightRows, subject: str) -> bool:
-    """Returns whether the logs of a fleet call a vehicle so."""
+    """Returns whether ``subject`` is a vehicle's name in the logs of a fleet."""
     return subject != UNKNOWN and any(row.vehicle == subject for row in rows)
 
 
-def _contents_of_log(rows: FlightRows, subject: str) -> set[str]:
+def _content_hashes_of_log(rows: FlightRows, subject: str) -> set[str]:
     """Returns the hashes of the contents of all logs of a fleet that have this path, URL or file name."""
-    contents = set()
+    hashes = set()
     for row in rows:
         if row.key and subject in _file_names(row.file):
-            contents.add(content_hash(row.key))
-    return contents
+            hashes.add(content_hash(row.key))
+    return hashes
 
 
 def _file_names(path: str) -> Names:

@@ -156,7 +156,7 @@ def _print_tuning(tuning: Tuning, folder: Path | None, *, verbose: bool) -> None
     if tuning.notch:
         blocks.append(Sentence(tuning.notch.advised, "Notch filter:"))
     is_grounded = judgement.headline.is_bad and not is_of_loops(judgement.headline, judgement)
-    # A headline that forbids flying comes before the gains. Other headlines are about the loops, which are reported
+    # A headline that forbids flying precedes the gains. Other headlines are about the loops, which are reported
     # here anyway, or about something else.
     if is_grounded:
         blocks = [headline_sentence(headline(judgement.headline)), *blocks]

@@ -44,7 +44,7 @@ class Attitude:
     """N samples of the motion about one axis, without rows that are not finite or impossible."""
 
     message: str
-    """Name of the message that the samples come from."""
+    """Name of the message from which the samples are taken."""
     time: Array
     """(N,) seconds on the clock of the sample's boot."""
     boot: Integers
@@ -127,7 +127,7 @@ def tuning_rates(
     Args:
         telemetry: Messages of the vehicle.
         axis: "roll", "pitch" or "yaw".
-        sent_attitude: Attitude of the axis as it was sent; without it the rates are taken as they are.
+        sent_attitude: Attitude of the axis as it was sent; without it the rates keep their unit.
 
     Returns:
         Body rate and setpoint (N, 2), rad/s; None if none were recorded.

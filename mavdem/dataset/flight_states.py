@@ -187,8 +187,9 @@ def _last_defined(landed_states: Array) -> Array:
 def min_airborne_collective(parameters: Parameters) -> float:
     """Returns the least collective, as a fraction of the range, that shows by itself that a multirotor is in the air.
 
-    It is the one rule for flight by motor outputs alone. Where no parameter says at which command the motors idle, they
-    may idle at ``MAX_IDLE_COLLECTIVE``. Whether a single motor runs is another question: :func:`min_running_command`.
+    It is the one rule for flight by motor outputs alone. Where no parameter gives the command at which the motors idle,
+    they may idle at ``MAX_IDLE_COLLECTIVE``. Whether a single motor runs is another question:
+    :func:`min_running_command`.
     """
     return parameters.get("MOT_SPIN_MIN", MAX_IDLE_COLLECTIVE) + MIN_COLLECTIVE_ABOVE_IDLE
 

@@ -74,7 +74,7 @@ def read_segments(
         path, axis, vehicle, inputs: As in :func:`read_flight`.
 
     Returns:
-        The flights. Where segments failed the checks, ``provenance["cautions"]`` says how much is left out.
+        The flights. Where segments failed the checks, ``provenance["cautions"]`` has how much is left out.
 
     Raises:
         Unreadable, NotLearnable, ValueError: As for :func:`read_flight`.

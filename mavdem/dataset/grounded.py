@@ -42,7 +42,7 @@ lost half its thrust deviates by 0.3.
 """
 
 HIGH_QUANTILE = 0.9
-"""Quantile of collective and of body rates that stands for flight, in records that are partly from the ground."""
+"""Quantile of collective and of body rates that is the value in flight, if records are partly from the ground."""
 
 MIN_GROUND_SECONDS = 3.0
 """Seconds that signs of the ground must last, since motors are throttled for a moment in the air too; a choice."""

@@ -10,7 +10,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 
 TimeInterval = tuple[float, float]
-"""Start and end of a time, s on the clock of one boot; infinite where it goes on beyond the record."""
+"""Start and end of a time, s on the clock of one boot; infinite where it continues beyond the record."""
 
 Intervals = list[TimeInterval]
 """A set of time intervals: (start, end) pairs in seconds, sorted and disjoint."""
@@ -91,7 +91,7 @@ def intersection(first: Intervals, second: Intervals) -> Intervals:
         end = min(first[i][1], second[j][1])
         if start < end:
             overlaps.append((start, end))
-        # The interval that ends earlier overlaps no further interval of the other set: the search goes on after it.
+        # The interval that ends earlier overlaps no further interval of the other set: the search continues after it.
         if first[i][1] < second[j][1]:
             i += 1
         else:

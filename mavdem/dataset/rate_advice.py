@@ -142,9 +142,9 @@ def _stream_advice(telemetry: Telemetry, rate: int, *, is_requested: bool) -> Fa
 def _dataflash_advice(telemetry: Telemetry) -> Fact:
     """Advises which settings make ArduPilot log attitude and demands fast to its DataFlash log.
 
-    The demands stand in for motor outputs, which ArduCopter logs at 10 Hz only (message RCOU). They are logged at the
+    The demands replace the motor outputs, which ArduCopter logs at 10 Hz only (message RCOU). They are logged at the
     attitude's rate if a bit of the parameter LOG_BITMASK is set, by firmware from ``FIRST_VERSION_WITH_DEMAND`` on.
-    Parameters that limit the rate of logging may stand in the way.
+    Parameters that limit the rate of logging may prevent this.
 
     Args:
         telemetry: messages and parameters of the vehicle.

@@ -60,7 +60,7 @@ class Setpoint:
 class InjectedSignal(NamedTuple):
     """A known signal that the autopilot added to a command, to identify the vehicle.
 
-    ArduCopter logs it as it is made, and adds it in the next cycle of its loop.
+    ArduCopter logs it when it is generated, and adds it in the next cycle of its loop.
     """
 
     injection_point: Injection

@@ -321,7 +321,7 @@ class VehicleSignals:
     def autopilot_wind(self) -> TimeSeries | None:
         """The autopilot's estimate of the wind: velocity of the air (N, 2), m/s to the north and to the east.
 
-        It comes from WIND_COV (PX4) or WIND (ArduPilot). None if it was not recorded, or is always 0.
+        It is read from WIND_COV (PX4) or WIND (ArduPilot). None if it was not recorded, or is always 0.
         """
         messages = self.telemetry.messages
         if "WIND_COV" in messages:

@@ -34,7 +34,7 @@ HUNDREDTH = 0.01
 """Unit of the temperature of ESC_INFO, °C, and of the current of ESC_TELEMETRY, A."""
 
 UNKNOWN_INFO_TEMPERATURE = 32767
-"""Temperature of ESC_INFO that stands for "not known": INT16_MAX, by MAVLink's common.xml."""
+"""Temperature of ESC_INFO that means "not known": INT16_MAX, by MAVLink's common.xml."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class SpeedController:
     error_share: TimeSeries | None = None
     """Share of its messages that were damaged (K,), 0 to 1, as DataFlash logs it; None where that is not known."""
     motor: int | None = None
-    """Number of its motor, from 1, where the log says it; PX4 does since 1.14."""
+    """Number of its motor, from 1, where the log has it, as PX4's has since 1.14."""
     current: TimeSeries | None = None
     """Current (I,), A; None where it is not measured."""
     temperature: TimeSeries | None = None

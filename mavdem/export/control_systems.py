@@ -50,11 +50,11 @@ def to_control(learned: Learned, model: str = "physical") -> control.StateSpace:
         model: "physical" or "dem".
 
     Returns:
-        A system in the units of the data, rad and s. Its ``name`` says which model it is; its signals are named as the
+        A system in the units of the data, rad and s. Its ``name`` identifies the model; its signals are named as the
         columns of ``flight.csv``: "motor_1_us", "roll_rad".
 
     Raises:
-        NotLearnable: the physical parameters are not identifiable. A ``UserWarning`` says where they are biased.
+        NotLearnable: the physical parameters are not identifiable. A ``UserWarning`` is issued where they are biased.
         ValueError: ``model`` is neither "physical" nor "dem".
     """
     import control

@@ -26,7 +26,7 @@ from mavdem.ingest.tlog import write_tlog
 
 def write_mcap(file: BinaryIO, stream: FrameStream) -> int:
     """Writes every frame of a stream as an MCAP recording and returns how many there were."""
-    # The libraries of MCAP are an extra, which is asked for where the file is named.
+    # The libraries of MCAP are an extra, checked where the file is named.
     from mavdem.ingest.mcap.records import write_mcap as write
 
     return write(file, stream)

@@ -191,7 +191,7 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
     Returns:
         Variables ``inputs (time, input)``, ``outputs (time, output)``, and where the flight has them ``setpoints
         (time, setpoint)`` and ``effect_directions (input)``. ``time`` is in s on the autopilot's boot clock. Units are
-        coordinates beside the names: ``input_unit (input)`` and so on. The sampling step and the source are in
+        coordinates besides the names: ``input_unit (input)`` and so on. The sampling step and the source are in
         ``attrs``.
 
     Raises:

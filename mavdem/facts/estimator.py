@@ -1,4 +1,4 @@
-"""What the light of the estimator says of the filter, of GPS and of the compass."""
+"""Facts about the estimator: its filter, GPS and the compass."""
 
 from mavdem.facts.fact import Code
 

@@ -1,4 +1,4 @@
-"""What the autopilot reports of a flight, in words, errors, events and states."""
+"""Facts that the autopilot reports about a flight, in words, errors, events and states."""
 
 from mavdem.facts.fact import Code
 

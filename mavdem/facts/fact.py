@@ -38,7 +38,7 @@ class Level(StrEnum):
 
 
 class Code(StrEnum):
-    """What a fact says, by a name that no other code has; each subclass lists the codes of one subject."""
+    """Identifies what a fact states, by a unique name; each subclass lists the codes of one subject."""
 
 
 Figure = Any
@@ -57,7 +57,7 @@ class Fact:
     """Something found, with its figures.
 
     Attributes:
-        code: what it says.
+        code: identifies what it states.
         level: how much it matters.
         time, until: when it was so, s on the boot clock; ``None`` where it is of no time, or still so.
         subject: what it is about: "motor 2", "roll rate loop", "GPS"; empty if that is the flight as a whole.

@@ -1,4 +1,4 @@
-"""What is found of many logs: why one has no flight, what keeps a fleet from being made, what cannot be compared."""
+"""Facts about many logs: why one has no flight, what keeps a fleet from being made, what cannot be compared."""
 
 from enum import StrEnum
 

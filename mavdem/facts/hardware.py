@@ -1,4 +1,4 @@
-"""What a log shows of a vehicle's hardware over the flight, part by part."""
+"""Facts about a vehicle's hardware over the flight, part by part."""
 
 from enum import StrEnum
 

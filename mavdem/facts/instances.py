@@ -1,4 +1,4 @@
-"""What is known of each instance of a vehicle's batteries, estimators, sensors and outputs."""
+"""Facts about each instance of a vehicle's batteries, estimators, sensors and outputs."""
 
 from mavdem.facts.fact import Code
 

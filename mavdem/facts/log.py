@@ -1,4 +1,4 @@
-"""What the light of the log says of its rates, and whether its flight was simulated."""
+"""Facts about the rates of a log, and whether its flight was simulated."""
 
 from enum import StrEnum
 

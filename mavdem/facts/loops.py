@@ -1,4 +1,4 @@
-"""What is said of control loops: their margins, the controller behind them, the measured response, gains, the twin."""
+"""Facts about control loops: their margins, their controller, the measured response, gains, and the twin."""
 
 from mavdem.facts.fact import Code
 

@@ -1,4 +1,4 @@
-"""What is said of the margins of a vehicle's loops, and of how it follows its setpoints."""
+"""Facts about the margins of a vehicle's loops, and how it follows its setpoints."""
 
 from mavdem.facts.fact import Code
 

@@ -1,4 +1,4 @@
-"""What is said of a model: why its physical parameters are doubted or missing, its limits, and the order of states."""
+"""Facts about a model: why its physical parameters are doubted or missing, its limits, and the order of states."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ from mavdem.facts.fact import Code
 
 
 class ModelName(StrEnum):
-    """A model of mavdem, as documents, pages and dashboards name it beside the figures that it made."""
+    """A model of mavdem, as documents, pages and dashboards name it next to its results."""
 
     DEM = "DEM"
     """The linear state-space model that dynamic expectation maximization learns: A, B and C, its free energy and its

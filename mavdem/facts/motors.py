@@ -1,4 +1,4 @@
-"""What is found of motors and propellers: between flights, by their balance, and in flight."""
+"""Facts about motors and propellers: between flights, by their balance, and in flight."""
 
 from enum import StrEnum
 

@@ -1,4 +1,4 @@
-"""What is said of the noise of gyro and accelerometer: their spectra, lines in them, and notch filters."""
+"""Facts about the noise of gyro and accelerometer: their spectra, lines in them, and notch filters."""
 
 from mavdem.facts.fact import Code
 

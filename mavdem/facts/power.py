@@ -1,4 +1,4 @@
-"""What the light of power says of the battery and of the board's supply."""
+"""Facts about the battery and the board's supply."""
 
 from mavdem.facts.fact import Code
 

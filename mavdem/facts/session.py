@@ -1,4 +1,4 @@
-"""What is found of a live session: its link, the vehicles on it, their messages and rates, and what waits."""
+"""Facts about a live session: its link, the vehicles on it, their messages and rates, and what waits."""
 
 from enum import StrEnum
 
@@ -87,7 +87,7 @@ class RowsFact(Code):
 
 
 class RateFact(Code):
-    """What becomes of the message rates that a vehicle is asked for."""
+    """Results of requesting message rates from a vehicle."""
 
     RATE_REFUSED = "rate_refused"
     RATES_ASKED_AGAIN = "rates_asked_again"

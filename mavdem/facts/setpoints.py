@@ -1,4 +1,4 @@
-"""What a log shows of the setpoints of position and velocity, and of the pilot's sticks."""
+"""Facts about the setpoints of position and velocity, and the pilot's sticks."""
 
 from enum import StrEnum
 

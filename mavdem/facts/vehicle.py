@@ -1,4 +1,4 @@
-"""What a log says of its vehicle: the tier that it allows, what the vehicle's name is made of, and its date."""
+"""Facts about a log's vehicle: the tier that it allows, what the vehicle's name is made of, and its date."""
 
 from enum import StrEnum
 

@@ -1,4 +1,4 @@
-"""What the light of vibration says."""
+"""Facts about vibration."""
 
 from mavdem.facts.fact import Code
 

@@ -1,4 +1,4 @@
-"""What is watched of a vehicle in flight without a model of it."""
+"""Quantities that are watched of a vehicle in flight without a model of it."""
 
 from enum import StrEnum
 

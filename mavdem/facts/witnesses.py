@@ -1,4 +1,4 @@
-"""What a witness says of an event: the sensors that support it, and those that contradict it."""
+"""Facts about the sensors as witnesses of an event: the sensors that support it, and those that contradict it."""
 
 from enum import StrEnum
 

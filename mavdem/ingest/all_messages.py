@@ -10,7 +10,7 @@ from mavdem.ingest.telemetry import Fields, Tables, Telemetry, concatenated_colu
 from mavdem.log_formats import Format
 
 INSTANCE = "instance"
-"""Column that says which of several instances of a topic a message is of; MAVLink's definitions call it so too."""
+"""Column with the instance of the topic to which a message belongs; MAVLink's definitions use the same name."""
 
 
 # Damaged files hold numbers that overflow or are NaN, which plots leave out.

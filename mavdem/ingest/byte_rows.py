@@ -63,7 +63,7 @@ def mapping_of(data: Bytes) -> mmap.mmap | None:
 
 
 def release_pages(data: Bytes) -> None:
-    """Makes a mapped file's pages resident no more; they come back when they are looked at. Else it does nothing."""
+    """Releases the memory of a mapped file's pages, which are loaded again when read; other data is not affected."""
     mapping = mapping_of(data)
     if sys.platform != "win32" and mapping is not None and hasattr(mmap, "MADV_DONTNEED"):
         mapping.madvise(mmap.MADV_DONTNEED)

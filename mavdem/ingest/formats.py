@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 MIN_BYTES_TO_RETURN = 1 << 23
 """Size of a log from which on the memory that its reading needed is returned to the system: a choice.
 
-Of a smaller one it is some tens of megabytes, which the analysis takes anew at once.
+Of a smaller one it is some tens of megabytes, which the analysis needs again immediately.
 """
 
 
@@ -112,7 +112,7 @@ PLAUSIBLE_STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)
 
 
 def looks_like_log(path: AnyPath) -> bool:
-    """Returns whether a file is a log, judged by its name and, if the name says nothing, by its first bytes.
+    """Returns whether a file is a log, judged by its name and, if the name is not conclusive, by its first bytes.
 
     This is a quick test for the files in a folder. It also accepts logs that cannot be read (damaged zip archives,
     archives of several logs, log formats of PX4 that are not supported), so that they are reported to the user.
@@ -155,7 +155,7 @@ DATAFLASH_LINE = re.compile(rb"^(ATT|RATE|IMU|RCOU|CTUN|GPS|PARM|MODE), *\d", re
 """Line of a DataFlash log as text, by which one is recognised that lacks its definitions."""
 
 GIT_LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-"""First bytes of the text that stands for a file in a Git repository whose large files were not fetched."""
+"""First bytes of the text that replaces a file in a Git repository whose large files were not fetched."""
 
 
 def detect_format(path: AnyPath) -> tuple[str, Format]:
@@ -217,7 +217,7 @@ def _format_of_first_bytes(beginning: bytes) -> Format | None:
 
 
 def _format_of_name(name: str) -> Format | None:
-    """Returns the format that the ending of a file's name says, also of an archive; None if it says none."""
+    """Returns the format by the ending of a file's name, also of an archive; None if no format has that ending."""
     uncompressed_name = name.lower().removesuffix(COMPRESSED_ENDING)
     return FORMAT_OF_ENDING.get(Path(uncompressed_name).suffix)
 

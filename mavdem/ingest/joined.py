@@ -324,7 +324,7 @@ def _gap_by_utc(earlier: Recording, later: Recording) -> float | None:
 
 
 def _clock_runs_on(earlier: Recording, later: Recording) -> bool:
-    """Returns whether the boot clock of a log goes on in the next: the autopilot did not restart between them."""
+    """Returns whether the boot clock of a log continues in the next: the autopilot did not restart between them."""
     if earlier.utc_at_last_boot is not None and later.utc_at_first_boot is not None:
         return abs(later.utc_at_first_boot - earlier.utc_at_last_boot) <= MAX_CLOCK_ERROR
     return 0.0 <= later.start - earlier.end <= MAX_RESTART_SECONDS
@@ -426,11 +426,11 @@ def _initial_parameters(before: Telemetry, after: Telemetry) -> Parameters:
 
 
 def _joined_log(earlier: Log, later: Log, vehicle: Telemetry) -> Log:
-    """Makes one log of two: counts of messages are added up, and the reception times span both.
+    """Merges two logs into one, whose message counts are sums and whose reception times span both.
 
     Args:
         earlier, later: The logs in the order of time.
-        vehicle: The joined vehicle.
+        vehicle: Telemetry of the vehicle, joined from both logs.
 
     Returns:
         The joined log, named after the earlier file.

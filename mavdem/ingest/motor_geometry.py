@@ -30,7 +30,7 @@ class _Wiring:
     """Output channel, from 1, by number of the motor, from 1; motors without a parameter are missing."""
     source: ChannelSource
     driver_of_channel: dict[int, OutputDriver] = field(default_factory=dict)
-    """PX4's driver behind each channel."""
+    """PX4's driver of each channel."""
     non_motor_channels: set[int] = field(default_factory=set)
     """Channels that the parameters give to something else, such as a gimbal."""
 
@@ -173,7 +173,7 @@ def _rotors_or_assumption(
         motors: Numbers of the motors, from 1.
 
     Returns:
-        The rotors, and where their positions come from.
+        The rotors, and the source of their positions.
     """
     if all(motor in rotors.positions for motor in motors):
         return rotors, PositionSource.PARAMETERS

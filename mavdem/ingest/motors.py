@@ -127,7 +127,7 @@ class MotorGeometry:
     spins: tuple[int, ...] = ()
     """1 for a propeller that turns counterclockwise seen from above, -1 for clockwise; empty where not known."""
     drivers: tuple[OutputDriver, ...] = ()
-    """PX4's output driver behind each channel; empty for other autopilots."""
+    """PX4's output driver of each channel; empty for other autopilots."""
 
     @property
     def channels_assumed(self) -> bool:
@@ -146,7 +146,7 @@ class MotorGeometry:
 
     @property
     def basis(self) -> Fact:
-        """The fact that says where channels and positions of the motors come from: parameters, or which assumption."""
+        """The fact that names the source of the motors' channels and positions: parameters, or which assumption."""
         return Fact(
             SourceFact.MOTOR_BASIS,
             channels_by=self.channel_source,

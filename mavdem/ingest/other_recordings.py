@@ -2,9 +2,9 @@
 
 A card that is used again, or whose file table is damaged, gives a file in which some blocks hold an older log. A stream
 may hold messages that another sender replays under the vehicle's ids. They are intact, but their times are of another
-flight: the clock goes to and fro. The parts of one recording continue each other's clock, so that they form chains. Of
-two chains that cannot be of one vehicle the one with fewer messages is left out: they lie inside each other, or the
-later one is no boot that came after the first.
+flight: the clock jumps back and forth. The parts of one recording continue each other's clock, so that they form
+chains. Of two chains that cannot be of one vehicle the one with fewer messages is left out: they lie inside each other,
+or the later one is no boot that came after the first.
 """
 
 from collections.abc import Sequence
@@ -112,7 +112,7 @@ class ClockRules(NamedTuple):
     """Time, s, by which it may go back: messages of a link come late."""
 
     max_utc_difference: float
-    """Difference, s, by which the UTC of its boot may disagree where it goes on: infinite for simulators, whose clock
+    """Difference, s, by which the UTC of its boot may disagree where it continues: infinite for simulators, whose clock
     may run faster than time does."""
 
     restarts_need_utc: bool
@@ -189,7 +189,7 @@ def blocks_of_other_recordings(
 
     Messages are cut into runs where the clock goes back or jumps. Runs of which each continues the clock of another are
     put together to chains. The chain with most messages is kept, and each further one that agrees with those kept: it
-    goes on in time, or is another boot of the same vehicle. All other runs are the blocks.
+    continues in time, or is another boot of the same vehicle. All other runs are the blocks.
 
     Args:
         messages: The messages with a stamp.

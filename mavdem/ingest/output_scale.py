@@ -15,7 +15,7 @@ from mavdem.ingest.motors import OutputDriver
 from mavdem.ingest.telemetry import Parameters
 
 UNKNOWN_SCALE = "unknown"
-"""Name of the scale of outputs whose range nothing says; their largest value stands for its upper end."""
+"""Name of the scale of outputs whose range is not known; their largest value is used as its upper end."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ MAX_DSHOT = 1999.0
 """DShot output of PX4 at full throttle: DSHOT_MAX_THROTTLE of its ``DShot.h``, without the 48 special commands."""
 
 NOMINAL_DSHOT_RANGE = 2000.0
-"""Full throttle of DShot where no parameter says it, rounded."""
+"""Full throttle of DShot where no parameter has it, rounded."""
 
 MAX_UAVCAN = 8191.0
 """Output of PX4 at full throttle for UAVCAN's esc.RawCommand, which has 14 bits and a sign."""

@@ -103,7 +103,7 @@ def parameter_files(parameters: Parameters, vehicle: Telemetry, remark: str) -> 
     Args:
         parameters: Values by name.
         vehicle: The vehicle they are for.
-        remark: First line of the files, one line that says what the parameters are for.
+        remark: First line of the files, one line on what the parameters are for.
 
     Returns:
         The text of each file by the ending of its name: .params, and for ArduPilot .param too.

@@ -1,6 +1,6 @@
 """MAVLink messages from PX4's topics that have an instance for each battery, estimator or sensor.
 
-Of batteries and estimators the one that counts becomes the message, and a table has all of them. Sensors beside the
+Of batteries and estimators the one that counts becomes the message, and a table has all of them. Sensors besides the
 first become the further messages that MAVLink has for them: GPS2_RAW, SCALED_IMU2, SCALED_PRESSURE2 and so on.
 """
 

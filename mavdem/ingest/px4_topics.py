@@ -29,7 +29,7 @@ TOPIC_FIELDS = {
     topic: tuple(fields)
     for topic, fields in load_adjacent_toml(__file__, "px4_topics.toml").items()
 }
-"""The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
+"""The topics that are read, and the fields of each except ``timestamp``, arrays with their length."""
 
 SETPOINT_TOPICS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint"})
 """Topics that a companion may publish as well as PX4."""

@@ -81,8 +81,8 @@ class Telemetry(ImmutableResult):
         initial_parameters: the first values of those parameters that changed, by name.
         default_parameters: the firmware's defaults for this vehicle, by name, of those parameters whose default the log
             gives; empty if it gives none.
-        is_ended_on_purpose: whether the user ended the recording, so that its end says nothing of the vehicle; False if
-            that is not known.
+        is_ended_on_purpose: whether the user ended the recording, so that its end tells nothing about the vehicle;
+            False if that is not known.
     """
 
     system: int

@@ -127,7 +127,7 @@ def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
 
 
 def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
-    """Writes frames, each behind its receive stamp.
+    """Writes frames, each after its receive stamp.
 
     Args:
         file: Open file to write to.

@@ -22,7 +22,7 @@ from mavdem.ingest.record_runs import PossibleRecords
 from mavdem.ingest.telemetry import MAX_FIELDS
 
 HEADER = struct.Struct("<HB")
-"""Header of each record: number of bytes behind it, and its type."""
+"""Header of each record: number of bytes after it, and its type."""
 
 DATA_HEADER = struct.Struct("<HBH")
 """Header of a data record, and the number of its subscription."""
@@ -83,7 +83,7 @@ FIELD_LIST = re.compile(r"(?:\w++(?:\[\d{1,5}\])? \w++)?(?:;(?:\w++(?:\[\d{1,5}\
 """All fields in a definition, with a semicolon between them; there may be nothing between two semicolons."""
 
 NAME = re.compile(rb"[\x21-\x39\x3b-\x7e]+")
-"""Name of a message: printable characters without the colon behind it."""
+"""Name of a message: printable characters without the colon after it."""
 
 MAX_NAME_BYTES = 255
 """Largest length of the name of a message: a choice; PX4's have up to some 40 characters."""
@@ -95,7 +95,7 @@ START_OF_DEFINITION = (
     rb"[\x04-\xff]\0A|..F[\x21-\x39\x3b-\x7e]{1,255}+:|\x08\0S|\x02\0[OR]|..[LC][0-7]|"
     rb"..(?:[IP]|[MQ].).(?:u?int(?:8|16|32|64)_t|float|double|bool|char)"
 )
-"""Beginnings of all records but those of data, for the search behind damage.
+"""Beginnings of all records but those of data, for the search after damage.
 
 A search for the mere letters would stop at each byte of a run of one letter. Names of messages may have 252 characters.
 """
@@ -110,14 +110,14 @@ KEY_OFFSETS = {
     PARTS: HEADER.size + 1,
     DEFAULT: HEADER.size + 1,
 }
-"""Where the length of the key stands in a record that has one; behind the header, some have a byte of flags."""
+"""Offset of the length of the key in a record that has one; some have a byte of flags after the header."""
 
 
 class RecordHeader(NamedTuple):
     """The header of a record."""
 
     length: int
-    """Number of bytes behind it."""
+    """Number of bytes after it."""
     kind: int
     """Type of the record, a letter."""
 
@@ -215,7 +215,7 @@ class RecordDefinitions:
         # The list of the fields of each message, as text, and parsed where it is needed: most have no subscription.
         self._formats: dict[str, str] = {}
         self._fields: dict[str, Sequence[_Field]] = {}
-        # Layouts of messages by name: each is asked for when a subscription is compared, and when it is learned.
+        # Layouts of messages by name: each is needed when a subscription is compared, and when it is learned.
         self._layouts: dict[str, TopicLayout | None] = {}
         self._sizes: dict[str, _MessageSize | None] = {}
         self._record_start: re.Pattern[bytes] | None = None
@@ -260,7 +260,7 @@ class RecordDefinitions:
         if kind == TEXT:
             return _fit_if(fits=_is_text(body, stamp_offset=1))
         if kind == TAGGED_TEXT:
-            # The tag, two bytes, comes before the stamp.
+            # The tag, two bytes, precedes the stamp.
             return _fit_if(fits=_is_text(body, stamp_offset=3))
         if kind == SYNC:
             return _fit_if(fits=body == SYNC_MAGIC)
@@ -397,12 +397,12 @@ class RecordDefinitions:
         """
         # The bytes of all headers that begin in the range, up to the end of the last header.
         content = np.frombuffer(self.content, dtype=np.uint8)
-        stretch = content[first : stop + DATA_HEADER.size - 1]
-        header_count = max(len(stretch) - DATA_HEADER.size + 1, 0)
+        header_bytes = content[first : stop + DATA_HEADER.size - 1]
+        header_count = max(len(header_bytes) - DATA_HEADER.size + 1, 0)
         letter_offset = HEADER.size - 1
-        letters = stretch[letter_offset : letter_offset + header_count]
+        letters = header_bytes[letter_offset : letter_offset + header_count]
         starts = np.flatnonzero(letters == DATA)
-        headers = rows_of(stretch, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
+        headers = rows_of(header_bytes, starts, DATA_HEADER.size).view(DATA_HEADER_FIELDS)[:, 0]
         lengths = headers["length"]
         is_data = (lengths > 0) & (self.lengths_by_number[headers["subscription"]] == lengths)
         starts = starts[is_data] + first

@@ -41,7 +41,7 @@ VALUE_TYPES = {
     b"uint64_t": struct.Struct("<Q"),
     b"double": struct.Struct("<d"),
 }
-"""How a number behind a key is stored, by its type."""
+"""How a number after a key is stored, by its type."""
 
 START_OF_DATA = (SUBSCRIPTION, TEXT, TAGGED_TEXT)
 """Types of the records with which the data begins; parameters before are those at the start of the logger."""
@@ -62,7 +62,7 @@ DEFAULTS_FLAG = 1
 """Bit of the compatible flags: the file has default values of parameters."""
 
 START_STAMP_OFFSET = 8
-"""Offset of the time of the start, behind the magic and the version of the format."""
+"""Offset of the time of the start, after the magic bytes and the version of the format."""
 
 TEXT_HEADER = struct.Struct("<BQ")
 """Level and time stamp before a text."""
@@ -74,7 +74,7 @@ TEXT_TYPE = b"char["
 """Beginning of the type of a text in a key: an array of characters."""
 
 KeyedValue = str | bytes | float
-"""A text or a number behind a key; bytes where it is neither."""
+"""A text or a number after a key; bytes where it is neither."""
 
 
 class ParameterSetting(NamedTuple):

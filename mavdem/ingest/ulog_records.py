@@ -2,7 +2,7 @@
 
 A ULog is a chain of records, each with a header of three bytes: its length (uint16) and its type, a letter. There are
 no checksums, and files before PX4 1.11 have no marks of synchronisation, so that one wrong length would shift all that
-follows. Here a record must fit the definitions of the file; where one does not, the search goes on byte by byte until
+follows. Here a record must fit the definitions of the file; where one does not, the search continues byte by byte until
 several records in a row fit.
 
 Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
@@ -45,10 +45,10 @@ UNWRITTEN_BYTES = re.compile(rb"\0+|\xff+")
 """What a card holds where nothing was written."""
 
 FLAGS = struct.Struct("<QQ3Q")
-"""Compatible flags, incompatible flags, and the offsets of appended data, in the flags record behind its header."""
+"""Compatible flags, incompatible flags, and the offsets of appended data, in the flags record after its header."""
 
 APPENDED_DATA_FLAG = 1
-"""Bit of the incompatible flags: data was appended, at the offsets behind the flags."""
+"""Bit of the incompatible flags: data was appended, at the offsets after the flags."""
 
 RECORDS_OF_CHAIN = 5
 """Number of records in a row that must fit the definitions for the search after damage to end: a choice.
@@ -69,7 +69,7 @@ class RecordLoss(NamedTuple):
     lost_bytes: int = 0
     """Number of bytes that were left out there."""
     lost_seconds: float = 0.0
-    """Sum of the times, s, between the last record before each place and the first one behind it."""
+    """Sum of the times, s, between the last record before each place and the first one after it."""
 
 
 class FileFlags(NamedTuple):
@@ -224,7 +224,7 @@ class _RecordScan:
                     self.definitions.learn(position)
                 if header.kind == SUBSCRIPTION:
                     # Places that looked like nothing before may now be records of this subscription.
-                    self._data_runs.forget_stretch()
+                    self._data_runs.discard_search()
                 offsets.append(position)
                 position = next_position
                 continue
@@ -233,7 +233,7 @@ class _RecordScan:
                 recent = offsets[max(records_before_run, len(offsets) - RECORDS_OF_CHAIN) :]
                 omitted_bytes = self._damaged_place(position, end, recent)
             elif fit is Fit.UNKNOWN and content[position + 2] == DATA:
-                # What the file says of this subscription was lost by damage before.
+                # The definition of this subscription was lost by earlier damage.
                 self._add_loss(0, omitted_bytes.stop - omitted_bytes.start, 0.0)
             while len(offsets) > records_before_run and offsets[-1] >= omitted_bytes.start:
                 offsets.pop()

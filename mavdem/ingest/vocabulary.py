@@ -92,7 +92,7 @@ UNNAMED = "UNKNOWN"
 """Name of a vehicle's type, or of an autopilot, that no HEARTBEAT gives."""
 
 NAMES = load_adjacent_toml(__file__, "names.toml")
-"""Tables of names: MAV_TYPEs, drivers, parameters and flight modes; ``names.toml`` says what each table holds."""
+"""Tables of names: MAV_TYPEs, drivers, parameters and flight modes; ``names.toml`` describes each table."""
 
 CONTROL_PARAMETERS = re.compile(
     r"ATC_RAT_|ATC_ANG_(RLL|PIT|YAW)_P$|INS_GYRO_(FILTER|RATE)$|INS_(HNTC[H23]|NOTCH)_|SCHED_LOOP_RATE$|"
@@ -125,7 +125,7 @@ Its fields are the number of the ``instance``, ``is_primary`` (whether it flies 
 
 
 ACCELEROMETERS_MESSAGE = "ACCELEROMETERS"
-"""Table of the accelerometers beside the one of HIGHRES_IMU, which is no message of MAVLink.
+"""Table of the accelerometers other than that of HIGHRES_IMU, which is no message of MAVLink.
 
 Its fields are the number of the IMU from 0 as ``instance``, and the specific force as ``xacc``, ``yacc`` and ``zacc``,
 m/s². PX4's has all IMUs, since its HIGHRES_IMU is of the one that is selected at each time.
@@ -186,7 +186,7 @@ def heartbeat_fields(vehicle_type: int, autopilot: int, armed: NDArray[Any]) -> 
     Args:
         vehicle_type: MAV_TYPE.
         autopilot: MAV_AUTOPILOT.
-        armed: Whether the motors are armed (N,); a number above 0 stands for true.
+        armed: Whether the motors are armed (N,); a number above 0 means true.
 
     Returns:
         The columns (N,) type, autopilot and base_mode.
@@ -328,7 +328,7 @@ IGNORE_ATTITUDE = mavlink_constant("ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE")
 def attitude_target(setpoints: Array) -> Fields:
     """Makes the fields of ATTITUDE_TARGET for setpoints of the attitude or of the body rates.
 
-    The other of the two is NaN, and ``type_mask`` says that it is to be ignored.
+    The other of the two is NaN, and ``type_mask`` marks it as ignored.
 
     Args:
         setpoints: Attitudes (N, 4), quaternions w, x, y, z, or body rates (N, 3), rad/s.

@@ -1,7 +1,7 @@
 """Balance of the motors in steady flight: roll, pitch and yaw commands relative to the thrust, and the effect of lean.
 
 Wind that a vehicle leans against asks for a steady torque too: by the flapping of its rotors, by drag above or below
-its centre of mass, or by a load beside it. docs/motors.md says how the balance is judged.
+its centre of mass, or by a load off the centre. How the balance is judged: docs/motors.md.
 """
 
 from __future__ import annotations

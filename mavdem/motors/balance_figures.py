@@ -8,7 +8,7 @@ from mavdem.arrays import Array
 class BalanceFigures(NamedTuple):
     """Balance of the motors of a steady flight, in fractions of the mean command of all motors.
 
-    NaN stands for what the motors' geometry or the log does not say. Errors are standard errors.
+    Values that do not follow from the motors' geometry or the log are NaN. Errors are standard errors.
     """
 
     mean: Array

@@ -45,7 +45,7 @@ class BalanceModel:
 
     @cached_property
     def own_rise_ratios(self) -> Array:
-        """(k,) rise of a motor's own command if it must work harder by 1; the rest comes from its neighbours."""
+        """(k,) rise of a motor's own command if it must work harder by 1; its neighbours supply the rest."""
         return np.diag(self.mixer.weak_motor_commands)
 
     @cached_property

@@ -87,7 +87,7 @@ def cause_evidence(
     # the windows.
     expected_by_size = expected_changes.swapaxes(0, 1)[:, :, None]
     densities = log_t_density(changes, expected_by_size)
-    # All sizes are equally probable, and so is the loss of any motor. Recoveries come after the losses.
+    # All sizes are equally probable, and so is the loss of any motor. Recoveries follow the losses.
     motor_log_factors_by_window = log_sum(densities) - log(len(RISES)) - no_change
     motor_log_factors = log_sum(motor_log_factors_by_window.T) - log(motor_count)
     motor_log_factors[motor_count:] += log(RECOVERIES_PER_LOSS)

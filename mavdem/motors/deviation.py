@@ -27,7 +27,7 @@ PRIOR_BALANCE_FREEDOM = 6.0
 LEAN_EFFECT_PRIOR_SD = np.array([[1.0, 0.3], [0.3, 1.0], [0.3, 0.3]])
 """Prior standard deviation of the effects of roll and pitch lean (columns) on roll, pitch and yaw (rows), 1/rad.
 
-The large ones are drag an arm's length above or below the centre of mass, the small ones a load 5 mm beside it.
+The large ones are drag an arm's length above or below the centre of mass, the small ones a load 5 mm off its axis.
 """
 
 LEAN_EFFECT_SPREAD_SD = 0.2

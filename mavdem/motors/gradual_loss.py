@@ -79,7 +79,7 @@ class Ramp(NamedTuple):
 def gradual_loss(
     time: Array, commands: Array, geometry: MotorGeometry, boot: int = 0
 ) -> MotorAlarm | None:
-    """Returns the alarm that one motor lost thrust in a run of settled flight, and kept it lost to the end of the run.
+    """Returns the alarm that one motor lost thrust in a run of settled flight, and did not regain it within the run.
 
     Args:
         time: (N,) s on the boot clock, ascending, of one run of settled flight without a landing.

@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array, Flags
 
 HEADING_SECTORS = 6
-"""Number of sectors of headings. Within half of 60° the wind comes from much the same side."""
+"""Number of sectors of headings. Within half of 60° the wind blows from much the same side."""
 
 MIN_SECTOR_BLOCKS = 2
 """Fewest blocks of steady flight in a sector whose mean counts; a choice."""

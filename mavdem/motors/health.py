@@ -1,7 +1,7 @@
 """Health of a vehicle's motors between flights: which motor works too hard, by how much, and how probable that is.
 
 Each flight is compared with healthy flights of the same vehicle, by the balance of its motors and by their effort.
-docs/motors.md says how.
+The method: docs/motors.md.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def assess_motor_health(
     Args:
         flights: Flights of one vehicle.
         baseline: Its healthy flights, from ``flights`` or others. By default its first three sound flights by date, of
-            which none is a fault beside the others. A flight that was logged twice counts once.
+            which none is a fault compared with the others. A flight that was logged twice counts once.
 
     Returns:
         An assessment for each flight, in their order.
@@ -94,8 +94,8 @@ def assess_motor_health(
             for healthy_flight in other_healthy_flights
             if healthy_flight.geometry_key == flight.geometry_key
         ]
-        reference: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
-        unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, reference)
+        comparison: JsonValues = {"flights": len(comparable_flights), "are_chosen": has_baseline}
+        unknown_reason = _unknown_reason(flight, comparable_flights, candidate_flights, comparison)
         if unknown_reason is not None:
             assessments[number] = HealthAssessment(MotorHealth.UNKNOWN, unknown_reason)
             continue
@@ -106,7 +106,7 @@ def assess_motor_health(
         evidence = _flight_evidence(flight, comparable_flights, previous)
         if is_in_sequence:
             latest_evidence[flight.geometry_key] = evidence
-        assessment = _assessment(flight, evidence, reference)
+        assessment = _assessment(flight, evidence, comparison)
         if assessment.health is MotorHealth.FAULT and flight in healthy:
             faulty_healthy_flights[evidence.change.fault_probability] = flight
         assessments[number] = assessment
@@ -128,7 +128,7 @@ def _unknown_reason(
     flight: HealthFigures,
     comparable_flights: HealthFlights,
     candidate_flights: HealthFlights,
-    reference: JsonValues,
+    comparison: JsonValues,
 ) -> Fact | None:
     """Returns the reason why the motors of a flight cannot be judged.
 
@@ -138,7 +138,7 @@ def _unknown_reason(
         flight: The flight.
         comparable_flights: Healthy flights with the same geometry of the motors, without that flight.
         candidate_flights: All flights from which the healthy ones were chosen.
-        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
     Returns:
         The reason, as a fact; None if they can be judged.
@@ -149,7 +149,7 @@ def _unknown_reason(
         return None
     return Fact(
         HealthUnknown.HEALTHY_FLIGHTS_FEW,
-        **reference,
+        **comparison,
         total=len([other for other in candidate_flights if other is not flight]),
         needed=MIN_HEALTHY_FLIGHTS,
     )
@@ -203,7 +203,7 @@ def _flight_evidence(
 
 
 def _assessment(
-    flight: HealthFigures, evidence: _FlightEvidence, reference: JsonValues
+    flight: HealthFigures, evidence: _FlightEvidence, comparison: JsonValues
 ) -> HealthAssessment:
     """Turns the evidence of a flight into an assessment: fault, drift, unknown or OK, tested in this order.
 
@@ -216,7 +216,7 @@ def _assessment(
     Args:
         flight: The flight.
         evidence: Its comparison with healthy flights.
-        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
     Returns:
         The health, with its fact and probabilities.
@@ -229,11 +229,11 @@ def _assessment(
     change_probability = 1 - change.unchanged_probability * same_effort_probability
     probabilities = change.fault_probability, change_probability
     if change.fault_probability >= MIN_REPORTED_PROBABILITY:
-        return _fault(flight, change, change_probability, reference)
+        return _fault(flight, change, change_probability, comparison)
     # A deviation outside of nearly all healthy flights' is a change, even if no hypothesis explains it.
     is_changed = change_probability >= MIN_REPORTED_PROBABILITY
     if is_changed or evidence.deviation.is_unusual:
-        drift = _drift(flight, evidence, change_probability, reference)
+        drift = _drift(flight, evidence, change_probability, comparison)
         return HealthAssessment(MotorHealth.DRIFT, drift, *probabilities)
     detection_probability = evidence.hypotheses.detection_probability(evidence.deviation)
     if detection_probability < MIN_REPORTED_PROBABILITY:
@@ -241,10 +241,10 @@ def _assessment(
             HealthUnknown.HEALTH_UNSURE,
             loss=lost_thrust(DETECTABLE_RISE),
             usual=evidence.deviation.usual_half_widths,
-            **reference,
+            **comparison,
         )
         return HealthAssessment(MotorHealth.UNKNOWN, unsure)
-    unchanged = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **reference)
+    unchanged = Fact(MotorsBetween.MOTORS_UNCHANGED, probability=change_probability, **comparison)
     return HealthAssessment(MotorHealth.OK, unchanged, *probabilities)
 
 
@@ -252,7 +252,7 @@ def _fault(
     flight: HealthFigures,
     change: ChangeProbabilities,
     change_probability: float,
-    reference: JsonValues,
+    comparison: JsonValues,
 ) -> HealthAssessment:
     """Returns the assessment of a flight with a weak motor.
 
@@ -263,7 +263,7 @@ def _fault(
         flight: The flight.
         change: Probability of each cause.
         change_probability: Probability that anything changed.
-        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
     """
     suspect = int(change.fault_probabilities.argmax())
     suspect_probability = change.fault_probabilities[suspect]
@@ -277,7 +277,7 @@ def _fault(
         motor_probability=suspect_probability,
         rise=rise,
         loss=lost_thrust(rise),
-        **reference,
+        **comparison,
     )
     return HealthAssessment(
         MotorHealth.FAULT,
@@ -292,7 +292,7 @@ def _drift(
     flight: HealthFigures,
     evidence: _FlightEvidence,
     change_probability: float,
-    reference: JsonValues,
+    comparison: JsonValues,
 ) -> Fact:
     """Returns the fact on a flight that differs from the healthy ones, without a single motor being at fault.
 
@@ -305,7 +305,7 @@ def _drift(
         flight: The flight.
         evidence: Its comparison with healthy flights.
         change_probability: Probability that anything changed, 0 to 1.
-        reference: Values that all facts get: the number of healthy flights, and whether they were chosen by the user.
+        comparison: Values that every fact contains: the number of healthy flights, and whether the user chose them.
 
     Returns:
         The fact, with its figures: probabilities from 0 to 1, shifts of the balance relative to the mean command.
@@ -315,7 +315,7 @@ def _drift(
     balance_figures: JsonValues = {
         "shift": evidence.deviation.change,
         "usual": evidence.deviation.usual_half_widths,
-        **reference,
+        **comparison,
     }
     if change_probability < MIN_REPORTED_PROBABILITY:
         return Fact(MotorsBetween.BALANCE_OUTSIDE, **balance_figures)
@@ -327,7 +327,7 @@ def _drift(
             probability=change_probability,
             balance_probability=balance_probability,
             effort=effort.relative_change,
-            **reference,
+            **comparison,
         )
     return _balance_change(flight, change, change_probability, balance_figures)
 

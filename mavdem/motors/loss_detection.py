@@ -1,6 +1,6 @@
 """Sequential detection, in flight, of a motor that loses thrust and lastingly works harder than before.
 
-docs/motors.md says what is compared with what. The hypotheses exclude each other: nothing changed; motor i works
+What is compared with what: docs/motors.md. The hypotheses exclude each other: nothing changed; motor i works
 harder, by 5 to 80 %, which shows as its signature; the steady torque in roll and pitch changed; that in yaw alone did;
 all three did, of any cause; and once motors are weak, one of them recovers, or all of them do. Each hypothesis has a
 Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the times at which the change
@@ -421,7 +421,7 @@ class MotorLossDetector:
             rises, balance_before, balance_after, change.variance
         )
         moved_motors = np.flatnonzero(rises).tolist()
-        # A change of a motor that is weak already says nothing on its first loss any more.
+        # A later change of a motor that is weak already is no evidence about its first loss.
         self._unconfirmed_loss = None
         for motor in moved_motors:
             previous = self.weak_motors.pop(motor, None)

@@ -1,6 +1,6 @@
 """Trim of one flight: the pattern by which its motors work unevenly, and the probability of this pattern.
 
-The yaw controller alone balances a twisted arm or motor; roll and pitch balance a centre of gravity beside the middle;
+The yaw controller alone balances a twisted arm or motor; roll and pitch balance a centre of gravity off the middle;
 a weak motor has its own signature, all three in the ratio of its position. Steady wind leans the vehicle and asks for
 torque in roll and pitch too. What the lean explains, by how the balance follows it in this flight, is removed, and what
 it may explain widens the intervals.

@@ -68,7 +68,7 @@ FIELD_INTERVALS = 1000
 """Intervals of a plotted field of which the extremes are sent: a plot is about 1000 pixels wide."""
 
 MAX_FIELD_INTERVALS = 20_000
-"""Intervals that may be asked for, at most: an answer of about a megabyte."""
+"""Intervals that may be requested, at most: an answer of about a megabyte."""
 
 MAX_NOTE_LETTERS = 4000
 """Letters of a note, as the model ``Change`` allows; further ones of an upload's description are dropped."""
@@ -91,7 +91,7 @@ class Api:
     """Endpoints that answer programs and the JavaScript of the pages.
 
     Each takes a request and returns the answer. Each raises ``Refusal`` where the sender has no right to it, or what is
-    asked for does not exist.
+    requested does not exist.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Api:
 
         Args:
             visible: the library, with the access rights.
-            log_added: function that is called after logs were added to the library, or recordings were asked for.
+            log_added: function that is called after logs were added to the library, or recordings were requested.
             open_recording: opens a recording in a viewer and returns its address; None if that is not possible.
             fields: the columns of the logs whose fields are plotted.
         """
@@ -376,7 +376,7 @@ class Api:
         return _json(baseline)
 
     async def name_vehicle(self, request: HttpRequest) -> Response:
-        """Gives a name to a vehicle, and answers with the name as it is kept."""
+        """Gives a name to a vehicle, and answers with the name as it is stored."""
         self._rights.require(request, Permission.WRITE)
         change = await read_document(request, VehicleName)
         name = await run_in_threadpool(self._library.name_vehicle, change.vehicle, change.name)
@@ -496,8 +496,8 @@ def _columns_of_form(fields: dict[str, str], path: str) -> JsonValues:
     """Returns the values that an upload form sets in the index for its logs.
 
     Args:
-        fields: fields of the form, as Flight Review has them: ``description`` and ``public``; and ``keep``, which says
-            whether a log that cannot be read is kept.
+        fields: fields of the form, as Flight Review has them: ``description`` and ``public``; and ``keep``, which
+            decides whether a log that cannot be read is kept.
         path: path of the URL. Logs that are sent to Flight Review's address ``…/upload`` can be seen by everyone with
             the link, or are public, as there; other logs are private.
     """

@@ -32,7 +32,7 @@ from mavdem.serve.rights import COOKIE_NAME, WRONG_TOKEN_DELAY, Rights
 from mavdem.serve.visible_library import VisibleLibrary
 
 RETRY_HEADERS = {"Retry-After": "10"}
-"""Header that says after how many seconds a busy or ending server may be asked again."""
+"""Header with the seconds after which a request to a busy or ending server may be repeated."""
 
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self' {scripts}; style-src 'unsafe-inline'; img-src data:; connect-src 'self'; "
@@ -52,7 +52,7 @@ class BackgroundReading(Protocol):
         """Starts the work."""
 
     def notify(self) -> None:
-        """Reports that a log was added to the library, or recordings were asked for."""
+        """Reports that a log was added to the library, or recordings were requested."""
 
     def stop(self) -> None:
         """Ends the work, and returns when it has ended."""
@@ -189,7 +189,7 @@ class Server:
             except ClientDisconnect:
                 response = Response(status_code=HTTPStatus.BAD_REQUEST)
             except asyncio.CancelledError:
-                # The server is ending. The answer says when to ask again.
+                # The server is ending. The answer has the time after which to repeat the request.
                 response = Response(
                     status_code=HTTPStatus.SERVICE_UNAVAILABLE, headers=RETRY_HEADERS
                 )
@@ -233,7 +233,7 @@ class Server:
             fact: the reason, whose code selects the HTTP status from ``STATUS_BY_REFUSAL``.
 
         Returns:
-            A JSON document of the kind "error", or an HTML page. A status of 503 comes with the header Retry-After.
+            A JSON document of the kind "error", or an HTML page. A status of 503 has the header Retry-After.
         """
         # Codes of other enumerations are reasons why an uploaded file cannot be read as a log.
         default_status = HTTPStatus.UNSUPPORTED_MEDIA_TYPE

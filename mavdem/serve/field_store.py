@@ -2,7 +2,7 @@
 
 The first request for a flight has its log read within the limits of every log, which takes seconds. The worker writes
 all columns into one file, one after another, and a list of where each begins. The server maps that file into memory, so
-that a request reads nothing but the columns that it needs. The columns of the flights that were asked for last are kept
+that a request reads nothing but the columns that it needs. The columns of the most recently requested flights are kept
 until the server ends.
 """
 
@@ -25,7 +25,7 @@ from mavdem.serve.stored_columns import StoredLog, open_columns, write_columns
 from mavdem.serve.stored_files import ServerLock, is_locked, register_server
 
 MAX_KEPT_LOGS = 4
-"""Logs whose columns are kept, those that were asked for last. Each takes as much of the disk as
+"""Logs whose columns are kept, the most recently requested ones. Each takes as much of the disk as
 ``stored_columns.MAX_COLUMN_BYTES`` at most; logs that are being plotted are kept beyond this number."""
 
 MAX_WAITING_REQUESTS = 8
@@ -126,7 +126,7 @@ class FieldStore:
         self._reader = reader or LogReader(self._is_stopping.is_set)
         self._reader_lock = threading.Lock()
         self._waiting = threading.BoundedSemaphore(MAX_WAITING_REQUESTS)
-        # Guards the logs, which are in the order in which they were asked for, and their numbers of users.
+        # Guards the logs, which are in the order of their last request, and their numbers of users.
         self._lock = threading.Lock()
         self._logs: OrderedDict[LogVersion, KeptLog] = OrderedDict()
         # The folder for the columns of all logs, and the lock that shows that this server lives.

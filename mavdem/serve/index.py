@@ -114,7 +114,7 @@ class LibraryEntry:
 
     @property
     def content_hash(self) -> str:
-        """Hash of the log's content, by which names of flights are kept; empty if it is not known."""
+        """Hash of the log's content, by which names of flights are stored; empty if it is not known."""
         return self.digest[:KEY_HASH_DIGITS] or self.content
 
     @property
@@ -197,7 +197,7 @@ def entry_from_row(row: sqlite3.Row) -> LibraryEntry:
 
 
 def new_id() -> str:
-    """Returns a new random id for an entry, which cannot be guessed and may stand in a URL."""
+    """Returns a new random id for an entry, which cannot be guessed and is valid in a URL."""
     return secrets.token_urlsafe(LINK_BYTES)
 
 

@@ -5,8 +5,8 @@ The table ``entries`` of ``FOLDER/fleet.sqlite`` is the index; the figures of fl
 ``results/DIGEST/`` has its result files. Both are moved to their place complete, and an upload is acknowledged when log
 and index are safely on the disk.
 
-Several servers may share a folder. Each has a file in ``servers/`` and holds a lock beside it; when the lock is free
-the server has died, and the others read the logs that it had claimed (``recovery``).
+Several servers may share a folder. Each has a file in ``servers/`` and holds a lock on another one next to it; when the
+lock is free the server has died, and the others read the logs that it had claimed (``recovery``).
 """
 
 import hashlib
@@ -75,7 +75,7 @@ class FoundEntries(NamedTuple):
     """Entries of the library that satisfy a condition."""
 
     entries: list[LibraryEntry]
-    """Those that were asked for, in the order that was asked for."""
+    """Those of the requested page, in the requested order."""
 
     total: int
     """Number of all that satisfy the condition."""
@@ -155,7 +155,7 @@ class Library:
     def progress(self, entry: LibraryEntry) -> JsonValues:
         """Returns the progress of the process that works on a log, from its progress file.
 
-        The file is in the final folder of results or, while the log is processed, in a hidden folder beside it. It is
+        The file is in the final folder of results or, while the log is processed, in a hidden folder next to it. It is
         missing before the process begins, and for a moment while the folder is renamed; then there are no values.
 
         Args:
@@ -383,8 +383,8 @@ class Library:
 
         Args:
             id: id of the entry.
-            **columns: new values by the name of the column. The names become part of the SQL, so they must come from
-                this program and never from a request.
+            **columns: new values by the name of the column. The names become part of the SQL, so they must be
+                taken from this program and never from a request.
 
         Returns:
             The changed entry.

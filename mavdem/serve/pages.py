@@ -61,10 +61,10 @@ MAX_RECORDING_WAIT = 20.0
 give up after 30 to 60."""
 
 MAX_WAITING_DOWNLOADS = 100
-"""Downloads that wait for a recording at a time; further ones are answered at once."""
+"""Downloads that wait for a recording at a time; further ones are answered without waiting."""
 
 RECORDING_RETRY_SECONDS = 2
-"""Seconds after which a recording that is being made may be asked for again."""
+"""Seconds after which a recording that is being made may be requested again."""
 
 
 VIEWER_POLICY = f"frame-src http://{LOOPBACK}:*"
@@ -83,7 +83,7 @@ class Pages:
     """Endpoints that answer with pages for a browser, or with files.
 
     Each takes a request and returns the answer. Each raises ``Refusal`` where the visitor has no right to it, or what
-    is asked for does not exist.
+    is requested does not exist.
     """
 
     def __init__(
@@ -98,7 +98,7 @@ class Pages:
 
         Args:
             visible: the library, with the access rights.
-            recordings_wanted: function that is called after recordings were asked for.
+            recordings_wanted: function that is called after recordings were requested.
             sample_log: a log that visitors may try the server with; None for no offer.
             open_recording: opens a recording in a viewer on this machine; None if that is not possible.
             monitor: monitor of a live link; None without one.
@@ -342,7 +342,7 @@ class Pages:
             difference = baseline_differences(rows, healthy_rows).get(name)
             if difference is not None:
                 latest_row, changes_since_baseline = difference
-                # The page itself says that several vehicles may have the name.
+                # The page itself states that several vehicles may have the name.
                 changes = baseline_blocks(latest_row, changes_since_baseline, has_doubts=False)
         html = vehicle_page(
             vehicles_of(rows).get(name, []),

@@ -262,8 +262,13 @@ def _write_results(vehicles: Sequence[AssessedVehicle], folder: Path) -> list[st
 def _assessment_columns(assessment: Assessment) -> dict[str, str]:
     """Returns the columns of the index that follow from an assessment: its sentences and the levels of its lights.
 
+    A light is the level (good, watch, bad or unknown) of one part of the vehicle or the flight, such as "motors".
+
     Args:
         assessment: assessment of the log.
+
+    Returns:
+        Values by the names of the columns; each light's column has the light's name.
     """
     return {
         "headline": str(assessment.headline),

@@ -24,7 +24,7 @@ MIN_HISTORY = 3
 """Logs that must have been read before anything is estimated."""
 
 MIN_REMAINING_SHARE = 0.1
-"""Least share of the seconds so far that a log is expected to take on: one that takes longer than others goes on."""
+"""Least share of the seconds so far that a log is expected to take on: one that takes longer than others continues."""
 
 ROUNDING_SECONDS = 10
 """Seconds to which estimated ends are rounded: finer ones would change with each look, and are not known."""

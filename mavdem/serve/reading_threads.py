@@ -66,7 +66,7 @@ class ReadingThreads:
             thread.start()
 
     def notify(self) -> None:
-        """Wakes a thread, after a log was added to the library, or recordings were asked for."""
+        """Wakes a thread, after a log was added to the library, or recordings were requested."""
         with self._log_added:
             self._log_added.notify()
 
@@ -89,7 +89,7 @@ class ReadingThreads:
         After an error that may pass (``TEMPORARY_ERRORS``), the thread waits for ``RETRY_SECONDS`` and continues.
         """
         reader = self._cluster or LogReader(self._is_stopping.is_set)
-        # A worker process imports its modules when it writes the table for the first time. That is done at once, so
+        # A worker process imports its modules when it writes the table for the first time. That is done immediately, so
         # that the first log need not wait for it.
         needs_warm_up = self._cluster is None
         while not self._is_stopping.is_set():

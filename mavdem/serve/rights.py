@@ -1,8 +1,9 @@
 """Access rights: who may read, upload and change flights, by one secret token, and which sites may send requests.
 
-Without a token the server listens on this machine only, or a proxy has checked who comes in, and everybody who reaches
-it owns all flights. With a token, keys derived from it allow less than the token itself: the cookie of a browser only
-reads, the key in the address that QGroundControl is given only uploads, and the key within a page also changes flights.
+Without a token the server listens on this machine only, or a proxy has checked who has access, and everybody who
+reaches it owns all flights. With a token, keys derived from it allow less than the token itself: the cookie of a
+browser only reads, the key in the address that QGroundControl is given only uploads, and the key within a page also
+changes flights.
 """
 
 import hashlib

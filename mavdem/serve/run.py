@@ -59,7 +59,7 @@ class ServerOptions:
     token: str
     """Secret of the owner; empty for none."""
     is_behind_proxy: bool
-    """Whether a reverse proxy checks who comes in."""
+    """Whether a reverse proxy checks who has access."""
     quota: int | None
     """Bytes that logs and results may take; None for no limit."""
     processes: int
@@ -135,7 +135,7 @@ def serve(
 
 
 class Connection(H11Protocol):
-    """The connection of one client, closed if there are too many, or if its next request does not come in time.
+    """The connection of one client, closed if there are too many, or if its next request does not arrive in time.
 
     uvicorn alone would keep such connections open for ever, and a few clients could take all of them.
     """
@@ -161,7 +161,7 @@ class Connection(H11Protocol):
         self.loop.call_later(delay, self._close_if_idle_since, answered_request)
 
     def _close_if_idle_since(self, last_request: RequestResponseCycle | None) -> None:
-        """Closes the connection if no request has come after ``last_request``, where None means no request at all."""
+        """Closes the connection if no request has followed ``last_request``, where None means no request at all."""
         if self.cycle is last_request:
             self.transport.close()
 
@@ -172,7 +172,7 @@ def _max_connections() -> int:
 
 
 def _url(host: str, listener: socket.socket) -> str:
-    """Returns the URL of the server; an IPv6 address stands in brackets (RFC 3986, sec. 3.2.2)."""
+    """Returns the URL of the server; an IPv6 address is put in brackets (RFC 3986, sec. 3.2.2)."""
     url_host = f"[{host}]" if ":" in host else host
     port = listener.getsockname()[1]
     return f"http://{url_host}:{port}"

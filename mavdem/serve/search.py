@@ -182,8 +182,8 @@ def _is_number(text: str) -> bool:
 def _comparison(name: str, operator: str, value: str) -> SqlCondition | None:
     """Translates the comparison of one property in a search to SQL.
 
-    The kinds of properties are tried in this order: lists, numbers, parameters, texts. Names of columns come from the
-    tables of this module, and operators from the pattern of terms. Only values come from the user, and these are passed
+    The kinds of properties are tried in this order: lists, numbers, parameters, texts. Names of columns are taken from
+    the tables of this module, and operators from the pattern of terms. Only values are the user's, and these are passed
     separately from the SQL.
 
     Args:

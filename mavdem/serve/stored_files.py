@@ -24,7 +24,7 @@ INCOMING = "incoming"
 """Folder of uploads and recordings that are being written."""
 
 SERVERS = "servers"
-"""Folder with a file for each running server, and beside it the file that the server has locked."""
+"""Folder with a file for each running server, and next to it the file that the server has locked."""
 
 LOCK_ENDING = ".lock"
 """Ending of the file that a server has locked. Other processes cannot read a locked file on Windows."""
@@ -39,7 +39,7 @@ SERIES_FILE = "series.npz"
 """File in a folder of results with the time series of the flight, which a comparison draws; no page links to it."""
 
 UNFINISHED_RECORDINGS = ".recordings"
-"""Ending of the hidden folder, beside that of the results, in which the recordings of a flight are made.
+"""Ending of the hidden folder, next to that of the results, in which the recordings of a flight are made.
 
 The folder without this ending is that of a log being read: a flight whose recordings are being made may be deleted, and
 its log uploaded again.
@@ -105,8 +105,8 @@ def random_name() -> str:
 class ServerLock:
     """Lock that a running server holds until its process ends, by which other servers see that it is running.
 
-    It is a lock on the file beside the server's own. On POSIX it is one on the server's own file too, which is the only
-    one that earlier versions take and look at; Windows, where a locked file cannot be read, has no such versions.
+    It is a lock on the file next to the server's own. On POSIX it is one on the server's own file too, which is the
+    only one that earlier versions take and check; Windows, where a locked file cannot be read, has no such versions.
     """
 
     def __init__(self, path: Path) -> None:
@@ -145,7 +145,7 @@ def register_server(path: Path) -> ServerLock:
     server.
 
     Args:
-        path: path of the server's file; the lock file is beside it.
+        path: path of the server's file; the lock file is next to it.
 
     Returns:
         The lock, which the server holds until it ends.

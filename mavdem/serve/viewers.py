@@ -129,7 +129,7 @@ def _start_viewer(recording: Path) -> WebServer:
     """Starts a Rerun viewer that shows a recording in browsers, and waits until it accepts connections.
 
     The viewer is a process that listens on two free ports: one for recordings, one for the page in the browser. The
-    caller sends the browser to that page at once, so it must be there when this function returns.
+    caller redirects the browser to that page immediately, so it must be there when this function returns.
 
     Args:
         recording: path of the recording that it shows.

@@ -44,7 +44,7 @@ class SearchResult(NamedTuple):
     order: ListingOrder
     """the order in which they are listed"""
     offset: int
-    """number of matching flights that come before the page"""
+    """number of matching flights that precede the page"""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class VisibleLibrary:
             limit: largest number of flights that are returned.
 
         Returns:
-            The flights, the number of all that match, and the search as it was understood.
+            The flights, the number of all that match, and the search as it was interpreted.
 
         Raises:
             Refusal: the offset is not a number.

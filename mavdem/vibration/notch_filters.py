@@ -27,7 +27,7 @@ RELATIVE_BANDWIDTHS = (1 / 4, 1 / 3, 1 / 2)
 MIN_REMOVED_SHARE = 0.9
 """Least fraction of a line's power that a notch removes, unless the widest one removes less: a choice."""
 MIN_NOISE_SHARE = 0.2
-"""Share of a line in the noise above the loop, behind the filters, from which on it is worth a notch: a choice."""
+"""Share of a line in the noise above the loop's bandwidth, after the filters, that is worth a notch: a choice."""
 ARDUPILOT_ATTENUATION = 40.0
 """Attenuation of a notch, dB: the default of ``INS_HNTCH_ATT``."""
 DEFAULT_HOVER_THROTTLE = 0.35
@@ -43,17 +43,17 @@ def notch_advice(
     filtered: Spectrum | None,
     crossover: float | None,
 ) -> Fact:
-    """Advises a notch filter on the strongest line of motors or frame in the gyro's spectrum, or says why not.
+    """Advises a notch filter on the strongest line of motors or frame in the gyro's spectrum, or says why none.
 
     A notch adds phase lag, which takes from the phase margin. So one is advised only for a line that makes at least
-    ``MIN_NOISE_SHARE`` of the noise behind the present filters. Noise is what lies above all frequencies at which rate
+    ``MIN_NOISE_SHARE`` of the noise after the present filters. Noise is what lies above all frequencies at which rate
     loops work (``MAX_LOOP_FREQUENCY``).
 
     Args:
         controller: controller with the present filters of the gyro.
         lines: lines of the gyro's spectrum.
         unfiltered: spectrum of the gyro before its filters, which is preferred; ``None`` where it was not logged.
-        filtered: spectrum of the gyro behind its filters; ``None`` where it was not logged.
+        filtered: spectrum of the gyro after its filters; ``None`` where it was not logged.
         crossover: crossover frequency of the rate loop, Hz, at which the phase lag of the notch is stated; ``None``
             where it is not known.
 
@@ -70,7 +70,7 @@ def notch_advice(
     if any(abs(notch.frequency - frequency) < notch.bandwidth / 2 for notch in controller.notches):
         return Fact(NotchAdvice.NOTCH_IN_PLACE, frequency=frequency)
     filtered_density = spectrum.total_density.mean(axis=0)
-    # The spectrum behind the filters is the unfiltered one times the square of their gain.
+    # The spectrum after the filters is the unfiltered one times the square of their gain.
     if unfiltered is not None:
         gain = abs(gyro_response(controller, spectrum.frequency))
         filtered_density = filtered_density * gain**2

@@ -62,7 +62,7 @@ SENSOR_MESSAGES = (
 )
 """The messages of each sensor. PX4 fills HIGHRES_IMU with the gyro before its filters, rad/s."""
 RATE_MESSAGE = "ATTITUDE"
-"""The message that body rates count as coming from, behind the gyro's filters."""
+"""Name of the message to which body rates after the gyro's filters are attributed."""
 DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
 """The message with the demand of the rate controllers."""
 

@@ -435,7 +435,7 @@ def _with_harmonics(lines: Sequence[SpectralLine]) -> tuple[SpectralLine, ...]:
     """Assigns the harmonics of motors to their fundamentals.
 
     A line at a multiple of a motor line's frequency is added to the ``harmonics`` of that line, unless it is of the
-    frame. Lines are processed by ascending frequency, so that a fundamental comes before its harmonics.
+    frame. Lines are processed by ascending frequency, so that a fundamental precedes its harmonics.
 
     Args:
         lines: distinct lines, in any order.

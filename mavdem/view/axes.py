@@ -1,4 +1,4 @@
-"""Axes of plots in the Rerun viewer: ranges with numbered ticks, and room for a legend beside the lines.
+"""Axes of plots in the Rerun viewer: ranges with numbered ticks, and room for a legend next to the lines.
 
 The viewer numbers an axis of values at multiples of one power of ten only, and draws the legend over the plot.
 """

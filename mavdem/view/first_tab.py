@@ -1,4 +1,4 @@
-"""The first tab of both dashboards, of a live flight and of a log: the same five plots, with texts beside them.
+"""The first tab of both dashboards, of a live flight and of a log: the same five plots, with texts next to them.
 
 From the top: the angle that the model is of, with its prediction; the free energy; the physical parameters; the wind;
 and the torque of the wind.
@@ -40,7 +40,7 @@ PLOTS = {
 the others three."""
 
 SIDE_WIDTH_SHARE = 28
-"""Width of the column of texts beside the plots, in percent of the tab."""
+"""Width of the column of texts next to the plots, in percent of the tab."""
 
 EVENT_MARKS = {Level.BAD: "**bad** · ", Level.WATCH: "**watch** · "}
 """What stands before an event of a level that needs attention."""
@@ -69,7 +69,7 @@ def plot_titles(
 
 
 class SideTexts(NamedTuple):
-    """Texts beside the plots."""
+    """Texts next to the plots."""
 
     views: Sequence[rrb.View]
     """Views of the texts, from the top."""
@@ -83,7 +83,7 @@ def first_tab(plots: Mapping[str, rrb.View], side: SideTexts) -> rrb.Container:
 
     Args:
         plots: views of the plots that there are, by the keys of ``PLOTS``.
-        side: texts beside the plots, with their heights.
+        side: texts next to the plots, with their heights.
     """
     shares = [PLOTS[name].share for name in plots]
     column = rrb.Vertical(*plots.values(), row_shares=shares)

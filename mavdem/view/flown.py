@@ -133,7 +133,7 @@ def pose_of(motion: object, rotors: Sequence[Sequence[float]]) -> Pose:
 
 
 def write_pose(path: PathName, name: str, pose: Pose) -> None:
-    """Writes the motion of a simulated flight to a Rerun recording (.rrd): 3D scene beside plots that play in a loop.
+    """Writes the motion of a simulated flight to a Rerun recording (.rrd): 3D scene next to plots that play in a loop.
 
     The file is written completely or not at all.
 
@@ -164,7 +164,7 @@ def write_pose(path: PathName, name: str, pose: Pose) -> None:
 
 
 def motion_charts(pose: Pose) -> list[Chart]:
-    """Returns charts of a simulated flight while the vehicle is airborne, for the plots beside its 3D view.
+    """Returns charts of a simulated flight while the vehicle is airborne, for the plots next to its 3D view.
 
     Args:
         pose: N samples of the simulation: attitude quaternions, rates (rad/s), motor outputs (µs), wind (m/s) and

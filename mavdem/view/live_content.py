@@ -1,4 +1,4 @@
-"""The layout of a live view in Rerun, its channels, and the texts that are shown beside the plots."""
+"""The layout of a live view in Rerun, its channels, and the texts that are shown next to the plots."""
 
 from typing import NamedTuple
 
@@ -76,7 +76,7 @@ class Channels(NamedTuple):
 def live_blueprint(channels: Channels) -> rrb.Blueprint:
     """Returns the layout of a live flight in five tabs: the flight, the rest of its motion, 3D, free energy, status.
 
-    The first tab has five plots over the last seconds, and beside them the present figures and the events. The paths of
+    The first tab has five plots over the last seconds, and next to them the current values and the events. The paths of
     the data are those to which ``LiveWriter`` and ``SinkThread`` write.
 
     Args:
@@ -165,7 +165,7 @@ def live_plot(title: str, origin: str) -> rrb.View:
 def figures(
     status: SessionStatus, row: DisplayRow, channels: Channels, trained_until: float | None
 ) -> Names:
-    """Returns the texts that are shown beside the plots of the first tab.
+    """Returns the texts that are shown next to the plots of the first tab.
 
     Args:
         status: state of the session.

@@ -102,7 +102,7 @@ class SinkThread(threading.Thread):
         while not is_ending:
             is_ending = self.closing.wait(self.sink.period)
             if is_ending:
-                # The last status is sent at once, without waiting for ``STATUS_PERIOD``.
+                # The last status is sent immediately, without waiting for ``STATUS_PERIOD``.
                 self._next_status = 0.0
             self.send_waiting()
         if self._recording is not None:
@@ -254,7 +254,7 @@ class SinkThread(threading.Thread):
     def _send_status(
         self, recording: rr.RecordingStream, row: DisplayRow, channels: Channels
     ) -> None:
-        """Writes the texts beside the plots, and an event if rows have been dropped since the last status.
+        """Writes the texts next to the plots, and an event if rows have been dropped since the last status.
 
         Args:
             recording: the recording of the sink.

@@ -148,7 +148,7 @@ class LiveWriter:
         # Name, colour and scale of the lines of the physical parameters; empty before the first estimate of them.
         self._parameter_traces: tuple[ParameterTrace, ...] = ()
         self._latest_samples: dict[Lines, LatestSample] = {}
-        # The latest samples of the wind torque: they are marked if an alarm says that a motor was their cause.
+        # The latest samples of the wind torque: they are marked if an alarm names a motor as their cause.
         self._torque_samples = deque[Sample](maxlen=MAX_SAMPLES)
 
     def write(self, rows: list[DisplayRow]) -> None:
@@ -383,7 +383,7 @@ class LiveWriter:
         """Draws the measured attitude of all axes, in degrees: angles, setpoints of roll and pitch, and body rates.
 
         The measured angle of the model's axis is left out here, since it is drawn together with its prediction. The
-        values come from the pose of a row, the latest measured attitude, which has its own time on the boot clock;
+        values are taken from the pose of a row, the latest measured attitude, which has its own time on the boot clock;
         ``timeline_offset``, s, converts that to the time of the plots. Setpoints are clipped, since a pilot's command
         may lie far beyond the angles that are flown.
 

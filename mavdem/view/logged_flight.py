@@ -73,7 +73,7 @@ def flight_scene(
     log_north(recording, path[0], arm)
     title = f"Path in 3D; the vehicle is drawn with arms of {rounded(arm)} m, its nose red"
     if wind is not None and wind.speed_identifiable and wind.direction_identifiable:
-        # Directions say where the wind comes from, the arrow where the air moves to.
+        # A wind's direction is where it blows from, the arrow points where the air moves to.
         angle = radians(wind.direction)
         velocity = -wind.speed * np.array([np.cos(angle), np.sin(angle), 0.0])
         log_wind(recording, time[:1], velocity[None], arm)

@@ -251,7 +251,7 @@ def colour_on_dark(colour: str, opacity: float) -> str:
 
 
 def blueprint(view: rrb.Container, **options: Any) -> rrb.Blueprint:
-    """Returns the layout of a recording: one container, and all panels beside it collapsed.
+    """Returns the layout of a recording: one container, and all other panels collapsed.
 
     Args:
         view: the container.

@@ -223,7 +223,7 @@ class RecordingTabs:
         return over_time("Wind", "m/s", ())
 
     def motion(self) -> rrb.Container:
-        """Draws the angles of all axes with their setpoints, and all rates in one plot, beside the event log.
+        """Draws the angles of all axes with their setpoints, and all rates in one plot, next to the event log.
 
         Returns:
             The tab "Motion".
@@ -280,7 +280,7 @@ class RecordingTabs:
     def loops(self) -> list[rrb.Container]:
         """Draws the tab of the control loops: measured step responses, and sensitivities with stability margins.
 
-        The sensitivity |S| = 1 / |1 + L|, with the response L of the open rate loop, says by how much the loop
+        The sensitivity |S| = 1 / |1 + L|, with the response L of the open rate loop, shows by how much the loop
         amplifies disturbances of a frequency: its peak is small where the margins are large.
 
         Returns:
@@ -320,7 +320,7 @@ class RecordingTabs:
             doubtful = self._assessment.axes_with_doubtful_loop
             text: Blocks = [*decisions, *margin_tables(loops, doubtful)]
             margins = log_text(self._recording, "margins", "Margins", text)
-            # The text stands first, since it says what to do.
+            # The text is first, since it tells the user what to do.
             parts.append(rrb.Tabs(margins, *sensitivity_views))
         return [rrb.Horizontal(*parts, name="Loops")] if parts else []
 
@@ -378,7 +378,7 @@ class RecordingTabs:
         return rrb.Vertical(*self._draw_charts("forecast", charts), name="Forecast")
 
     def learning(self, learned: Learned) -> rrb.Container:
-        """Draws how far F̄ was below its maximum at each iteration of learning, beside a text of details.
+        """Draws how far F̄ was below its maximum at each iteration of learning, next to a text of details.
 
         F̄ is the free energy action that learning maximises, in nats.
 

@@ -66,7 +66,7 @@ holds it ends for any reason, even if it is killed."""
 
 
 def show(path: PathName) -> str:
-    """Opens a recording in a window of the Rerun viewer, and returns at once.
+    """Opens a recording in a window of the Rerun viewer, and returns without waiting for it to close.
 
     Args:
         path: path of the recording, an .rrd file.
@@ -87,8 +87,8 @@ def show(path: PathName) -> str:
 def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Popen[bytes]:
     """Starts the program of the package rerun, with its reports of usage switched off.
 
-    ``rerun analytics disable`` would change the user's setting for good. Rerun does not report if ``CI`` is set, unless
-    it is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
+    ``rerun analytics disable`` would change the user's setting permanently. Rerun does not report if ``CI`` is set,
+    unless it is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
 
     Args:
         options: options of the program.
@@ -149,7 +149,7 @@ class Sink:
 class RecordingFile(Sink):
     """A new .rrd file.
 
-    Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
+    Each batch goes to the operating system immediately: if the process ends, only the last second is missing. If the
     disk is full, the file is cut to complete messages, since the viewer opens no other. If the process is killed while
     it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it. The table of its chunks would grow in
     memory by a megabyte a minute, so it is made at the end, within ``COMPLETION_SECONDS``.
@@ -185,7 +185,7 @@ class RecordingFile(Sink):
     def close(self) -> None:
         """Completes the file with Rerun's index of its content, or cuts it after the last complete message.
 
-        A viewer opens a file without the index too, but more slowly. An error leaves the file as it is.
+        A viewer opens a file without the index too, but more slowly. After an error the file is unchanged.
         """
         with suppress(OSError, subprocess.TimeoutExpired):
             # Rerun reports a failed write only at the next write, which does not follow here. So the file is checked.
@@ -198,7 +198,7 @@ class RecordingFile(Sink):
         """Writes the file again, with the index of its chunks, which Rerun's own program computes.
 
         Raises:
-            OSError, subprocess.TimeoutExpired: it could not; the file stays as it is.
+            OSError, subprocess.TimeoutExpired: it could not; the file is unchanged.
         """
         with atomic_writes(self.path) as (completed,):
             options = ("rrd", "optimize", str(self.path), "-o", str(completed))
@@ -290,7 +290,7 @@ class WebServer(Viewer):
         Args:
             port: port at which it receives recordings.
             page_port: port at which it serves browsers.
-            recording: path or address of a recording that is shown at once; none unless given.
+            recording: path or address of a recording that is shown immediately; none unless given.
 
         Raises:
             OSError: a port is taken.

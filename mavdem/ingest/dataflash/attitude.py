@@ -75,7 +75,7 @@ OLD_FULL_THRUST = 1000.0
 
 
 class NamedMessage(NamedTuple):
-    """A translated message, and what the log calls the message it comes from."""
+    """A translated message, and the log's name of its original."""
 
     source_name: str
     """Name in the log: "RATE"."""

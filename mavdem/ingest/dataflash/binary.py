@@ -32,7 +32,7 @@ MARKER = FORMAT_SIGNATURES[Format.DATAFLASH].first_bytes
 """First two bytes of every message (HEAD_BYTE1, HEAD_BYTE2)."""
 
 MARKER_SEARCH_BYTES = 1 << 20
-"""Bytes that are searched for markers at once: a log may be as large as the memory that is free."""
+"""Bytes that are searched for markers at once: a log may be as large as the free memory."""
 
 ID_BYTE = len(MARKER)
 """Offset of the message id in a message."""
@@ -207,7 +207,7 @@ NON_NUMERIC_FIELDS = ("Message", "Name", "x", "y", "z")
 
 
 CODE_FIELDS = ("Subsys", "ECode", "Id", "Mode", "ModeNum", "Rsn", "ArmState")
-"""Fields with a number that stands for something: those of ERR, EV, MODE and ARM."""
+"""Fields whose number is a code: those of ERR, EV, MODE and ARM."""
 
 
 def usable_fields(table: MessageTable) -> MessageTable:
@@ -287,7 +287,7 @@ def _marker_count(data: Bytes) -> int:
 DEFINITION_START = re.compile(
     MARKER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL
 )
-"""Header of an FMT, with the id, the length and the beginning of a name behind it.
+"""Header of an FMT, with the id, the length and the beginning of a name after it.
 
 A long run of headers, as damage makes it, has millions of matches without the latter.
 """
@@ -342,7 +342,7 @@ class _MessageScan:
     def run(self) -> None:
         """Finds all messages, up to an FMT that contradicts the one before it: there another log was appended.
 
-        The length in a message's definition says where the next header must be. If none is there, or its id has no
+        The length in a message's definition gives the offset of the next header. If none is there, or its id has no
         definition, the search continues byte by byte. The offsets of the messages are appended to ``starts``, and their
         lengths are added to ``message_bytes``.
         """
@@ -444,7 +444,7 @@ class _MessageScan:
         return len(self.content) - self.message_bytes - fill_length
 
     def _learn_definitions(self) -> None:
-        """Finds the first definition of each id anywhere in the log, since messages may come before their FMT.
+        """Finds the first definition of each id anywhere in the log, since messages may precede their FMT.
 
         A definition (FMT) gives the id, name, length and fields of one kind of message. Messages can be read only with
         the right length, so a definition whose stated length equals that of its fields is preferred. One whose stated

@@ -133,7 +133,7 @@ SYSTEM_ID_PARAMETERS = ("MAV_SYSID", "SYSID_THISMAV")
 """Parameters with the MAVLink system id: from ArduPilot 4.7 on, and before."""
 
 MAX_SYSTEM_ID = 255
-"""Largest MAVLink system id; 0 stands for all."""
+"""Largest MAVLink system id; 0 means all."""
 
 
 def read_dataflash(path: PathName) -> Log:
@@ -539,7 +539,7 @@ def _on_boot_clock(
     seconds = clock.seconds
     # As a float, or in text, a damaged stamp may be anything.
     is_impossible = ~((seconds >= 0) & (seconds <= MAX_STAMP_SECONDS))
-    # To the boot clock, 0 stands for no stamp.
+    # In the boot clock's input, 0 means no stamp.
     seconds[is_impossible] = 0.0
     all_messages = ""
     boot_times, clock_repairs = boot_clock(
@@ -557,7 +557,7 @@ def _on_boot_clock(
             if not is_trusted.all():
                 tables[name] = selected_rows(tables[name], is_trusted)
         elif name in UNSTAMPED_MESSAGES and len(table.position):
-            # The row of the stamped message behind each.
+            # The row of the stamped message after each.
             rows = np.searchsorted(positions, table.position)
             tables[name] = _placed_by_neighbours(name, table, stamps.get(name), rows, time, boot)
     count = np.count_nonzero(is_impossible)
@@ -638,7 +638,7 @@ def _default_parameters(logged_columns: Columns) -> dict[str, float]:
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
     """Finds out the kind of vehicle, which a DataFlash log does not state as such.
 
-    The name of the firmware says whether it is a copter, a plane and so on. The number of a copter's motors follows
+    The name of the firmware tells whether it is a copter, a plane and so on. The number of a copter's motors follows
     from the parameter FRAME_CLASS, or else from the frame that a text names.
 
     Args:

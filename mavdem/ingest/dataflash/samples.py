@@ -51,7 +51,7 @@ SENSORS = {
 
 
 class StageOption(NamedTuple):
-    """The parameter that says whether samples are logged before the filters or after them."""
+    """The parameter that decides whether samples are logged before the filters or after them."""
 
     parameter: str
     """Name of the parameter, a bit mask."""
@@ -104,11 +104,11 @@ def _instance_of_stage(
 ) -> dict[str, int]:
     """Returns the instance numbers under which the log has the first sensor's samples before and after the filters.
 
-    ArduPilot numbers the sensors from 0. If it logs both stages, filtered samples have the numbers behind those of all
+    ArduPilot numbers the sensors from 0. If it logs both stages, filtered samples have the numbers after those of all
     sensors: with 3 gyros, instance 3 is the first gyro after its filters.
 
     Args:
-        option: The parameter that says which stages are logged.
+        option: The parameter that decides which stages are logged.
         parameters: The autopilot's parameters by name.
         sensor_count: Number of sensors of this kind.
 

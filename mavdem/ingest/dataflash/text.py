@@ -177,7 +177,7 @@ def _parsed_values(texts: list[bytes], is_numeric: list[bool]) -> list[float | b
 def _texts_with_decimal_points(values: bytes, definition: FormatDefinition) -> list[bytes]:
     """Splits a line in which a ground station wrote decimal commas, as it does in many countries: "1000, 0,5, -1,25".
 
-    If there are spaces behind the commas between values, they show which comma is which. Without them, every number
+    If there are spaces after the commas between values, they show which comma is which. Without them, every number
     that is no integer must have a decimal comma, or it is not known which have one.
 
     Args:

@@ -274,7 +274,7 @@ def _renamed_message(estimates: FlownEstimates, message: str) -> NamedMessage:
     """Translates a message of which only names and units change, by its rule in ``translation.toml``.
 
     A rule lists the DataFlash messages that different versions of ArduPilot write. The first that was logged with all
-    required fields is used; messages of the filter that flies come before those of other filters.
+    required fields is used; messages of the filter in use precede those of other filters.
 
     Args:
         estimates: DataFlash's messages, those of filters of the core that flew.

@@ -144,7 +144,7 @@ class BlockChecksums:
 
         Args:
             first: Offset of the first byte of each piece (N,).
-            end: Offset behind its last byte (N,), at most ``ROW_BYTES`` later.
+            end: Offset after its last byte (N,), at most ``ROW_BYTES`` later.
         """
         # The kept registers were computed from the beginning of the row, not of the piece. The CRC is linear: if two
         # registers differ, they differ after the same bytes by this difference, shifted by as many zero bytes. So the

@@ -44,7 +44,7 @@ MIN_RESET_STEP = 1.0
 """Time, s, by which a clock falls at least when it was reset; less is reordering of messages."""
 
 MAX_RESTART_TIME = 60.0
-"""Time, s, that a boot clock reads at most when the first messages come after a restart.
+"""Time, s, that a boot clock reads at most when the first messages arrive after a restart.
 
 A choice: an autopilot sends within some seconds, and its radio is there within some more.
 """
@@ -400,7 +400,7 @@ def _reboot_rows(time: Times) -> Rows:
     A message that arrives late has a low stamp too, but those after it are high again. So a restart needs
     ``MIN_RESET_STAMPS`` stamps in a row that are all below the highest one since the last restart. If the clock fell by
     less than ``MAX_LATE_SECONDS``, or reads more than ``MAX_RESTART_TIME``, messages of a second link or of another
-    time may be mixed with those of the first. There the former clock must not come back for as long as
+    time may be mixed with those of the first. There the former clock must not return for as long as
     ``MAX_LATE_SECONDS`` last. An autopilot that restarts seconds after its start may reach the former clock in this
     time, but step by step.
 
@@ -451,7 +451,7 @@ def rises_steadily(stamps: Times, former_highest: float, median_step: float) -> 
 
     A restarted clock rises without gaps to its former value, with about as many messages on the way as their rate
     implies. With late messages of a second link it does not: there are fewer of them, since copies were dropped, or
-    messages of the first link come in between, so that the clock jumps.
+    messages of the first link arrive in between, so that the clock jumps.
 
     Args:
         stamps: Stamps (n,) from the fall on, s, in stream order.

@@ -117,7 +117,7 @@ def crc_extra_table() -> CrcExtras:
     """Returns CRC_EXTRA by message id, -1 for none.
 
     CRC_EXTRA is a number that sender and receiver derive from their definition of a message; it enters the checksum, so
-    that a frame by another definition fails. The last row stands for all ids that are too large: it has none.
+    that a frame by another definition fails. The last row is used for all ids that are too large: it has no definition.
     """
     table = np.full(max(definitions_by_id()) + 2, -1, dtype=np.int32)
     for message_id, definition in definitions_by_id().items():

@@ -43,7 +43,7 @@ class DecodedColumns:
         self.is_mapped = mapping_of(data) is not None
         self._max_bytes = MAX_BYTES_OF_MAPPED_COLUMNS if self.is_mapped else np.inf
         self._bytes = 0
-        # The keys are message and field; what was asked for last comes last.
+        # The keys are message and field; the most recently used one is last.
         self._columns: OrderedDict[tuple[str, str], NDArray[Any]] = OrderedDict()
 
     def column(self, message: str, name: str) -> NDArray[Any] | None:
@@ -66,8 +66,8 @@ class FrameColumns(Mapping[str, NDArray[Any]]):
     """The columns of one message by field name, with ``time`` and ``boot``; read-only, and decoded on demand.
 
     A log has hundreds of fields, of which a review needs some dozens. So the recording stays where it is, in memory or
-    as a mapped file. Of a mapped file a column is decoded when it is asked for; of a recording in memory all fields of
-    the message are decoded when the first one is. Each column that was asked for is kept in ``DecodedColumns``.
+    as a mapped file. Of a mapped file a column is decoded when it is first used; of a recording in memory all fields of
+    the message are decoded when the first one is. Each decoded column is cached in ``DecodedColumns``.
     """
 
     def __init__(

@@ -21,7 +21,7 @@ STAMP_WINDOW = 9
 """Number of receive stamps of which that median is taken."""
 
 STAMPS_AT_ONCE = 1 << 20
-"""Number of frames of which receive stamps are held at once: a choice, which bounds the memory for long recordings."""
+"""Number of frames whose receive stamps are in memory at once: a choice, which bounds it for long recordings."""
 
 MAX_NANOSECOND_STAMP = np.iinfo(np.uint64).max // 1000 - 1
 """The last receive stamp, µs, that 64 bits of nanoseconds hold, as in MCAP recordings: in the year 2554."""

@@ -349,7 +349,7 @@ def frames_at(data: Bytes, start: Offsets) -> Frames:
 
 
 def _frames_of_headers(start: Offsets, headers: Bytes) -> Frames:
-    """Reads the fields of headers, in the layout of the version that the marker of each says.
+    """Reads the fields of headers, in the layout of the version that each one's marker indicates.
 
     Args:
         start: Offset (N,) of each frame's marker.

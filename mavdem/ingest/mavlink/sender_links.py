@@ -3,7 +3,7 @@
 A sender numbers its frames from 0 to 255 and then from 0 again. Between it and the receiver may lie several links, such
 as two radios, and forwarders that send everything twice. Three things follow:
 
-- The same frame comes over a second link, at once or some seconds late. Its bytes are the same, with the sequence
+- The same frame arrives over a second link, immediately or some seconds late. Its bytes are the same, with the sequence
   number and the time since boot in them. It is dropped.
 - Frames that one link lost may come late over the other one. They are missing only if they come over none.
 - Two vehicles with the same ids look like one whose clock, heading or position jumps to and fro, or whose attitudes
@@ -81,7 +81,7 @@ def missing_messages(before: Any, after: Any) -> Any:
     Returns:
         The increase of the number of missing messages, −33 to 127.
     """
-    # The step modulo 256, 0 to 255. Its top end stands for steps back: 255 is a message that comes one too late.
+    # The step modulo 256, 0 to 255. Large values are steps back: 255 is a message that is late by one.
     step = (after - before) & (SEQUENCE_NUMBERS - 1)
     is_late = step >= SEQUENCE_NUMBERS - MAX_LATE_STEPS
     is_ahead = (step > 0) & (step <= MAX_MISSING_STEP)
@@ -112,13 +112,14 @@ class SenderLinks:
         # Numbers of missing frames before each of the latest changes from one counter to the other.
         self._missing_at_switches = deque[int](maxlen=MIN_COUNTER_SWITCHES + 1)
         self._has_two_counters = False
-        # The latest ``RECENT_FRAMES`` frames by their bytes, the oldest first, and how many had come with each.
+        # The latest ``RECENT_FRAMES`` frames by their bytes, the oldest first, and how many had been received with
+        # each.
         self._recent: OrderedDict[bytes, int] = OrderedDict()
         # The latest boot clock, s, and the sequence number of the latest frame that was not late.
         self._clock = 0.0
         self._sequence = 0
-        # The sequence number of the latest late frame, and how many frames had come with the latest copy of a reading;
-        # so long ago, before any, that it does not count.
+        # The sequence number of the latest late frame, and how many frames had been received with the latest copy of a
+        # reading; so long ago, before any, that it does not count.
         self._late_sequence = 0
         self._count_at_latest_copy = -SEQUENCE_NUMBERS
 
@@ -266,7 +267,7 @@ class SenderLinks:
 
         Messages such as HEARTBEAT repeat their content, and 256 frames later, when the sequence number comes round, a
         new one may have the same bytes. So the frame is a copy only if a second link is known and one of these holds:
-        it follows the earlier frame at once; it has a time stamp; or its number continues those of the second link.
+        it follows the earlier frame immediately; it has a time stamp; or its number continues those of the second link.
 
         Args:
             earlier_count: number of frames up to the earlier frame.
@@ -325,9 +326,9 @@ class SenderLinks:
     def _count_over_late_link(self, sequence: int, reading: Reading | None) -> None:
         """Updates ``missing`` by a new frame while a second link is known, from one reading of the clock to the next.
 
-        Frames of the second link, and those that overtake each other, come in any order. But the boot clock shows which
-        readings are the latest. Between two of these, as many frames were sent as the sequence number rose. Those that
-        were not received in this time are added to ``missing``; one that is received later is subtracted.
+        Frames of the second link, and those that overtake each other, arrive in any order. But the boot clock shows
+        which readings are the latest. Between two of these, as many frames were sent as the sequence number rose. Those
+        that were not received in this time are added to ``missing``; one that is received later is subtracted.
 
         Args:
             sequence: sequence number of the new frame, 0 to 255.
@@ -401,9 +402,9 @@ def clock_reading(content: bytes, message_id: int) -> Reading | None:
 
 
 def _has_stamp(content: bytes, message_id: int) -> bool:
-    """Returns whether a frame has a time stamp in its payload that is not 0.
+    """Returns whether a frame has a time stamp in its payload that is not 0, as it would be if the sender set none.
 
-    Some messages repeat an old stamp, such as HOME_POSITION.
+    The stamp need not be new: some messages repeat an old one, such as HOME_POSITION.
 
     Args:
         content: all bytes of the frame.

@@ -1,6 +1,6 @@
 """Recognition of two vehicles that send under the same ids, by readings of clock, heading and position.
 
-A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position. Readings
+A vehicle that restarts, or whose estimate jumps, does not return to the former clock, heading or position. Readings
 that go to and fro between two that disagree are of two vehicles.
 """
 
@@ -99,7 +99,7 @@ SWITCH_LIMITS = {
 }
 """Limits by what contradicts: choices.
 
-No vehicle comes back to a former clock or position so often. One that tumbles turns its heading over and over, but hits
+No vehicle returns to a former clock or position so often. One that tumbles turns its heading over and over, but hits
 the ground before every third heading of 120 has changed.
 """
 
@@ -178,7 +178,7 @@ class _VehicleTrack:
 class VehicleTracks:
     """Recognises two vehicles that send under the same ids, by readings that alternate between two inconsistent tracks.
 
-    A vehicle that restarts, or whose estimate jumps, does not come back to the former clock, heading or position.
+    A vehicle that restarts, or whose estimate jumps, does not return to the former clock, heading or position.
 
     Attributes:
         has_found_two: whether two vehicles were recognised at any time.

@@ -370,7 +370,7 @@ GENERIC_WEIGHT = 0.1
 
 
 class VehicleIdentity(NamedTuple):
-    """What a component says that it is."""
+    """What a component declares itself to be."""
 
     vehicle_type: str
     """MAV_TYPE without its prefix."""

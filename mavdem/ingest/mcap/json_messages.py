@@ -23,7 +23,7 @@ MAX_SEQUENCE = 255
 
 
 class JsonMessage(NamedTuple):
-    """What a JSON document says of a message."""
+    """What a JSON document contains of a message."""
 
     payload: bytes | None
     """The payload of its frame; None where the document is no message of this name, or a value has a wrong type."""

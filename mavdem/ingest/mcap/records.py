@@ -46,7 +46,7 @@ READ_OPCODES = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK)
 """Kinds of records that are read; all others are skipped."""
 
 RECORD_HEAD = struct.Struct("<BQ")
-"""What comes before the content of each record: the opcode and the content's length."""
+"""What precedes the content of each record: the opcode and the content's length."""
 
 LIKELY_HEAD = re.compile(rb"[\x01-\x%02x](?=.{4}\0{4})" % max(Opcode), re.DOTALL)
 """A byte that may be the opcode of a record: no record is as long as 4 GiB, so the length's last four bytes are 0."""

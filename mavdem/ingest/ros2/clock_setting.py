@@ -1,7 +1,7 @@
 """Clocks that are set while a ROS 2 recording runs: the stamps before and after are joined by the times of reception.
 
 PX4 stamps its topics by the clock of the companion computer once both are synchronised (uXRCE-DDS): the clock jumps
-from the time since boot to UNIX time, perhaps in flight. The recorder's clock goes on meanwhile.
+from the time since boot to UNIX time, perhaps in flight. The recorder's clock continues meanwhile.
 
 Source: https://docs.px4.io/main/en/middleware/uxrce_dds.html (UXRCE_DDS_SYNCT).
 """
@@ -40,7 +40,7 @@ def with_joined_clocks(
     """Moves the stamps after each setting of the clock to the clock before it.
 
     The offset of a stamp from the time of reception jumps where the clock was set. The autopilot did not restart, since
-    its messages come on without a pause. What a message was delayed by stays as it is.
+    its messages continue without a pause. The delay of a message is not changed.
 
     Args:
         stamps: Stamps (n,) of each topic, ns; 0 for none.

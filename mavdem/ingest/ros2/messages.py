@@ -1,7 +1,8 @@
 """The messages of one ROS 2 topic as columns of numbers, decoded by ``rosbags``; only the fields that are needed.
 
-Definitions: https://mcap.dev/spec/registry#ros2msg (the text with the definitions it refers to behind lines of "=").
-Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the four bytes before each message).
+Definitions: https://mcap.dev/spec/registry#ros2msg (the text, then the definitions that it refers to, separated by
+lines of "="). Layout of messages: https://www.omg.org/spec/DDSI-RTPS, section 10 (CDR; the four bytes before each
+message).
 """
 
 import re

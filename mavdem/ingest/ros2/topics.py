@@ -1,6 +1,6 @@
 """The topics of flights in ROS 2 recordings: to which vehicle and which bridge each of them belongs.
 
-PX4's uXRCE-DDS client publishes ``fmu/out/vehicle_attitude`` and subscribes to ``fmu/in/…``, a version behind the name
+PX4's uXRCE-DDS client publishes ``fmu/out/vehicle_attitude`` and subscribes to ``fmu/in/…``, a version after the name
 where the message has one (``vehicle_status_v1``), and a namespace before it where there are several vehicles
 (https://docs.px4.io/main/en/middleware/uxrce_dds). The bridge before it wrote ``fmu/vehicle_attitude/out``. MAVROS's
 topics lie under its node's name, ``mavros`` unless it was started with another.
