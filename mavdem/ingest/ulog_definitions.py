@@ -451,6 +451,7 @@ class RecordDefinitions:
             is_stamp = field.name == "timestamp" and field.elements == 1
             if is_stamp and field.kind in NUMBER_BYTES and offset + STAMP.size <= min_bytes:
                 stamp_offset = offset
+                break
             offset += self._length(field)
         return TopicLayout(name, min_bytes, size.length, stamp_offset)
 

@@ -30,6 +30,9 @@ from mavdem.report.blocks import Table, markdown
 # Shares of a core and of memory are measured by the means of Linux.
 assert sys.platform == "linux"
 
+# Modules are compiled once, as where mavdem is installed, whatever this shell says.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 LINK = "127.0.0.1:14596"
 """Where the flight is sent to."""
 

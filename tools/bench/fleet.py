@@ -44,6 +44,9 @@ from mavdem.report.vehicle_summary import summaries_of
 # What processes have used is measured by the means of POSIX.
 assert sys.platform != "win32"
 
+# Modules are compiled once, as where mavdem is installed, whatever this shell says.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 FLIGHTS_OF_A_VEHICLE = 50
 """Logs of each vehicle of a generated fleet: two flights a week for half a year."""
 

@@ -35,6 +35,9 @@ from mavdem.ingest.telemetry import MICROSECONDS
 from mavdem.ingest.tlog import STAMP_BYTES, tlog_stream
 from mavdem.report.blocks import Table, markdown
 
+# Modules are compiled once, as where mavdem is installed, whatever this shell says.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 SIZES = (10, 100, 300, 1000)
 """Sizes of the logs, MB."""
 

@@ -37,6 +37,9 @@ from mavdem.serve.index import insert_entry
 from mavdem.serve.library import Library
 from mavdem.serve.pages import FLIGHTS_PER_PAGE
 
+# Modules are compiled once, as where mavdem is installed, whatever this shell says.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 PATIENCE_SECONDS = 600.0
 """Longest time until an uploaded log has its page, s."""
 

@@ -37,6 +37,9 @@ from mavdem.report.pages.flight_page import flight_page
 # What processes have used is measured by the means of POSIX.
 assert sys.platform != "win32"
 
+# Modules are compiled once, as where mavdem is installed, whatever this shell says.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 
 def read_with_mavdem(path: str) -> int:
     """Reads a log with mavdem, decodes what a review needs first, and returns the number of frames.

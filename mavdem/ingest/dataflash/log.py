@@ -255,8 +255,10 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
     if not any(len(tables[name]["time"]) for name in FLIGHT_MESSAGES if name in tables):
         raise _error_without_flight(recording, source)
     texts = field_texts(logged_tables["MSG"].columns, "Message")
+    parameter_columns = logged_tables["PARM"].columns
+    parameter_names = field_texts(parameter_columns, "Name")
     parameters, initial_parameters = _last_and_changed_first_values(
-        _parameter_settings(logged_tables["PARM"].columns)
+        _finite_values(parameter_names, parameter_columns, "Value")
     )
     vehicle_kind = _mav_type(texts, parameters)
     messages, source_names, unit_repairs = mavlink_messages(
@@ -296,7 +298,7 @@ def _vehicle(recording: DataflashRecording, source: str, content: FileContent) -
         board=board_number_in_texts(texts),
         hardware=board_name_in_texts(texts),
         initial_parameters=initial_parameters,
-        default_parameters=_default_parameters(logged_tables["PARM"].columns),
+        default_parameters=dict(_finite_values(parameter_names, parameter_columns, "Default")),
     )
 
 
@@ -619,20 +621,18 @@ def _placed_by_neighbours(
     }
 
 
-def _parameter_settings(logged_columns: Columns) -> list[tuple[str, float]]:
-    """Returns name and finite value of each parameter in PARM, in the order of the log."""
-    names = field_texts(logged_columns, "Name")
-    values = logged_columns.get("Value", np.zeros(0)).astype(float).tolist()
+def _finite_values(
+    names: Sequence[str], parameter_columns: Columns, field: str
+) -> list[tuple[str, float]]:
+    """Returns name and value of each parameter with a finite value, in the order of the log.
+
+    Args:
+        names: Name (N,) of the parameter in each message PARM.
+        parameter_columns: Columns (N,) of PARM.
+        field: "Value", or "Default", which only newer firmware logs; without the field there are no values.
+    """
+    values = parameter_columns.get(field, np.zeros(0)).astype(float).tolist()
     return [(name, value) for name, value in zip(names, values, strict=False) if isfinite(value)]
-
-
-def _default_parameters(logged_columns: Columns) -> dict[str, float]:
-    """Returns the default of each parameter by name, where PARM has it, as newer firmware logs it."""
-    names = field_texts(logged_columns, "Name")
-    defaults = logged_columns.get("Default", np.zeros(0)).astype(float).tolist()
-    return {
-        name: default for name, default in zip(names, defaults, strict=False) if isfinite(default)
-    }
 
 
 def _mav_type(texts: Sequence[str], parameters: Parameters) -> str:
