@@ -134,18 +134,18 @@ def assess_signals(
         log: the log.
         signals: signals of the vehicle.
         axis, options, progress: as for :func:`mavdem.assessment.axis.analyse`, which raises the same errors.
-        show_findings: receives what is known before models and loops.
+        show_findings: is called with what is known before models and loops are computed.
 
     Returns:
-        The assessment, with one analysis by the name of its axis.
+        The assessment, with one analysis under the name of its axis.
     """
     options = options or Options()
 
-    # The wind comes first: the messages that it reads are cached in the signals, and the analysis reads them too.
+    # The wind comes first, since the messages that it reads are cached in the signals for the analysis.
     with progress("Estimating the wind", measured=False):
         wind = wind_evidence(signals)
 
-    # What the log holds of the vehicle, what happened, and the lights that depend on nothing else.
+    # What the log contains of the vehicle, what happened, and the lights that do not depend on models and loops.
     with progress("Examining the motors", measured=False):
         analysis = analyse_without_model(log, signals, axis, options)
     with progress("Judging the flight", measured=False):
@@ -153,8 +153,8 @@ def assess_signals(
         lights = lights_without_loops(evidence)
     show_findings(FirstFindings(evidence, analysis, ReadOnlyDict(lights)))
 
-    # The models of the axes, and the control loops, which need their physical parameters. Pitch and yaw need nothing of
-    # roll, so that a second core computes them.
+    # The models of the axes, and the control loops, which need their physical parameters. Pitch and yaw do not depend
+    # on roll, so that a second core computes them.
     loop_signals = signals.for_axis(AXES[0], options.inputs)
     with _other_axes(log, loop_signals, axis, options, analysis) as other_axes:
         analysis = analyse(
@@ -166,7 +166,7 @@ def assess_signals(
             other_axis=analysis,
             estimates_of_other_axes=other_axes.estimates,
         )
-        # Loops rest on the physical parameters, which are only kept if the model of roll could be learned.
+        # Loops are built from the physical parameters, which are only kept if the model of roll could be learned.
         known_loops = other_axes.loops() if analysis.axes else {}
     with progress("Identifying the loops", measured=False):
         loops, autotune = loops_of_axes(
@@ -179,7 +179,8 @@ def assess_signals(
         loops=ReadOnlyDict(loops),
     )
 
-    # Margins, responses and tracking of the axes are measured as the lights need them; then headline and next step.
+    # The judgement measures margins, responses and tracking when the lights need them, and then selects headline and
+    # next step.
     with progress("Judging the loops", measured=False):
         judgement = judge(evidence, analysis.findings.purposes, **lights)
     analyses = ReadOnlyDict({analysis.learnability.axis: analysis})

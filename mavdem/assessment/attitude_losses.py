@@ -160,22 +160,22 @@ class _AttitudeLoss(NamedTuple):
     def event(self) -> Fact:
         """Returns the event that describes this loss of attitude: its kind, times, figures and witnesses.
 
-        1. The onset is found: when the error began to grow, earlier than ``start``.
-        2. Height and a knock around the onset decide the kind: the vehicle tipped over at take-off, hit the ground or
-           an obstacle, or lost its attitude in the air.
+        1. The onset is found, which is when the error began to grow, earlier than ``start``.
+        2. Height and a knock around the onset determine the kind: the vehicle tipped over at take-off, hit the ground
+           or an obstacle, or lost its attitude in the air.
         3. If the vehicle recovered, or error, sink rate and duration all stayed small, the kind is "caught" instead.
 
         Returns:
-            A fact with the kind as its code, and the figures ``angle`` (largest error, rad; the whole lean where the
-            setpoint is not known, which ``is_lean`` says), ``height`` (m above the take-off, at the onset),
-            ``height_source`` and ``speed`` (largest sink rate, m/s); a caught one that lasted longer than the flight
-            has ``is_at_landing``. It lasts from the onset, or from an earlier knock,
-            until the end of the loss, s since boot; without an end if the record ended first.
+            A fact with the kind as its code, and the figures ``angle`` (largest error, rad; if the setpoint is not
+            known, the whole lean, and ``is_lean`` is true), ``height`` (m above the take-off, at the onset),
+            ``height_source`` and ``speed`` (largest sink rate, m/s). If a caught one lasted longer than the flight,
+            ``is_at_landing`` is true. The event begins at the onset, or at an earlier knock, and ends with the loss, s
+            since boot; it has no end if the record ended first.
         """
-        # What the vehicle did when it began to leave its setpoint shows the cause better than the loss itself does.
+        # The motion at the onset shows the cause better than the motion in the loss itself.
         onset = self._onset()
         height = self.sensors.height_at(onset)
-        # The error grows up to ``MAX_SETPOINT_DELAY`` after its cause, so that a knock may lie before the onset.
+        # The error begins to grow up to ``MAX_SETPOINT_DELAY`` after its cause, so a knock may be before the onset.
         knock = self.sensors.knock_statement((onset - MAX_SETPOINT_DELAY, self.start))
         knock_time = None
         if knock is not None and knock.figures["side"] == Side.FOR:
@@ -184,7 +184,7 @@ class _AttitudeLoss(NamedTuple):
         level = None
         is_caught = self._is_harmless(onset) or self._is_recovered()
         if is_caught:
-            # Without a setpoint the pilot may have wanted to lean so far. Then it is not known how bad this is.
+            # Without a setpoint, the pilot may have intended this lean. Then it is not known how bad it is.
             code = MotionEvent.ATTITUDE_CAUGHT
             level = None if self._has_setpoint else Level.UNKNOWN
         largest = self._largest_error()
@@ -204,7 +204,7 @@ class _AttitudeLoss(NamedTuple):
         witnesses = self._witnesses(onset)
         _, flight_end = self.flight_interval
         if is_caught and self.end > flight_end:
-            # It lay askew on the ground until somebody lifted it: that is not to come back.
+            # The vehicle lay on the ground, not level, until somebody lifted it, so it did not recover in flight.
             event = event.replace(is_at_landing=True)
         if is_caught:
             return event.replace(witnesses=witnesses)

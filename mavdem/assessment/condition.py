@@ -110,12 +110,12 @@ def condition_of(signals: Signals, *, with_oscillation: bool = True) -> Conditio
     """Measures the condition of a vehicle: motors, lean, vibration, battery and oscillation, mostly in settled flight.
 
     Args:
-        signals: signals of the vehicle. They may have been prepared for a model with other inputs than the motors'
-            outputs, such as torque setpoints; the figures of the motors are always of the outputs.
+        signals: signals of the vehicle. They may have been prepared for a model whose inputs are not the motors'
+            outputs but, for example, torque setpoints; the figures of the motors are always those of the outputs.
         with_oscillation: whether the flight is searched for a limit cycle, which takes most of the time.
 
     Returns:
-        The condition; figures that were not recorded are None or empty.
+        The condition. Figures of quantities that were not recorded are None or empty.
     """
     if signals.inputs != "motors":
         signals = signals.for_axis("roll", "motors")

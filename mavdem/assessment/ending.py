@@ -42,19 +42,19 @@ def ending_of(
 ) -> Fact | None:
     """Returns the fact on how the last lost flight was lost, with what failed first; None if no flight was lost.
 
-    Only bad events count. The last one of those that may lose a vehicle is the loss; the autopilot's own reports of a
-    loss count only where the motion shows none. What failed first comes from the commands of the motors
-    (:func:`mavdem.assessment.first_failure.first_failure`); a report of the autopilot on one motor is added to it.
+    Only bad events are used. The loss is the last event by which a vehicle may be lost. Reports of a loss by the
+    autopilot are used only if the motion shows none. What failed first follows from the commands of the motors
+    (:func:`mavdem.assessment.first_failure.first_failure`), and a report of the autopilot on one motor is added to it.
 
     Args:
         signals: signals of the vehicle.
-        events: those of ``motion_events`` and ``reported_events``.
+        events: events of ``motion_events`` and ``reported_events``.
         collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
 
     Returns:
-        A fact with the figures ``cause`` (the fact that failed first, or None), ``word`` (what the autopilot reported
-        of a motor, if that adds something) and, without a cause, the flight ``mode`` in which it happened. Its subject
-        is the motor, if cause and report agree on one.
+        A fact with the figures ``cause`` (the fact on what failed first, or None), ``word`` (what the autopilot
+        reported of a motor, if the cause does not contain it) and, without a cause, the flight ``mode`` in which it
+        happened. Its subject is the motor, if cause and report agree on one.
     """
     bad_events = in_time_order(event for event in events if event.is_bad)
     losses = [event for event in bad_events if event.code in ENDINGS]

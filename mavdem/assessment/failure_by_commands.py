@@ -97,17 +97,17 @@ class _LossCommands:
 
 
 def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact | None:
-    """Returns the fact on what failed first, by the commands of the motors; None if they show nothing.
+    """Returns the fact on what failed first, by the commands of the motors; None if they show no failure.
 
-    The commands in the time of trouble are compared with the usual ones before. The first of these that they show is
-    returned:
+    The commands in the time of trouble are compared with the usual ones before. The first of these failures that they
+    show is returned:
 
     1. All motors were switched off.
-    2. The mean command of all motors was near the highest: all thrust was in use.
-    3. Before an impact without a loss of attitude, the vehicle sank at full throttle with a motor at its limit: all
-       thrust was in use then too.
-    4. The output of one motor was frozen. It does not follow the controller: the vehicle falls to its side, as by a
-       weak motor, or away from it, as if the opposite one were weak.
+    2. The mean command of all motors was near the highest, so that all thrust was in use.
+    3. Before an impact without a loss of attitude, the vehicle sank at full throttle with a motor at its limit, so that
+       all thrust was in use as well.
+    4. The output of one motor was frozen and did not follow the controller. The vehicle then falls towards it, as if it
+       were weak, or away from it, as if the opposite motor were weak.
     5. One motor was too weak (:func:`weak_motor`).
 
     Args:
@@ -123,8 +123,8 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
         return cause_of_all
     is_attitude_lost = trouble.fall_direction is not None
     if not is_attitude_lost:
-        # Then the time of trouble ends with an impact. Where the attitude was lost the thrust points sideways, so that
-        # sinking does not show that all of it was in use.
+        # Then the time of trouble ends with an impact. After a loss of attitude the thrust points sideways, so that the
+        # vehicle sinks even if not all thrust is in use.
         _, impact = trouble.interval
         sinking = _sinking_at_full_throttle(signals, boot, commands.motors, impact)
         if sinking is not None:
@@ -134,8 +134,8 @@ def failure_by_commands(signals: Signals, boot: int, trouble: Trouble) -> Fact |
         return frozen
     weak = weak_motor(commands.motors, commands.change, trouble.fall_direction)
     if weak is None:
-        # A controller that fights for long drives all motors to and fro, so that their mean over the time of trouble
-        # hides the weak one. What the controller did first shows it.
+        # If the time of trouble is long, the controller changes the commands of all motors again and again, so that
+        # their means over this time do not show the weak one. Its first response does.
         is_first = commands.time <= commands.time[0] + FIRST_RESPONSE_SECONDS
         first_change = commands.now[is_first].mean(axis=0) - commands.usual
         weak = weak_motor(commands.motors, first_change, trouble.fall_direction)

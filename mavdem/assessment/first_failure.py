@@ -61,17 +61,17 @@ DIVERGENCE_SECONDS = 10.0
 def first_failure(
     signals: Signals, events: Sequence[Fact], loss: Fact, collective: float | None
 ) -> Fact | None:
-    """Returns the fact on what failed first, before a vehicle was lost; None if nothing shows it.
+    """Returns the fact on what failed first before a vehicle was lost; None if the log does not show it.
 
-    A motor that was off or stood still as the loss began is the cause, or a setpoint that turned the vehicle over.
+    The cause is a motor that was off or stood still when the loss began, or a setpoint that turned the vehicle over.
     Otherwise the commands of the motors are examined over a short interval (:func:`_trouble_before_impact`,
-    :func:`_trouble_of_attitude`). A height estimate that diverged before outranks what they show.
+    :func:`_trouble_of_attitude`). If the height estimate diverged before, that is the cause instead.
 
     Args:
         signals: signals of the vehicle.
         events: events of the flight.
-        loss: the event of the motion with which the vehicle was lost.
-        collective: mean output of all motors in the hover, as a share of their range.
+        loss: the motion event by which the vehicle was lost.
+        collective: mean output of all motors in the hover, as a share of their range; None if it is not known.
     """
     boot = loss.figures["boot"]
     onset = loss_onset(loss)
@@ -114,7 +114,7 @@ def first_failure(
         return lowered_throttle(signals, boot, onset)
     if cause is None or cause.code is not FailedFirst.ALL_OFF_FIRST:
         return cause
-    # An autopilot that takes the vehicle for landed switches all motors off in the air.
+    # An autopilot that wrongly assumes a landing switches all motors off in the air.
     if trouble.fall_direction is not None and _assumed_landing(signals, boot, onset):
         return _landing_assumed(signals, cause, collective)
     return reason_of_stop(signals, events, boot, cause)

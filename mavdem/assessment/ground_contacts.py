@@ -301,13 +301,14 @@ class _Contact:
         return supporting_statements(self.sensors.sink_statements(interval))
 
     def _weighed_contact(self, time: float, rest: Rest | None, witnesses: Facts) -> Fact | None:
-        """Returns the event of a contact, of the kind that height, speed, pose and stick show.
+        """Returns the event of a contact, whose kind is decided by height, speed, pose and stick.
 
-        A vehicle has toppled if it lost its attitude or rests on its side (:meth:`_kind_of_topple`). One that stayed
-        upright hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and else landed hard.
+        A vehicle has toppled if it lost its attitude or rests on its side (:meth:`_kind_of_topple`). If it stayed
+        upright, it hit the ground if it was faster than ``HARD_IMPACT_SPEED``, and otherwise landed hard.
 
         Args:
-            time: time when the vehicle touched the ground, s since boot; the largest knock, if there was one.
+            time: time at which the vehicle touched the ground, s since boot; that of the largest knock, if there was
+                one.
             rest: rest of the vehicle afterwards; None if the log ended before.
             witnesses: statements that support or contradict the contact.
 

@@ -80,8 +80,9 @@ def _lasting_intervals(intervals: Intervals) -> Intervals:
 def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     """Returns the divergence of the height in an interval in which barometer and estimate contradict each other.
 
-    It is one only where the barometer and the estimate move in opposite directions, and the pilot's stick does not ask
-    for the motion that the barometer shows. The accelerometer's error, or else vibration, is the likely cause.
+    The height has diverged only if the barometer and the estimate move in opposite directions, and the pilot's stick
+    does not command the motion that the barometer shows. The probable cause is an error of the accelerometer or, if
+    there is none, vibration.
 
     Args:
         sensors: sensors of the boot.
@@ -119,14 +120,14 @@ def _divergence(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
         window_start = start - CONTEXT_SECONDS
         statements.append(cause.replace(time=window_start, until=end) if is_of_flight else cause)
     full_throttle = _full_throttle(sensors, interval)
-    # A vehicle that sinks at full throttle lacks thrust, whatever its estimate does.
+    # If a vehicle sinks at full throttle, it lacks thrust, and the throttle is no evidence for a diverged estimate.
     if full_throttle is not None and is_rising:
         statements.append(full_throttle)
     event = Fact(
         MotionEvent.HEIGHT_DIVERGED,
         time=start,
         until=end,
-        # A diverged estimate may have a speed that no vehicle reaches. It is not printed.
+        # A diverged estimate may contain a speed that no vehicle reaches, which is not reported.
         climb_rate=climb.estimate if abs(climb.estimate) <= MAX_FALL_SPEED else None,
         speed=climb.barometer,
         cause=cause,

@@ -46,19 +46,19 @@ class VehicleContents(NamedTuple):
 def inventory(log: Log, vehicles: Sequence[VehicleContents] | None = None) -> JsonValues:
     """Returns the contents of a log as the JSON object of ``mavdem info``: senders, vehicles, unread messages.
 
-    Two figures, both between 0 and 1, tell whether a link lost messages:
+    Two figures, both between 0 and 1, show whether a link lost messages:
 
     - ``lost_share`` of each sender ("speaker"): the fraction of its MAVLink sequence numbers that are not in the log.
       It is also high if the log was written with some kinds of messages left out.
     - ``missing_share`` of a sender that is a vehicle: the fraction of messages that its periodic streams should contain
-      by their usual time step, but do not; the median over the streams, None without any. It is also high if a stream
-      changed its rate.
+      by their usual time step, but do not; the median over the streams, None if there are none. It is also high if a
+      stream changed its rate.
 
-    A link loses messages of all kinds equally, which raises both. So only both together mean a loss.
+    A link loses messages of all kinds equally, which increases both. So a loss is certain only if both are high.
 
     Args:
         log: the log.
-        vehicles: contents of the vehicles to report; those of all vehicles of the log, unless given.
+        vehicles: contents of the vehicles to report; None for all vehicles of the log.
 
     Returns:
         Values by the keys of the document; times in s, rates in Hz.

@@ -267,12 +267,20 @@ def unjudged(refusal: Fact) -> Judgement:
 
 
 def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
-    """Returns the worst that was found, which is shown first.
+    """Returns the headline, which is the most serious fact that was found.
 
-    The order is: that the vehicle did not fly; a restart in flight; how the flight was lost; other bad events; losses,
-    failsafes and impacts that are to be watched, or the bad power or estimator behind them; bad lights; a log that ends
-    in the air; without a flight, why there is none; what else is to be watched; and that nothing is wrong with what was
-    checked.
+    The headline is the first of these that applies:
+
+    1. The vehicle did not fly.
+    2. The autopilot restarted in flight.
+    3. How the flight was lost.
+    4. Another bad event.
+    5. A loss, failsafe or impact of the level "watch", or bad power or a bad estimator as its reason.
+    6. A bad light.
+    7. The log ends in the air.
+    8. If there was no flight, the reason.
+    9. Another fact of the level "watch".
+    10. Nothing is wrong with what was checked.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
@@ -282,18 +290,18 @@ def headline_of(evidence: Evidence, lights: NamedFacts) -> Fact:
         return evidence.not_flown
     restarts = evidence.restarts_in_flight
     if restarts:
-        # A restart in flight is the reason for whatever followed.
+        # A restart in flight is the reason for everything that followed.
         return restarts[0]
     vehicle_lights = [lights[name] for name in VEHICLE_LIGHTS]
     if evidence.condition.oscillation is not None:
-        # A limit cycle drives motors to their limits, and so explains their light.
+        # A limit cycle drives motors to their limits, and so explains the light of the motors.
         vehicle_lights.insert(0, lights[Light.MARGINS])
     other_lights = [lights[name] for name in OTHER_LIGHTS]
-    # How a lost flight ended outranks everything else.
+    # How a flight was lost comes before all other events.
     ending = [] if evidence.ending is None else [evidence.ending]
     bad_events = [fact for fact in (*ending, *evidence.events) if fact.is_bad]
     urgent = _urgent_warnings(evidence)
-    # Whether a log that ends in the air ended in a loss is not known, so what is certainly wrong comes first.
+    # If the log ends in the air, it is not known whether the vehicle was lost, so facts that are certain come first.
     open_ends = [fact for fact in urgent if fact.code is MotionEvent.LOG_ENDED_IN_AIR]
     urgent = [fact for fact in urgent if fact.code is not MotionEvent.LOG_ENDED_IN_AIR]
     bad_lights = [fact for fact in (*vehicle_lights, *other_lights) if fact.is_bad]

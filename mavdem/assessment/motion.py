@@ -358,13 +358,13 @@ def _end_in_air(
     end_time: float,
     events: Sequence[Fact],
 ) -> Iterator[Fact]:
-    """Yields one event if the log ends while the vehicle was still in the air, for no reason that the log shows.
+    """Yields one event if the log ends while the vehicle was still in the air, and the log does not show why.
 
-    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. After a loss of attitude
-    just before, the fact says so (``is_after_loss``). Nothing is yielded if the end is explained otherwise: by a
-    landing, an impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (by now the vehicle is on the ground),
-    or a restart of the autopilot, after which the log goes on. Nothing is yielded either if the last height is unknown
-    or at most ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the ground.
+    Then either the recorder failed, or the vehicle crashed and the crash was not recorded. If a loss of attitude came
+    just before, the fact says so (``is_after_loss``). Nothing is yielded if the end is explained by a landing, an
+    impact, a loss of attitude at least ``RECOVERY_SECONDS`` earlier (the vehicle is then on the ground), or a restart
+    of the autopilot, after which the log continues. Nothing is yielded either if the last height is unknown or at most
+    ``MAX_GROUND_HEIGHT``, since the vehicle may then stand on the ground.
 
     Args:
         signals: signals of the vehicle.
@@ -399,7 +399,7 @@ def _end_in_air(
             height_source=sensors.height_source,
             boot=boot,
             witnesses=sources,
-            # A stream ends as well where somebody ends its recording.
+            # A stream also ends if somebody ends its recording.
             is_received=not signals.telemetry.translated_from,
         )
         yield end_in_air.replace(is_after_loss=True) if is_after_loss else end_in_air

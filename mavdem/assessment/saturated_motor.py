@@ -209,9 +209,9 @@ def _saturation_loss(
 
     All of this must be true:
 
-    - The limit lasts: to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``.
-    - The vehicle is off the ground, which could make it lean.
-    - The motor's command was near those of the others before, and stands out from them at its limit.
+    - The motor is at its limit to the end of the record, to the loss of the vehicle, or for ``RECOVERY_SECONDS``.
+    - The vehicle is off the ground, since the ground could make it lean.
+    - The motor's command was close to those of the others before, and is far from them at the limit.
     - The vehicle leans towards the motor, or sinks.
 
     Args:

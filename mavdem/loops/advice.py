@@ -161,22 +161,21 @@ def advise(
     *,
     raises_sound_gains: bool = False,
 ) -> Advice:
-    """Returns gains of one axis for the next flight, on the way to the fastest loops that have given margins.
+    """Returns gains of one axis for the next flight, as a step towards the fastest loops that have given margins.
 
-    A loop whose estimate has these margins keeps its gains unless ``raises_sound_gains``. So gains that were advised
-    once and have been flown since are not changed again. The stage follows from the loops alone: while the rate loop
-    lacks margin it is tuned, then the attitude loop.
+    If the estimated loop has these margins, its gains are not changed unless ``raises_sound_gains``. So gains that were
+    advised once and have been flown since are not changed again. What is tuned is determined by the loops: the rate
+    loop while it lacks margin, and the attitude loop after that.
 
-    There is no advice where gains must not follow from this flight: because of ``doubts`` about it, or for one of the
-    :func:`reasons_for_no_gains`.
+    No gains are advised if there are ``doubts`` about the flight or one of the :func:`reasons_for_no_gains`.
 
-    Half of the draws from the plant's posterior choose the gains. The other half judges them, because gains fit the
-    draws that chose them too well.
+    The gains are chosen with half of the draws from the plant's posterior, and judged with the other half. Judged with
+    the first half they would seem better than they are.
 
     Args:
         loop: rate and attitude loop of one axis, with N draws of the plant.
-        tune: name of the margins to have, a key of ``MARGIN_TARGETS``.
-        doubts: reasons not to trust the flight; with any of them no gains are advised.
+        tune: name of the required margins, a key of ``MARGIN_TARGETS``.
+        doubts: reasons not to trust the flight; if there is any, no gains are advised.
         raises_sound_gains: whether the gains of a loop that has its margins are raised, to make it faster.
 
     Returns:

@@ -87,10 +87,10 @@ def ardupilot_controller(
     """Returns the fields of a :class:`mavdem.loops.controllers.Controller` with ArduPilot's parameters.
 
     Args:
-        parameters: values by the autopilot's name; those in ``CONTROL_PARAMETERS``.
+        parameters: values of the ``CONTROL_PARAMETERS`` by the autopilot's names.
         axis: "roll", "pitch" or "yaw".
-        motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale; or a single one,
-            where the outputs are the demand itself and no mixer is needed.
+        motor_weights: weights of the motors' thrusts in the torque about the axis (4,), of any scale; or a single one
+            if the outputs are the demand itself, so that no mixer is needed.
 
     Returns:
         Values of the controller's fields by name.
@@ -108,7 +108,7 @@ def ardupilot_controller(
             scale = X_GAIN_SCALE_BEFORE_34
         for gain in ("p", "i", "d"):
             gains[gain] = scale * gains[gain]
-    # A corrupt exponent must not make an absurd rate.
+    # The exponent is limited, since a corrupt one would give an absurd rate.
     gyro_rate_exponent = np.clip(parameters.get("INS_GYRO_RATE", 0.0), 0.0, MAX_GYRO_RATE_EXPONENT)
     loop_rate = parameters.get(LOOP_RATE_PARAMETERS["ardupilot"], DEFAULT_LOOP_RATES["ardupilot"])
     gyro_notches: list[Notch] = []

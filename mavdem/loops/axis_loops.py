@@ -277,19 +277,19 @@ def identified_loops(loops: Mapping[str, object]) -> LoopsByAxis:
 def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) -> Fact:
     """Returns the fact that says whether the rate loop and the attitude loop of an axis have enough stability margin.
 
-    Each margin is divided by its target; the least of these ratios is the score of a loop (:func:`margin_scores`). At
-    1 or more, all margins are reached. There is one score for the estimated plant and one for each draw from its
-    posterior. The level is good where 95 % of them reach 1, so that the uncertainty of the plant allows the claim;
-    watch where fewer do, but the estimate does; and else bad.
+    Each margin is divided by its target, and the smallest of these ratios is the score of a loop
+    (:func:`margin_scores`). If it is at least 1, the loop has all margins. There is one score for the estimated plant
+    and one for each draw from its posterior. The level is "good" if at least 95 % of the scores are at least 1, so that
+    the margins are certain. It is "watch" if fewer are, but that of the estimate is, and "bad" otherwise.
 
     Args:
         loop: rate and attitude loop of one axis.
-        target: the least phase margin and gain margin, and the largest maximum sensitivity Ms.
+        target: the smallest phase margin and gain margin, and the largest maximum sensitivity Ms.
 
     Returns:
         A fact with the margins and 90 % intervals of the weaker of the two loops. ``subject`` names that loop, "rate"
-        or "attitude"; ``lacking`` its margin of least ratio, "phase_margin", "gain_margin" or "ms"; ``share`` is the
-        lower score of both loops by the estimated plant.
+        or "attitude"; ``lacking`` names its margin with the smallest ratio, "phase_margin", "gain_margin" or "ms";
+        ``share`` is the lower score of both loops with the estimated plant.
     """
     # The weaker loop is chosen by the estimated plant.
     rate_score = margin_scores(target, loop.rate)[ESTIMATE]
@@ -299,15 +299,15 @@ def margin_rating(loop: Loop, target: MarginTarget = MARGIN_TARGETS["default"]) 
         weaker_name, weaker_loop = "attitude", loop.attitude
     scores = margin_scores(target, loop.rate, loop.attitude)
     level = Level.BAD
-    # If the 5 % quantile of the scores reaches 1, then so do 95 % of the plants. The method "lower" takes a score as it
-    # is: interpolation with minus infinity, of an unstable loop, would give NaN.
+    # If the 5 % quantile of the scores is at least 1, then so are the scores of 95 % of the plants. The method "lower"
+    # returns one of the scores. Interpolation with minus infinity, the score of an unstable loop, would give NaN.
     low_probability = 1 - INTERVAL_QUANTILES[1]
     if np.quantile(scores, low_probability, method="lower") >= 1:
         level = Level.GOOD
     elif scores[ESTIMATE] >= 1:
         level = Level.WATCH
     ratios = margin_ratios(target, weaker_loop)
-    # A loop that no gain makes unstable has an infinite gain margin, and reports cannot write infinity.
+    # A loop that no gain makes unstable has an infinite gain margin, and reports cannot contain infinity.
     gain_margin_interval = np.minimum(
         weaker_loop.gain_margin_interval, LARGEST_REPORTED_GAIN_MARGIN
     )

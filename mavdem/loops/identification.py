@@ -122,9 +122,9 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     """Identifies the parameters of one axis in closed loop, from the flights of one boot.
 
     Cross-spectra of rate, output, setpoint and reference are estimated from the messages, and the posterior of the
-    parameters is maximised on them. Flights that cannot support the fit are refused: before it those with too few
-    windows, with outputs that are mostly rounding, or with too little motion by setpoints; after it those in which the
-    fitted model says that too little followed setpoints, or that the controller has another gain than its parameters.
+    parameters given these spectra is maximised. Before the fit, flights are refused that have too few windows, outputs
+    that are mostly rounding, or too little motion by setpoints. After the fit, flights are refused if according to the
+    fitted model too little motion followed setpoints, or the controller has another gain than its parameters.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -134,7 +134,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
         The fit, with the controller and the change of each input per unit of its demand.
 
     Raises:
-        NotLearnable: as :func:`identify_plant_in_loop`.
+        NotLearnable: as for :func:`identify_plant_in_loop`.
     """
     record = Record.from_flights(flights)
     assert signals.model_inputs is not None
@@ -158,8 +158,8 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
     )
     with one_thread(), np.errstate(all="ignore"):
         spectra = _loop_spectra(signals, messages, window_starts, known_controller)
-        # A cheap check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
-        # limit is enough here. An output at a limit follows nothing, so its share counts as if it followed. The
+        # A fast check before the fit. Aliasing may halve the share that is coherent with the reference, so half of the
+        # limit is enough here. An output at a limit cannot follow, so its share is added as if it followed. The
         # comparisons are negated so that a share of NaN is refused.
         coherent_share = _coherent_share(spectra)
         if not coherent_share + saturated_share >= MIN_REFERENCE_SHARE / 2:
@@ -170,7 +170,7 @@ def _identified_loop(signals: Signals, flights: tuple[Flight, ...]) -> _Identifi
             reference_share = fit.reference_share
         except np.linalg.LinAlgError:
             raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
-    # The same check with the fitted model, which takes aliasing into account.
+    # The same check with the fitted model, which includes aliasing.
     if not reference_share + fit.saturation_loss >= MIN_REFERENCE_SHARE:
         raise NotLearnable(LoopFact.NOT_STEERED, share=reference_share)
     # If the fitted gain of the controller differs from that of its parameters, the model of the controller is wrong.
@@ -199,9 +199,10 @@ def _loop_messages(
 ) -> _LoopMessages:
     """Returns the logged quantities of one axis' loop in one boot, each at the stamps of its own messages.
 
-    The attitude controller adds angle gain × error of the angle to the rate setpoint. ArduPilot's ATTITUDE_TARGET lacks
-    this correction, its log message RATE has it, and a log does not say which it is. So there is a candidate of the
-    setpoint as logged, and for ArduPilot another with the correction added; :func:`_with_best_setpoint` chooses.
+    The attitude controller adds the error of the angle, times the angle gain, to the rate setpoint. ArduPilot's message
+    ATTITUDE_TARGET lacks this correction, while its log message RATE contains it, and a log does not say which it is.
+    So one candidate is the setpoint as logged, and for ArduPilot another is the setpoint with the correction added.
+    :func:`_with_best_setpoint` chooses between them.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -214,7 +215,7 @@ def _loop_messages(
         at a limit; and the step to which the demand is rounded.
 
     Raises:
-        NotLearnable: there is no setpoint of the rate that moves.
+        NotLearnable: there is no setpoint of the rate, or it is constant.
     """
     attitude, inputs = signals.attitude, signals.model_inputs
     assert attitude is not None and inputs is not None

@@ -61,12 +61,12 @@ At ω = 1 / lag the flight then shows no difference. There the gain 1 / |1 + jω
 def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
     """Converts the parameters of one axis, as identified in its closed loop, to those of a plant with motors as inputs.
 
-    The identification has one control effectiveness b, of the controller's demand. The plant has one for each input,
-    the r motors or the demand itself. With g the change of the inputs per demand, they are b g / (g·g): proportional to
-    g, and such that a demand has the effect b.
+    The identification has one control effectiveness b, that of the controller's demand. The plant has one for each
+    input, which are the r motors or the demand itself. With g the change of the inputs per demand, they are
+    b g / (g·g): proportional to g, and such that a demand has the effect b.
 
-    The identification is of logarithms. So its covariance is propagated by the derivatives of the parameters, and that
-    of the model's own errors is added, which the likelihood does not contain.
+    The identified parameters are logarithms. So their covariance is propagated by the derivatives of the parameters.
+    The covariance of the errors of the model is added, since the likelihood does not contain them.
 
     Args:
         fit: posterior of the logarithms of the parameters.
@@ -74,7 +74,7 @@ def physical_plant(fit: IdentifiedAxis, inputs_per_demand: Array) -> Physical:
 
     Returns:
         Effects, damping, lag and delay with their covariance, the wind components, and the noise. The lag and delay are
-        those of motors and messages: the gyro's filters are known and not part of them.
+        those of motors and messages; they do not contain those of the gyro's filters, which are known.
     """
     values = LoopParameters.from_logarithms(fit.theta)
     effect = values.effect * inputs_per_demand / (inputs_per_demand @ inputs_per_demand)

@@ -180,23 +180,23 @@ def estimate_impulse_response(
 ) -> ImpulseResponse | None:
     """Estimates the impulse response of a signal to its setpoint, such as that of a body rate.
 
-    It is a regression of the signal on the setpoint's convolutions with hat functions. The filter that whitens its
-    residuals, the weights of the windows and the instrument depend on the impulse response itself. So the fit is
-    repeated ``FIT_PASSES`` times, each with these from the response of the pass before; the first pass begins with an
-    exponential decay.
+    The signal is regressed on the setpoint's convolutions with hat functions. The filter that whitens the residuals,
+    the weights of the windows and the instrument depend on the impulse response. So the fit is repeated ``FIT_PASSES``
+    times, and each pass computes them from the response of the pass before; the first one begins with an exponential
+    decay.
 
     Args:
         sampling_rate: rate of the samples, Hz.
         pieces: pieces of flight, (k, N) each, with setpoint, signal and, if ``angle_gain`` is not 0, the angle in rows.
         angle_gain: gain of the attitude controller that feeds the angle back to the setpoint, 1/s; 0 if none does.
-        seconds: duration of the response, s. A window is three times as long: the setpoints of its first third, and two
-            thirds whose samples are explained.
-        resolution: time between nodes where they are closest, s, or less. It may be shorter than a sample.
+        seconds: duration of the response, s. A window is three times as long. Of its first third only the setpoints are
+            used; the samples of the other two thirds are explained.
+        resolution: longest time between the two closest nodes, s. It may be shorter than a sample.
 
     Returns:
-        The impulse response. None if no piece is as long as a window and what is left out before it, nothing moves in
-        the windows, the signal is the response exactly, so that there is no noise to weigh it by, or values are so
-        large that their products overflow.
+        The impulse response. None if no piece is as long as a window and the part that is left out before it, or if the
+        setpoint is constant in all windows. None also if the signal is exactly the response, so that the weights of the
+        windows cannot be computed from the noise, or if values are so large that their products overflow.
     """
     taps = round(seconds * sampling_rate)
     size = 3 * taps
@@ -265,19 +265,19 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
     """Returns the convolutions of a signal with the hat functions of the inner knots: the regressors of the response.
 
     A hat is a weighted sum of the ramps max(lag − knot, 0) of three neighbouring knots (:func:`second_differences`).
-    The convolution of the signal with such a ramp is the signal's double integral, delayed by the knot. So the signal,
-    which is taken as linear between its samples, is integrated twice, delayed by each knot, and the delayed integrals
+    The convolution of the signal with such a ramp is the signal's double integral, delayed by the knot. The signal is
+    assumed to be linear between its samples. It is integrated twice and delayed by each knot, and the delayed integrals
     are summed with the weights of the hats.
 
     Args:
         windows: samples of each window (W, B + D), where D is the duration of the response, in samples.
-        knots: lags (K + 2,) in samples, from 0 to D: all but the first and the last are inner knots.
+        knots: lags (K + 2,) in samples, from 0 to D. The K inner knots are all except the first and the last.
 
     Returns:
         The convolutions with each of the K hats, for the last B samples of each window (K, W, B).
     """
     # Between a sample and the next, with the time t in samples, the signal is sample + slope · t. Its integral and its
-    # double integral from the window's beginning are polynomials of degree 2 and 3 there, and all three continue.
+    # double integral from the window's beginning are polynomials of degree 2 and 3 there. All three are continuous.
     sample = windows[:, :-1]
     slope = np.diff(windows, axis=1)
     zeros = np.zeros((len(windows), 1))
@@ -289,8 +289,8 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
     # The convolution with the ramp of each knot.
     ramp_convolutions = np.empty((len(knots), len(windows), size - duration))
     for index, lag in enumerate(knots.tolist()):
-        # A lag that is no whole number of samples reaches back to a time between two samples: to a fraction of the
-        # interval after the earlier one. There the double integral follows from the polynomial of that interval.
+        # If a lag is not a whole number of samples, the delayed time is between two samples, a fraction of the interval
+        # after the earlier one. There the double integral follows from the polynomial of that interval.
         whole_samples = ceil(lag)
         fraction = whole_samples - lag
         earlier = slice(duration - whole_samples, size - whole_samples)
@@ -303,8 +303,8 @@ def _hat_convolutions(windows: Array, knots: Array) -> Array:
                 + fraction**3 / 6 * slope[:, earlier]
             )
         ramp_convolutions[index] = delayed
-    # The same as the product with ``second_differences``. Each hat has three weights only, so that differences of
-    # neighbours, divided by the spacing of the knots, are quicker.
+    # This is equal to the product with ``second_differences``. Each hat has only three weights, so that differences of
+    # neighbours, divided by the spacing of the knots, are faster to compute.
     slopes = np.diff(ramp_convolutions, axis=0)
     slopes /= np.diff(knots)[:, None, None]
     return np.diff(slopes, axis=0)
@@ -425,19 +425,20 @@ def _regularised_estimate(
     """Estimates the impulse response that explains a signal by its setpoint, by regularised instrumental variables.
 
     X are the convolutions of the setpoint with the hats, Z those of the instrument, y the signal, and Q the prior
-    covariance of the values w. That the response integrates to 1 ± ``STEADY_STATE_ERROR`` counts as one more
-    observation, sᵀ w = 1 / error, in which s are the areas of the hats by the error. The estimate is
+    covariance of the values w. The integral of the response is 1 ± ``STEADY_STATE_ERROR``. This is one more
+    observation, sᵀ w = 1 / error, in which s are the areas of the hats divided by the error. The estimate is
 
         w = (I + Q (Zᵀ X + s sᵀ))⁻¹ Q (Zᵀ y + s / error)
 
-    Its covariance has three parts. The scores Zᵀ (y − X w) of the windows show how the estimate scatters with noise,
-    whatever the noise is like (a sandwich covariance, as of a jackknife over windows). The prior shrinks values that
-    the flight does not determine. And the steady state is uncertain by its error.
+    Its covariance is the sum of three parts. The first is the variance by noise, which follows from the scores
+    Zᵀ (y − X w) of the windows without assumptions on the noise (a sandwich covariance, like that of a jackknife over
+    windows). The second is the error because the prior shrinks values that the flight does not determine. The third is
+    the error of the steady state.
 
     Args:
         setpoint: windows of the setpoint (W, B), whitened and scaled so that residuals have a variance of 1.
         signal: windows of the signal (W, B), whitened and scaled likewise.
-        instrument: windows of the instrument (W, B), likewise; None if the setpoint is its own.
+        instrument: windows of the instrument (W, B), likewise; None if the setpoint is its own instrument.
         knots: lags between which the response is linear (K + 2,), in samples.
         sampling_rate: rate of the samples, Hz.
 
@@ -469,7 +470,7 @@ def _regularised_estimate(
     scores = np.einsum("kwb,wb->wk", instruments, residuals) @ inverse.T
     effective_parameters = np.trace(inverse @ regressor_products)
     windows = len(signal)
-    # Each window pulls the estimate towards itself, so the scores are too small. The degrees of freedom correct that.
+    # The estimate was fitted to the windows, so their scores are too small. The degrees of freedom correct that.
     degrees_of_freedom = max(windows - effective_parameters, windows * MIN_FREEDOM_SHARE)
     sampling_covariance = scores.T @ scores * windows / degrees_of_freedom
     shrinkage = identity - inverse @ information

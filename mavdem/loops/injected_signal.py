@@ -28,7 +28,7 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     """Measures the open rate loop of one axis by a signal that was injected in flight (system identification mode).
 
     The injected signal depends on neither wind nor noise. So the plant, from demand to rate, is the ratio of the
-    cross-spectra of rate and demand with it. The known controller times the plant is the open loop.
+    cross-spectra of rate and demand with the injected signal. The known controller times the plant is the open loop.
 
     Args:
         signals: signals of the vehicle, for the axis, with the injected signal, the rate and the demand.
@@ -50,7 +50,7 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     ):
         return None
     injected_signals = [injection.signal for injection in signals.injected_signals]
-    # Signals may have been injected at several points of the loop: the one with most samples is used.
+    # Signals may have been injected at several points of the loop. The one with the most samples is used.
     longest_signal = max(injected_signals, key=lambda series: len(series.time))
     demand_series = replace(
         longest_signal, time=demand.time, boot=demand.boot, values=demand.outputs[:, 0]
@@ -64,7 +64,8 @@ def injected_loop(signals: Signals, segments: Segments) -> OpenLoop | None:
     if np.count_nonzero(is_measured) < MIN_FREQUENCIES:
         return None
     frequency = spectra.frequency[is_measured]
-    # Wind and noise move rate and demand, but are not coherent with the injected signal, so they drop out of the ratio.
+    # Wind and noise change rate and demand, but are not coherent with the injected signal, so the ratio does not depend
+    # on them.
     injection_to_rate = spectra.power[injection_index, rate_index]
     injection_to_demand = spectra.power[injection_index, demand_index]
     plant = (injection_to_rate / injection_to_demand)[is_measured]

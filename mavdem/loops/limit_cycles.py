@@ -246,9 +246,9 @@ def _motor_series(motors: MotorOutputs) -> list[TimeSeries]:
     # Whether any motor is at its upper or its lower limit, (N,) each.
     is_at_upper = motor_at_upper.any(axis=1)
     is_at_lower = motor_at_lower.any(axis=1)
-    # The mean of all motors is thrust, which turns nothing.
+    # The mean of all motors is thrust, which does not turn the vehicle.
     differential = range_fractions - range_fractions.mean(axis=1, keepdims=True)
-    # Booleans are resampled like the outputs, as 0 and 1: their means are fractions of time.
+    # Booleans are resampled like the outputs, as 0 and 1, so that their means are fractions of time.
     columns = [*differential.T, is_at_upper & is_at_lower, is_at_upper | is_at_lower]
     return [TimeSeries(motors.time, motors.boot, column) for column in columns]
 
@@ -265,9 +265,10 @@ def _limit_cycles(
     """Yields the limit cycles of one axis: oscillations that the motors' limits bound, or that grow or last.
 
     The body rate and the motors' outputs are cut into windows. In each, the strongest spectral line that rate and
-    motors share is found. Successive windows with a line of nearly one frequency are an oscillation. It counts as a
-    limit cycle if motors reach their limits, or if it turns the vehicle fast while it grows or lasts for a good part of
-    the flight. A slow oscillation that lasts may be steered by the pilot, and does not count for lasting alone.
+    motors have in common is found. Successive windows with a line of nearly the same frequency are an oscillation. It
+    is a limit cycle if motors reach their limits, or if it turns the vehicle fast and either grows or lasts for at
+    least ``LASTING_SHARE`` of the flight. A slow oscillation may be steered by the pilot, so it is not a limit cycle
+    only because it lasts.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -296,7 +297,8 @@ def _limit_cycles(
             cycle = _oscillation_in_run(lines, run, window_seconds, min_duration)
             if cycle is None:
                 continue
-            # Below this frequency a pilot may steer. Slow messages alias frequencies, so theirs say nothing.
+            # Below this frequency a pilot may steer. At a low message rate frequencies are aliased, so that nothing
+            # follows from them.
             may_be_steered = is_fast and cycle.frequency < MIN_LASTING_FREQUENCY
             # A limit cycle reaches the motors' limits, or turns the vehicle fast while it grows or lasts.
             lasts = cycle.duration >= LASTING_SHARE * flight_duration and not may_be_steered
@@ -331,13 +333,14 @@ class _Lines:
 def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float) -> _Lines:
     """Finds the strongest spectral line in each window, and how much of the variance of rate and motors is in it.
 
-    A line is a narrow band about one frequency, that at which the power of the body rate is highest. Its share is the
-    fraction of the variance that is in the band, the lesser of the rate's and the motors', since in a limit cycle both
-    oscillate.
+    A line is a narrow band around the frequency at which the power of the body rate is highest. Its share is the
+    fraction of the variance that is in the band. The smaller of the fractions of the rate and of the motors counts,
+    since in a limit cycle both oscillate.
 
-    Windows in which motors are at both limits at once for ``LASTING_SHARE`` of the time are different: there motors go
-    from stop to stop and no longer control the rate, to which other motion adds. The line is then where the motors'
-    power is highest, its share is that of the motors, and only the part of the rate in the band counts.
+    Windows in which motors are at both limits at once for ``LASTING_SHARE`` of the time are treated differently. The
+    motors then alternate between their limits and no longer control the rate, which contains other motion as well. The
+    line is then at the frequency at which the motors' power is highest, its share is that of the motors, and only the
+    part of the rate in the band counts.
 
     Args:
         piece: samples of k + 3 signals (k + 3, N): the body rate, rad/s; the outputs of the k motors without their
@@ -365,7 +368,7 @@ def _lines_of_windows(piece: Array, sampling_rate: float, window_seconds: float)
     is_fast_enough = frequency >= MIN_PERIODS * resolution
     searched_power = np.where(is_fast_enough, searched_power, 0.0)
     line_frequency = frequency[np.argmax(searched_power, axis=1)]
-    # A window resolves no line narrower than a few of its frequency steps.
+    # A window cannot resolve a line that is narrower than a few frequency steps.
     half_width = np.maximum(MIN_LINE_WIDTH_BINS * resolution, LINE_WIDTH * line_frequency)
     is_in_line = abs(frequency - line_frequency[:, None]) <= half_width[:, None]
     power = np.array([rate_power, motor_power])

@@ -75,10 +75,10 @@ def loop_from_learned(learned: Learned, controller: Controller | None = None) ->
 
 
 def loop_from_plant(plant: Physical, record: Record, controller: Controller | None = None) -> Loop:
-    """Builds rate and attitude loop of an identified plant, with the cautions that its figures need.
+    """Builds the rate and attitude loop of an identified plant, with cautions about its figures.
 
-    If the log has setpoints, the measured response of the rate is compared with that of the loop. It is not where gains
-    changed in flight, since the measured response then mixes several loops.
+    If the log has setpoints, the measured response of the rate is compared with that of the loop. It is not compared if
+    gains changed in flight, since the measured response is then a mean over several loops.
 
     Args:
         plant: plant that was identified from the record.
@@ -89,8 +89,8 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         The loop of the estimate and of draws from its posterior.
 
     Raises:
-        NotLearnable: the plant is doubtful, the controller is not known or has no proportional gain, the mixer acts
-            against it, or the loop is too fast for the record.
+        NotLearnable: the plant is doubtful, the controller is not known or has no proportional gain, the signs of mixer
+            and plant contradict each other, or the loop is too fast for the record.
     """
     if plant.caution is not None:
         raise NotLearnable(LoopFact.NO_MARGINS, because=plant.caution)
@@ -115,7 +115,7 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
         changes = [(name, value, record.parameters[name]) for name, value in earlier_values.items()]
         cautions.append(Fact(LoopFact.PARAMETERS_CHANGED, changes=changes))
     else:
-        # A plant without the gyro's filters was identified in closed loop, with the gain of the controller.
+        # A plant without the gyro's filters was identified in closed loop, together with the gain of the controller.
         measured = measured_rate_response(
             record,
             controller,
@@ -129,22 +129,26 @@ def loop_from_plant(plant: Physical, record: Record, controller: Controller | No
 
 
 def _cautions(loop: Loop) -> list[Fact]:
-    """Returns cautions about a biased plant, frequencies that the record does not show, and a fast crossover.
+    """Returns cautions about a biased plant, frequencies that the record does not contain, and a fast crossover.
 
-    A record shows frequencies up to its Nyquist frequency, half of the sampling rate. Beyond, the loop is a model's
-    extrapolation, which a gain margin there gets a caution for. Delay and time constant are not known well where the
-    crossover is near the rate of the record.
+    A record contains frequencies up to its Nyquist frequency, half of the sampling rate. Above it the loop is an
+    extrapolation by the model, so there is a caution if the gain margin is there. If the crossover is near the rate of
+    the record, delay and time constant are not known well.
 
     Args:
         loop: rate and attitude loop of the estimated plant and of draws.
 
+    Returns:
+        The cautions; empty if there are none.
+
     Raises:
-        NotLearnable: the loop crosses over above half of the Nyquist frequency, by a plant whose lag contains that of
-            the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a crossover of 20 Hz, had
-            44° by messages at 50 Hz.) Or the interval of its crossover reaches the Nyquist frequency, so that the phase
-            margin is one of a frequency that the record does not show. (A simulated loop with 30° at 18 Hz had 51°, 39
-            to 57°, at 12 Hz by messages at 25 Hz.) Or it crosses over below the lowest frequency of the spectra, where
-            position control and drag move the vehicle too, which the model of one axis leaves out.
+        NotLearnable: there are three cases. The crossover is above half of the Nyquist frequency, and the lag of the
+            plant contains that of the gyro's filters. (The loop of ArduCopter's simulator, with a margin of 19° at a
+            crossover of 20 Hz, was identified with 44° from messages at 50 Hz.) Or the interval of the crossover
+            reaches the Nyquist frequency, so that the phase margin may be at a frequency that the record does not
+            contain. (A simulated loop with 30° at 18 Hz was identified with 51°, 39 to 57°, at 12 Hz from messages at
+            25 Hz.) Or the crossover is below the lowest frequency of the spectra, where position control and drag also
+            move the vehicle, which the model of one axis leaves out.
     """
     plant, record, rate = loop.plant, loop.record, loop.rate
     if rate.crossover < LOWEST_FREQUENCY:
@@ -307,13 +311,14 @@ def _plant_draws(plant: Physical, filter_delay: float, dt: float) -> _PlantDraws
 
 
 def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> Array:
-    """Draws plants without the gyro's filters, where the filters were identified as part of lag and delay together.
+    """Draws plants without the gyro's filters from a plant whose lag and delay contain those of the filters.
 
-    1. The filters are removed. Where their delay at low frequencies is less than half of lag and delay together, it is
-       subtracted from their sum. Otherwise that is too coarse. Then the remaining lag and delay, in series with a
-       Butterworth filter of this delay, get the gain and phase of the identified lag at half of the filter's cut-off.
-    2. The remaining sum is divided into lag and delay. The flight shows the sum better than either. So the delay is
-       drawn from its posterior, with the delay of common autopilots as prior, and the lag is the rest.
+    1. The filters are removed. If their delay at low frequencies is less than half of the sum of lag and delay, it is
+       subtracted from the sum. Otherwise that is too inaccurate. Then the remaining lag and delay are chosen so that
+       in series with a Butterworth filter of this delay they have the gain and phase of the identified lag at half of
+       the filter's cut-off.
+    2. The remaining sum is divided into lag and delay. The flight determines the sum better than either. So the delay
+       is drawn from its posterior, with the delay of common autopilots as prior, and the lag is the difference.
 
     Args:
         plant: the identified plant with its covariance.
@@ -321,14 +326,14 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
         dt: time step of the record, s.
 
     Returns:
-        Effects, damping, lag and delay (N, r + 3): those of the estimate in row ``ESTIMATE``, then those of draws.
+        Effects, damping, lag and delay (N, r + 3). Row ``ESTIMATE`` is the estimate, the others are draws.
     """
     estimate = parameter_vector(plant)
     covariance = plant.covariance.copy()
     typical_delay, delay_deviation = DELAY_PRIOR
     delay_variance = covariance[DELAY, DELAY] + (SAMPLING_DELAY_DEVIATION * dt) ** 2
     if covariance[DELAY, DELAY] > delay_deviation**2:
-        # The flight determines the delay worse than its prior does, so the prior alone draws it, below.
+        # The flight determines the delay less accurately than its prior, so it is drawn from the prior alone, below.
         covariance[DELAY] = 0.0
         covariance[:, DELAY] = 0.0
     draws = np.vstack(
@@ -338,8 +343,8 @@ def _draws_without_filters(plant: Physical, filter_delay: float, dt: float) -> A
     remaining_lag_and_delay = np.maximum(lag_and_delay - filter_delay, 0.0)
     if filter_delay > lag_and_delay[ESTIMATE] / 2:
         # The angular frequency of half of the cut-off of a Butterworth filter with this delay, rad/s. There, the phase
-        # of the remaining lag and delay is that of the identified lag less that of the filter. The effect is multiplied
-        # by the ratio of the attenuations, so that the gain stays the same.
+        # of the remaining lag and delay is that of the identified lag minus that of the filter. The effect is
+        # multiplied by the ratio of the attenuations, so that the gain does not change.
         half_cutoff = BUTTERWORTH_AT_HALF_CUTOFF.imag / filter_delay
         lag_phase = np.arctan(half_cutoff * draws[:, LAG])
         remaining_phase = lag_phase - np.angle(BUTTERWORTH_AT_HALF_CUTOFF)

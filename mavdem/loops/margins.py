@@ -391,19 +391,22 @@ def controller_response(controller: Controller, frequency: Array) -> ControllerR
     first-order low-pass of cut-off f is a / (1 − (1 − a) z⁻¹) with a = h / (h + 1 / (2π f)).
 
     The autopilots combine these terms differently. ArduPilot's ``AC_PID`` filters the setpoint, and applies P, I and D
-    to the error. PX4's ``RateControl`` applies P and I to the error and D to the rate alone, and adds each error to the
-    integral only after the integral has been used: one period late.
+    to the error. PX4's ``RateControl`` applies P and I to the error and D only to the rate. It adds each error to the
+    integral after the integral has been used, which is one period late.
 
     Args:
         controller: the rate controller of one axis.
         frequency: frequencies of any shape, Hz.
+
+    Returns:
+        The responses of the demand to setpoint and rate, in the shape of the frequencies.
     """
     period = controller.loop_period
     # z⁻¹ is the response of a delay by one loop period.
     delay = np.exp(-2j * np.pi * frequency * period)
 
     def low_pass(cutoff: float) -> Any:
-        """Returns the response of a first-order low-pass with this cut-off, Hz; 1 where it is 0, which means none."""
+        """Returns the response of a first-order low-pass with this cut-off, Hz; 1 for a cut-off of 0 (no filter)."""
         weight = period / (period + 1 / (2 * np.pi * cutoff)) if cutoff else 1.0
         return weight / (1 - (1 - weight) * delay)
 

@@ -66,8 +66,8 @@ def measured_rate_response(
 ) -> MeasuredResponse | None:
     """Measures the response of the rate to its setpoint in a flight, and compares it with the predicted one.
 
-    ArduPilot's ATTITUDE_TARGET lacks the attitude controller's correction of the rate, its log message RATE has it.
-    Both are tried, and the setpoint that predicts the rate better is used.
+    ArduPilot's message ATTITUDE_TARGET lacks the attitude controller's correction of the rate, while its log message
+    RATE contains it. Both versions of the setpoint are tried, and the one that predicts the rate better is used.
 
     Args:
         record: the flight, with setpoints.
@@ -76,15 +76,16 @@ def measured_rate_response(
         frequency: frequencies of the prediction (F,), Hz.
         closed: predicted response from setpoint to rate (F,).
         is_controller_identified: whether the plant was identified together with the gain of the controller, which then
-            is that of the parameters. The ratio of demands is no reason to doubt it: aliasing and limits of the motors
-            bias that ratio. (Of 128 loops of ``tools/validation/loops.py`` at 100 Hz it doubted 18, all of which had
-            their phase margin within 5° of the truth.)
-        limited_share: fraction of the flight with a motor at a limit. Beyond ``MIN_AT_LIMIT_SHARE`` a disagreement is
-            no reason to doubt the loop: at a limit the rate does not answer as a linear loop does, which identification
-            allows for. (Of the same 128 loops it doubted 10, with whose advised gains the true plants had the margins.)
+            agrees with the parameters. The ratio of demands is then not compared, because aliasing and limits of the
+            motors bias it. (By that ratio, 18 of 128 loops of ``tools/validation/loops.py`` at 100 Hz were in doubt,
+            although the phase margins of all of them were within 5° of the truth.)
+        limited_share: fraction of the flight with a motor at a limit. Above ``MIN_AT_LIMIT_SHARE`` a disagreement does
+            not put the loop in doubt, since at a limit the rate does not respond like a linear loop, which the
+            identification allows for. (Otherwise 10 of the same 128 loops were in doubt, although the true plants had
+            the margins with the advised gains.)
 
     Returns:
-        The comparison; ``None`` if the record has no rate setpoint, or too few windows.
+        The comparison; ``None`` if the record has no rate setpoint or too few windows.
     """
     comparisons = []
     for pieces in _pieces_by_setpoint(record, controller, outputs_per_demand):
@@ -107,10 +108,10 @@ def measured_rate_response(
 def _pieces_by_setpoint(
     record: Record, controller: Controller, outputs_per_demand: Array
 ) -> list[list[Array]]:
-    """Cuts rate setpoint, rate and demand of a flight into pieces, for each version of the setpoint that may be right.
+    """Cuts rate setpoint, rate and demand of a flight into pieces, for each possible version of the setpoint.
 
-    The first version has the rate setpoint as logged. For ArduPilot the second has the attitude controller's correction
-    added, angle gain × error of the angle, where angle setpoints were logged.
+    The first version is the rate setpoint as logged. The second, for ArduPilot with logged angle setpoints, contains
+    the correction of the attitude controller as well, which is angle gain × error of the angle.
 
     Args:
         record: the flight, with setpoints.
@@ -118,14 +119,14 @@ def _pieces_by_setpoint(
         outputs_per_demand: change of each of the r inputs per unit of demand (r,).
 
     Returns:
-        For each version its pieces (3, N), of different lengths N; none if the record has no rate setpoint.
+        The pieces (3, N) of each version, of different lengths N; empty if the record has no rate setpoint.
     """
     setpoints = _setpoints_by_name(record)
     rate_setpoint = setpoints.get(f"{controller.axis} rate setpoint")
     if rate_setpoint is None:
         return []
     rate = record.outputs[:, rate_column(record)]
-    # A record has no demand, so it is estimated from the inputs that it moves, by least squares.
+    # A record does not contain the demand, so it is estimated by least squares from the inputs that it changes.
     demand = record.inputs @ outputs_per_demand / (outputs_per_demand @ outputs_per_demand)
     signals = [rate_setpoint, rate, demand]
     angle_setpoint = None
@@ -138,7 +139,7 @@ def _pieces_by_setpoint(
     pieces_as_logged = []
     pieces_with_correction = []
     for piece in _finite_pieces(np.array(signals), record):
-        # A record repeats a setpoint until the next message. The true setpoint has no such steps, so it is
+        # A record repeats a setpoint until the next message. The true setpoint does not have these steps, so it is
         # interpolated.
         repeated_rate_setpoint, rate_in_piece, demand_in_piece = piece[:3]
         logged_setpoint = interpolated_setpoint(repeated_rate_setpoint)

@@ -47,9 +47,12 @@ def px4_controller(parameters: Parameters, axis: str, *, is_demand: bool) -> Con
     """Returns the fields of a :class:`mavdem.loops.controllers.Controller` with PX4's parameters.
 
     Args:
-        parameters: values by the autopilot's name; those in ``CONTROL_PARAMETERS``.
+        parameters: values of the ``CONTROL_PARAMETERS`` by the autopilot's names.
         axis: "roll", "pitch" or "yaw".
         is_demand: whether outputs are the demand itself, so that no mixer is needed.
+
+    Returns:
+        Values of the controller's fields by name.
 
     Raises:
         NotLearnable: a parameter is missing, or the mixer is not that of a quadrotor.

@@ -94,8 +94,9 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     """Returns the largest response |T| of the body rate to its setpoint, with the maximum sensitivity it implies.
 
     T is measured only at frequencies at which pilot or navigation move the rate. These must be one band without a gap,
-    from ``MIN_RESPONSE_FREQUENCY`` or more to at least twice the lowest one: less shows no peak. Without a known
-    controller, T is taken for the complementary sensitivity.
+    which begins at ``MIN_RESPONSE_FREQUENCY`` or above and whose highest frequency is at least ``MIN_BAND_RATIO`` times
+    the lowest; a narrower band does not show a peak. If the controller is not known, T is assumed to be the
+    complementary sensitivity.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -124,7 +125,7 @@ def setpoint_resonance(signals: Signals, segments: Segments) -> Resonance | None
     gain = abs(spectra.response[rows])
     if len(rows) == 0 or frequency[rows[-1]] < MIN_BAND_RATIO * frequency[rows[0]]:
         return None
-    # At low frequencies a rate follows its setpoint. A rate that moves much more is moved by something else.
+    # At low frequencies a rate follows its setpoint. If it moves much more, it has another cause.
     if gain[0] > MAX_LOWEST_GAIN:
         return None
     peak_row = rows[np.argmax(gain)]
@@ -198,11 +199,12 @@ def _max_sensitivity_interval(
 def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None:
     """Returns the highest peak of the rate's own spectrum over its background, if the motors' command has it too.
 
-    On logarithmic scales, wind, noise and plant make a nearly straight spectrum, and the loop multiplies it by its
-    sensitivity. So the height of a peak over a straight line is about the maximum sensitivity.
+    On logarithmic scales, the spectrum of wind, noise and plant is nearly a straight line, and the loop multiplies it
+    by its sensitivity. So the height of a peak above a straight line is about the maximum sensitivity.
 
     The background at a frequency f is the mean of the logarithms at f · ``BACKGROUND_RATIO`` and f /
-    ``BACKGROUND_RATIO``, which is a straight line on these scales. Medians over windows keep steering out.
+    ``BACKGROUND_RATIO``, which is a straight line on these scales. The spectrum is the median over windows, which
+    short steering does not change.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -229,7 +231,7 @@ def spectral_resonance(signals: Signals, segments: Segments) -> Resonance | None
     rows = np.flatnonzero(is_in_band)
     if len(rows) == 0:
         return None
-    # A sensitivity is a ratio of amplitudes: the logarithm of an amplitude is half of that of its power.
+    # A sensitivity is a ratio of amplitudes, and the logarithm of an amplitude is half of that of its power.
     log_amplitude = np.log(spectra.median_power) / 2
     log_amplitude_above = np.interp(frequency[rows] * BACKGROUND_RATIO, frequency, log_amplitude)
     log_amplitude_below = np.interp(frequency[rows] / BACKGROUND_RATIO, frequency, log_amplitude)

@@ -273,9 +273,10 @@ def _measured_step_response(
 ) -> StepResponse | Fact:
     """Measures the step response of the rate or the attitude loop of one axis.
 
-    Messages are resampled to one even rate in pieces without gaps, the signals are completed or made continuous, the
-    rate is lowered to what the coherent frequencies need, and the impulse response is estimated from these samples.
-    Step and frequency response follow from it. Checks come first, since the estimate takes long.
+    Messages are resampled to one even rate in pieces without gaps. Missing signals are computed, and angles are made
+    continuous. The sampling rate is reduced to what the coherent frequencies need. The impulse response is estimated
+    from these samples, and step and frequency response follow from it. Checks come first, since the estimate takes
+    long.
 
     Args:
         signals: signals of the vehicle, for the axis.
@@ -283,10 +284,11 @@ def _measured_step_response(
         series: setpoint, response and, for the rate loop, the angle and its setpoint as far as they were recorded.
         segments: segments of the flight to use.
         min_rate: lowest accepted rate of messages, Hz.
-        rate_loop: the identified loop, for a rate that is too fast for its messages; ``None`` without one.
+        rate_loop: the identified loop, whose step is used if the rate is too fast for its messages; ``None`` if it is
+            not known.
 
     Returns:
-        The step response; or the fact that messages are too slow or too few, or that the setpoint hardly moves.
+        The step response; or the fact that messages are too slow or too few, or that the setpoint hardly varies.
     """
     subject = f"{signals.axis} {loop}"
     seconds = RESPONSE_SECONDS[loop]
@@ -302,13 +304,13 @@ def _measured_step_response(
         )
     setpoint_moves_too_little = Fact(StepResponseFact.TOO_LITTLE_ASKED, subject=subject)
     sampling_rate = signals_on_grid.rate
-    # Pieces whose setpoint, the first row, never moves show no response to it. The others must have samples for
+    # Pieces whose setpoint, the first row, is constant show no response to it. The others must have samples for
     # MIN_WINDOWS windows, each of two durations of the response.
     pieces = [piece for piece in signals_on_grid.pieces if np.ptp(piece[_SETPOINT]) != 0]
     sample_count = sum(piece.shape[1] for piece in pieces)
     if sample_count < 2 * MIN_WINDOWS * seconds * sampling_rate:
         return setpoint_moves_too_little
-    # Only the rate loop has an attitude controller around it, which feeds the angle back to the setpoint.
+    # Only the rate loop is inside an attitude loop, whose controller feeds the angle back to the setpoint.
     angle_gain = 0.0
     if loop == "rate":
         controller = controller_if_known(signals)
@@ -497,10 +499,10 @@ def _step_response_with_figures(
 ) -> StepResponse | Fact:
     """Describes an estimated impulse response by its step and frequency response, with figures and 90 % intervals.
 
-    Step and frequency responses are computed for the estimate and for random draws from its normal distribution. The
-    spread of the draws shows the error: a half width is their standard deviation times a factor. The frequency response
-    ends where the setpoint does not move fast enough to show more of it. The identified loop changes the step alone, so
-    that the measured frequency response remains a test of the loop.
+    Step and frequency responses are computed for the estimate and for random draws from its normal distribution. A half
+    width is the standard deviation of the draws times a factor. The frequency response ends at the highest frequency at
+    which the setpoint varies enough. The identified loop is used only for the step, so that the measured frequency
+    response remains a test of the loop.
 
     Args:
         axis: "roll", "pitch" or "yaw".
@@ -508,13 +510,14 @@ def _step_response_with_figures(
         estimate: the impulse response.
         timing_error: largest shift of the setpoint to either side, s.
         spectra: cross-spectra of setpoint and response, for their coherence.
-        rate_loop: the identified loop, for a rate that is too fast for its messages; ``None`` without one.
+        rate_loop: the identified loop, whose step is used if the rate is too fast for its messages; ``None`` if it is
+            not known.
 
     Returns:
-        The step response; or the fact that setpoints moved too little, where fewer than two frequencies are known or
-        the interval of the step is too wide.
+        The step response. If fewer than two frequencies are known or the interval of the step is too wide, the fact
+        that setpoints varied too little.
     """
-    # Angle setpoints may come without time stamps of their own, so only half of the usual band is trusted for them.
+    # Angle setpoints may not have their own time stamps, so only half of the usual band is trusted for them.
     nyquist_frequency = estimate.sampling_rate / 2
     usable_frequency = nyquist_frequency if loop == "rate" else nyquist_frequency / 2
     responses = _responses(estimate, timing_error, MAX_FREQUENCY_RATIO * usable_frequency)

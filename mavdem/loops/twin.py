@@ -128,12 +128,13 @@ def build_twin(
     torque, and yaw has no damping.
 
     Args:
-        loops: identified loops by axis, "roll" among them.
+        loops: identified loops by axis, which must include "roll".
         px4: whether the autopilot is PX4; otherwise it is ArduPilot.
         hover: mean output of the motors in hover, as a share of their range.
-        wind: the wind of the flight; None if it is not known. It is used if both its speed and its direction are.
-        drag: drag of the vehicle, or of typical ones.
-        mass: mass, kg; ``None`` for an assumed one.
+        wind: the wind of the flight; None if it is not known. It is used only if its speed and direction are
+            identifiable.
+        drag: drag of the vehicle, or of typical vehicles.
+        mass: mass, kg; ``None`` for the typical mass.
 
     Returns:
         The twin, with notes on what was assumed.
@@ -152,7 +153,7 @@ def build_twin(
     arm = _arm(controller.parameters, mass_or_typical)
     autopilot = "px4" if px4 else "ardupilot"
     control = _control_parameters(controller.parameters, autopilot)
-    # Yaw does not count.
+    # Lag and delay are means over roll and pitch.
     lags_and_delays = [
         loop.dynamics[ESTIMATE, LAG_AND_DELAY] for axis, loop in loops.items() if axis != "yaw"
     ]
@@ -160,7 +161,7 @@ def build_twin(
     # contains already.
     hold_delay = control.loop_period / 2
     lag, delay = (np.mean(lags_and_delays, axis=0) - [0.0, hold_delay]).tolist()
-    # If no loop of pitch is known, it is like roll; without one of yaw, yaw is undamped.
+    # If the loop of pitch is not known, its damping is that of roll; if that of yaw is not known, yaw is undamped.
     damping = {"pitch": roll.plant.damping, "yaw": 0.0}
     for axis, loop in loops.items():
         damping[axis] = loop.plant.damping

@@ -282,28 +282,29 @@ def motion_figures(
 
     Args:
         loop: loop of the axis, with the time step of its record.
-        recorded_motion: recorded angle, rad, and rate, rad/s (T, 2); for yaw the rate alone (T, 1).
+        recorded_motion: recorded angle, rad, and rate, rad/s (T, 2); for yaw only the rate (T, 1).
         simulated_motions: simulated angles and rates, (T, 2) each, from flights in different wind.
 
     Returns:
-        Figures by name. "levels" has the power of the rate in each of the ``RATE_BANDS``, simulated over recorded, in
-        dB. The others have two values, that of the recorded motion and the mean of the simulated ones: "rate" is the
-        standard deviation of the rate, deg/s. For roll and pitch, "lean" and "sway" are the mean and the standard
-        deviation of the angle, degrees.
+        Figures by name. "levels" is the simulated power of the rate divided by the recorded one, in dB, in each of the
+        ``RATE_BANDS``. The others have two values, that of the recorded motion and the mean of the simulated ones.
+        "rate" is the standard deviation of the rate, deg/s. For roll and pitch, "lean" and "sway" are the mean and the
+        standard deviation of the angle, degrees.
     """
     # Importing scipy.signal takes half a second.
     from scipy.signal import detrend, welch
 
     dt = loop.record.dt
     outputs = recorded_motion.shape[1]
-    # Recorded and simulated motions have one shape, (M, T, 2), with the recorded one first; for yaw the rate alone.
+    # Recorded and simulated motions are put into one array, (M, T, 2), with the recorded one first; for yaw only the
+    # rate.
     same_outputs = [motion[:, -outputs:] for motion in simulated_motions]
     motions = np.array([recorded_motion, *same_outputs])
     motions = motions[:, round(SETTLING_SECONDS / dt) :]
     angles, rates = motions[..., 0], motions[..., -1]
     window = int(min(SPECTRUM_WINDOW_SECONDS / dt, motions.shape[1] / 2))
     frequency, density = welch(rates, 1 / dt, nperseg=window, detrend=detrend)
-    # Number of each frequency's band. Band 0 is below the first edge, and the last one above the last edge: both are
+    # Number of each frequency's band. Band 0 is below the first edge, and the last band above the last edge; both are
     # left out.
     bands = np.digitize(frequency, RATE_BANDS)
     level_by_band = np.array(

@@ -151,24 +151,25 @@ def _setpoint_response(
 ) -> _SetpointResponse:
     """Compares roll and pitch with their setpoints under power.
 
-    The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation counts. The vehicle
-    follows its setpoint if one of the two axes does: then nothing holds it. It does not follow it, as on a bench, if
-    neither axis does although the setpoints vary much or are far from the angles, and the angles hardly change.
+    The setpoint is delayed by up to ``DELAY_SECONDS``, and the delay with the largest correlation is used. The vehicle
+    follows its setpoint if at least one of the two axes does, since then nothing holds it. It does not follow it, as on
+    a bench, if three conditions are met: neither axis follows, the setpoints vary much or are far from the angles, and
+    the angles hardly change.
 
     Args:
         time: (N,) s, ascending.
         angles: (N, 2) roll and pitch, rad.
-        setpoints: (N, 2) their setpoints, rad; NaN where there is none.
+        setpoints: (N, 2) their setpoints, rad; NaN for samples without one.
         is_powered: (N,) whether the motors could carry the vehicle.
 
     Returns:
-        Whether the vehicle follows its setpoint, None if that is not known; the largest correlation; and the larger one
-        of the median errors of roll and pitch, rad.
+        Whether the vehicle follows its setpoint, None if that is not known; the largest correlation; and the larger of
+        the median errors of roll and pitch, rad.
     """
     # The latest sample at each instant of a uniform grid, since delays are whole steps of it.
     grid = np.arange(time[0], time[-1], 1 / RESPONSE_RATE)
     on_grid = np.searchsorted(time, grid, side="right") - 1
-    # One entry for each axis with enough samples (errors) and whose setpoint varies enough (the others).
+    # ``errors`` has an entry for each axis with enough samples, the other lists for those whose setpoint varies enough.
     correlations = []
     slopes = []
     errors = []
@@ -179,7 +180,7 @@ def _setpoint_response(
             continue
         errors.append(float(np.median(abs(angle - setpoint)[is_known])))
         deviation = float(np.std(setpoint[is_known]))
-        # The correlation with a setpoint that hardly varies means nothing.
+        # If the setpoint hardly varies, the correlation with it has no meaning.
         if deviation < MIN_SETPOINT_RANGE:
             continue
         correlation, slope = _best_fit(angle, setpoint, is_known)
@@ -199,7 +200,7 @@ def _setpoint_response(
     best = int(np.argmax(correlations))
     correlation = correlations[best]
     follows_setpoint = None
-    # One axis that follows shows that nothing holds the vehicle, whatever the other axis does.
+    # If one axis follows, nothing holds the vehicle, even if the other axis does not follow.
     if correlation > MIN_CORRELATION and slopes[best] > MIN_SLOPE:
         follows_setpoint = True
     elif (all(is_ignored) or median_error > MAX_MEDIAN_ERROR) and not has_moved:
@@ -261,7 +262,8 @@ def _gyro_agrees(signals: Signals, boot: int, times: Array) -> bool | None:
         times: (N,) times under power, s since boot, ascending.
 
     Returns:
-        Whether they are; None if the vehicle hardly turned, or samples are too slow to integrate the rates.
+        Whether the gyro agrees; None if the vehicle hardly turned, or the sampling rate is too low to integrate the
+        rates.
     """
     grid = np.arange(times[0], times[-1], TURN_SECONDS)
     # Only windows that are under power throughout count.

@@ -70,14 +70,14 @@ def analyse(
     other_axis: LogAnalysis | None = None,
     estimates_of_other_axes: EstimatesOfAxes = no_estimates,
 ) -> LogAnalysis:
-    """Returns all that a log shows of one vehicle and axis.
+    """Analyses one axis of a vehicle: what the log allows, the model and its test, and the physical parameters.
 
     The model is trained on the whole settled flight of the longest segment's boot and judged by held-out windows. With
-    ``options.train`` it is trained on so much of the longest segment, and tested once on what follows.
+    ``options.train`` it is trained on this duration of the longest segment, and tested once on what follows.
 
     Args:
         log: the log, as ``mavdem.ingest.read_log`` returns it.
-        signals: signals of the vehicle; their axis and inputs do not matter.
+        signals: signals of the vehicle, for any axis and inputs.
         axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
         options: choices of the user; None for the defaults.
         progress: shows the steps of the work.
@@ -86,8 +86,11 @@ def analyse(
         estimates_of_other_axes: returns estimates of pitch and yaw by axis that another process has computed meanwhile;
             those that it does not return are computed here.
 
+    Returns:
+        The analysis. If no model can be learned, it contains the reason.
+
     Raises:
-        NotLearnable: the ``start``, ``train`` or ``test`` of the options does not fit.
+        NotLearnable: the flight is too short for the ``start``, ``train`` or ``test`` of the options.
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: unknown axis or inputs.
     """
@@ -171,9 +174,12 @@ def _analysis_without_model(
         log: the log.
         signals: signals of the vehicle, for one axis.
         learnability: whether a full model of the axis can be learned.
-        other_axis: analysis of another axis of the same vehicle. The figures of the vehicle itself, which are the same
-            for all axes, are taken from it, which saves their computation; None for the first axis.
+        other_axis: analysis of another axis of the same vehicle, whose figures of the vehicle itself, which are the
+            same for all axes, are not computed again; None for the first axis.
         with_motors: whether the flight is searched for weak motors and oscillations.
+
+    Returns:
+        The analysis.
     """
     alarms: tuple[MotorAlarm, ...] = ()
     trim = None
@@ -281,22 +287,23 @@ def _with_physical_parameters(
     Physical parameters are control effectiveness, rate damping, motor time constant and delay. The wind torque is the
     angular acceleration, rad/s², that these parameters leave unexplained by the motors.
 
-    1. Figures of the same axis that an earlier analysis has estimated from the same flights are reused, because the
+    1. Estimates for the same axis that an earlier analysis has computed from the same flights are reused, because the
        estimation is slow.
-    2. Otherwise the parameters are estimated, except for a model of the slow motion: they show only in fast motion.
+    2. Otherwise the parameters are estimated, except for a model of the slow motion, because only fast motion
+       determines them.
     3. If a motor gained or lost thrust in flight, the wind torque is estimated again, with a new beginning at each such
-       time. Otherwise the changed torque of that motor would be taken for wind.
+       time. Otherwise the changed torque of that motor would be attributed to wind.
 
     Args:
         learned: the learned model.
         signals: signals of the vehicle, for the axis of the model.
         flights: the flights that the model was trained on.
         analysis: analysis of the vehicle, for the changes of its motors in flight.
-        axis_estimates: figures of the axis from an earlier analysis; None without one.
+        axis_estimates: estimates for the axis from an earlier analysis; None if there is none.
         is_slow: whether the model is one of the slow motion.
 
     Returns:
-        A copy of the model with both.
+        A copy of the model with physical parameters and wind torque.
     """
     if axis_estimates is not None and axis_estimates.physical:
         # Flights with the same numbers of samples are the same flights: both are of this vehicle and axis.
@@ -306,7 +313,7 @@ def _with_physical_parameters(
             return learned.with_wind_torque(axis_estimates.wind)
     if not is_slow:
         learned = learned.with_physical(physical_parameters(signals, flights))
-    # The wind torque that comes with the parameters assumes that no motor changed during the flight.
+    # The wind torque by these parameters assumes that no motor changed during the flight.
     changes = motor_changes(analysis.alarms, flights)
     has_changed = bool(changes.samples) or changes.has_weak_motor.any()
     if has_changed and learned.physical is not None and learned.wind_torque is not None:

@@ -234,9 +234,12 @@ def model_figures(flights: Flights, learned: Learned, held_out: HeldOut) -> Json
         flights: segments that the model was trained on.
         learned: the learned model.
         held_out: forecasts of windows that no model was trained on.
+
+    Returns:
+        Values by key.
     """
     first_flight = flights[0]
-    # The model's forecast is compared with those of the baselines, which have the same name in both vocabularies.
+    # The model's forecast is compared with those of the baselines, which have the same names as methods.
     forecasts = dict[StrEnum, HeldOutForecast]({MethodName.JOINT: FORECAST})
     forecasts |= {baseline: baseline for baseline in BASELINES}
     errors = {

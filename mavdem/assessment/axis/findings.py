@@ -266,35 +266,38 @@ def _effectiveness_finding(physical: Physical) -> Finding:
 
 
 def _damping_finding(physical: Physical) -> Finding:
-    """Judges how well rate damping and motor time constant are known, together.
+    """Judges together how well rate damping and motor time constant are known.
 
     Both describe how the rate follows a change of the command, and are identified together. The finding is GOOD if both
-    are, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise. Its reason has the half widths of the 90 %
-    intervals over the estimates, as far as they are known, and the doubts on each.
+    are good, NOT IDENTIFIABLE if neither is identifiable, and LIMITED otherwise. Its reason contains the half widths of
+    the 90 % intervals divided by the estimates, as far as they are known, and the doubts about each.
 
     Args:
         physical: physical parameters of the axis.
+
+    Returns:
+        The finding.
     """
     half_widths = physical.interval()
-    # A parameter that was estimated as 0 has no relative half width.
+    # A parameter whose estimate is 0 has no relative half width.
     relative_half_widths = {"damping": nan, "lag": nan}
     if physical.damping:
         relative_half_widths["damping"] = half_widths.damping / physical.damping
     if physical.lag:
         relative_half_widths["lag"] = half_widths.lag / physical.lag
-    # The different grades of the two parameters: one if they are alike.
+    # The grades of the two parameters; only one if they are equal.
     grades = {
         _grade(name, relative_half_width, physical.status[name])
         for name, relative_half_width in relative_half_widths.items()
     }
     if grades == {Grade.NOT_IDENTIFIABLE}:
         reason = _first_reason(physical.reasons["damping"] or physical.reasons["lag"])
-        # The finding on the effectiveness is shown above this one: the same reason is not repeated.
+        # The finding on the effectiveness is shown above this one, so the same reason is not repeated.
         effect_reason = physical.reasons["effect"]
         if effect_reason is not None and reason == _first_reason(effect_reason):
             reason = Fact(GradeReason.SAME_AS_EFFECT)
         return Finding(Purpose.DAMPING_AND_TIME_CONSTANT, Grade.NOT_IDENTIFIABLE, reason)
-    # Parameters that are doubted for one reason are named together.
+    # Parameters that are in doubt for the same reason are named together.
     names_by_doubt = dict[tuple[Status, Fact], list[str]]()
     for name in relative_half_widths:
         status = physical.status[name]

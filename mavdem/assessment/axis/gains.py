@@ -72,18 +72,18 @@ class OneGainSetParts(NamedTuple):
 def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetParts:
     """Selects the parts of flights with the one set of gains of the axis that was flown longest.
 
-    A control loop can be identified only while its gains do not change. So each flight is cut where the gains of the
-    axis change, the parts are grouped by their gains, and the group with the most samples is selected. Parts in
-    ArduPilot's AutoTune are left out, since the gains that it tries are not logged as parameters. So are parts too
-    short to learn from.
+    A control loop can be identified only while its gains do not change. So each flight is cut at each change of the
+    gains of the axis, the parts are grouped by their gains, and the group with the most samples is selected. Parts in
+    ArduPilot's AutoTune are left out, since the gains that it tries are not logged as parameters. Parts that are too
+    short to learn from are left out as well.
 
     Args:
         signals: signals of the vehicle and axis, with the parameters of the log.
         flights: settled flight of the axis.
 
     Returns:
-        The parts, and a caution if anything was left out. Its figure ``parts`` has, for each other set of gains that
-        was flown, the duration, s, and the gains that differ, the longest first. Its ``ratings`` are empty until
+        The parts, and a caution if anything was left out. Its figure ``parts`` contains the duration, s, of each other
+        set of gains that was flown, and the gains that differ, the longest first. Its ``ratings`` are empty until
         :func:`mavdem.assessment.axis.loops.loop_of_axis` adds the margins with those gains.
 
     Raises:
@@ -99,7 +99,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
     # No caution is needed if nothing was left out.
     if sample_counts[longest_flown_gains] == sum(map(len, flights)):
         return OneGainSetParts(parts_with_gains, caution=None)
-    # Each other set of gains has the time for which it was flown, and the gains that differ.
+    # Each entry is the duration for which another set of gains was flown, and the gains that differ.
     other_sets = []
     changed_names = set[str]()
     for gains, parts in parts_by_gains.items():
@@ -295,13 +295,16 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     """Returns the fact that AutoTune tuned an axis, with the gains before and after; None if it did not.
 
     AutoTune is recognised by its texts (ArduPilot), or by the signal that it injects (PX4). The gains before it are the
-    parameters when it began. The gains after it are the parameters at the log's end, where they differ; otherwise those
+    parameters when it began. The gains after it are the parameters at the log's end if they differ, and otherwise those
     that AutoTune reported in its texts.
 
     Args:
         signals: signals of the vehicle and axis.
         loop: the control loop of the axis, with which the margins of both sets of gains are rated; or why it is not
             known.
+
+    Returns:
+        The fact, whose level is at most "watch" by the margins with the gains after AutoTune.
     """
     texts = _autotune_texts(signals)
     moments = [BootTime(text.boot, text.time) for text in texts]
@@ -314,16 +317,16 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     history = gain_history(signals)
     gains_before = dict(_gains_at(history, start))
     gains_after = gains_before | _reported_gains(texts, signals.axis)
-    # Parameters that were set outrank the texts.
+    # Parameters that were set are used instead of the texts.
     is_saved = False
     for name, value in history[-1].values:
         if gains_before[name] != value:
             gains_after[name] = value
             is_saved = True
-    # Each changed gain has its name, and its values before and after.
+    # Each entry is the name of a changed gain, and its values before and after.
     changes = []
     too_large = []
-    # ArduPilot recommends the same for all axes: what PX4 takes for roll and pitch.
+    # ArduPilot recommends for all axes the largest gain that PX4 accepts for roll and pitch.
     largest_angle_gain = max(MAX_ANGLE_GAIN.values())
     for name, value in gains_after.items():
         if gains_before.get(name) == value:
@@ -349,7 +352,7 @@ def autotune_fact(signals: Signals, loop: Loop | Fact) -> Fact | None:
     if not ratings:
         return fact
     _, rating_after = ratings
-    # Small margins are to be watched at most: the gains may not have been flown.
+    # If margins are small, the level is at most "watch", since the gains may not have been flown.
     level = min(rating_after.level, Level.WATCH, key=list(Level).index)
     return fact.replace(level, ratings=ratings)
 

@@ -140,21 +140,25 @@ def tracking_of_axes(signals: Signals, segments: Segments) -> NamedFacts:
 def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
     """Judges how one axis follows the setpoint of its angle.
 
-    A vehicle that follows well still follows late. So the angle is compared with the setpoint of each of the ``DELAYS``
-    before; the delay with the least RMS difference is that of the vehicle, and this difference is its error. A small
-    error is to be watched all the same where the response is doubtful (:func:`_tracking_rating`).
+    A vehicle that follows well still follows with a delay. So the angle is compared with the setpoint at each of the
+    ``DELAYS`` before. The delay with the smallest RMS difference is that of the vehicle, and this difference is its
+    error. Even if the error is small, the level is "watch" if the response is doubtful (:func:`_tracking_rating`).
 
     Args:
         signals: signals of the vehicle, for the axis to judge.
         segments: parts of the flight to judge.
 
     Returns:
-        A fact with ``angle_error``, the ``error_limit`` from which it is bad, the mean error ``offset_angle`` (all
-        rad), ``delay`` (s; None if the least error is at an end of the ``DELAYS``, so that the flight does not show
-        it), ``rate_error`` (rad/s);
-        of the largest response of the angle to its setpoint the ``ratio`` and ``frequency`` (Hz), and the ``overshoot``
-        of a step as a share of it where that was measured; of turns ``rate_setpoint``, ``reached_rate`` (rad/s) and
-        ``at_limit_share``. Without a setpoint of the angle only ``rate_error`` is known.
+        A fact with these figures:
+
+        - ``angle_error``, the ``error_limit`` from which it is bad, and the mean error ``offset_angle``, rad;
+        - ``delay``, s; None if the smallest error is at an end of the ``DELAYS``, so that the flight does not show it;
+        - ``rate_error``, rad/s;
+        - ``ratio`` and ``frequency``, Hz, of the largest response of the angle to its setpoint;
+        - ``overshoot`` of a step as a share of the step, if it was measured;
+        - ``rate_setpoint`` and ``reached_rate``, rad/s, and ``at_limit_share`` in turns.
+
+        Without a setpoint of the angle only ``rate_error`` is known.
     """
     setpoint = signals.angle_setpoint
     rate_error = _rate_error(signals, segments)
@@ -176,7 +180,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         return unknown_tracking
     rms_errors = np.sqrt(np.mean(np.square(errors_by_delay), axis=1))
     best_delay = np.argmin(rms_errors)
-    # At an end of the range the setpoint does not show by how much the angle is late.
+    # If the smallest error is at an end of the range, the delay may be outside of it.
     is_delay_measured = 0 < best_delay < len(DELAYS) - 1
     angle_error = rms_errors[best_delay]
     if signals.axis in TILT_AXES:
@@ -186,7 +190,7 @@ def _axis_tracking(signals: Signals, segments: Segments) -> Fact:
         movement = _yaw_movement(setpoint, angle_segments)
         least_limits = YAW_ERROR_LIMITS
     limits = _error_limits(movement, least_limits)
-    # A setpoint that hardly moves shows no overshoot.
+    # If the setpoint hardly varies, the overshoot cannot be seen.
     peak = None
     if movement > MIN_SETPOINT_DEVIATION:
         peak = _response_peak(setpoint, angle, angle_segments)
@@ -255,7 +259,7 @@ def _tracking_rating(
         peak: the largest response to the setpoint; None if the setpoint hardly moves.
 
     Returns:
-        Code and level of the case, with the overshoot where it was measured.
+        Code and level of the case, with the overshoot if it was measured.
     """
     if error_level is not Level.GOOD:
         return _TrackingRating(TrackingLight.MISSES_SETPOINT, error_level)

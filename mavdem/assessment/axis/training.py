@@ -45,22 +45,22 @@ def train_and_test(
 ) -> TestedModel:
     """Trains a model and tests it on windows that it was not trained on.
 
-    There are three ways. With a given length of the training data, the model is trained on so much of the longest
-    segment and tested once on what follows. Otherwise it is trained on all flights, and judged by cross-validation: by
-    models that are each trained without one part of the flights. For a model of the slow motion this comes first, and
-    the model is learned only if it is worth having.
+    There are three ways. If a length of the training data is given, the model is trained on this length of the longest
+    segment and tested once on what follows. Otherwise it is trained on all flights and judged by cross-validation, with
+    models that are each trained without one part of the flights. For a model of the slow motion the cross-validation
+    comes first, and the model is learned only if it predicts well enough.
 
     Args:
         segments: segments of settled flight.
         options: choices of the user, with the lengths of training data and test windows.
         progress: shows the steps of the work.
-        is_slow: whether it is a model of the slow motion. Then the test decides before the model is learned.
+        is_slow: whether it is a model of the slow motion.
 
     Returns:
         The model, what it was trained on, and its forecasts of held-out windows.
 
     Raises:
-        NotLearnable: no model can be learned, or one of the slow motion that predicts too badly.
+        NotLearnable: no model can be learned, or a model of the slow motion predicts too badly.
     """
     settings = options.settings
     if options.train is not None:
@@ -73,7 +73,7 @@ def train_and_test(
     first_learned = None
     with _learning_step(progress):
         if is_slow:
-            # It raises an error for data that no model can be learned from.
+            # This raises an error if no model can be learned from the data.
             prepared_training(flights, settings)
         else:
             first_learned = learn(flights, settings)

@@ -99,30 +99,30 @@ def tuned(
 ) -> Tuning:
     """Returns the gains to set for some axes of an assessed vehicle.
 
-    Gains are advised for every axis with an identified loop. They are not raised while anything about the vehicle or
-    the loop is doubtful. A notch filter is set only if nothing about the vehicle is, and together with gains that make
-    up for the phase that it costs.
+    Gains are advised for every axis with an identified loop. They are not raised if anything about the vehicle or the
+    loop is doubtful. A notch filter is set only if nothing about the vehicle is doubtful, and only together with gains
+    that compensate for the phase lag of the filter.
 
     Args:
         assessment: assessment of the vehicle.
-        axes: "roll", "pitch" and "yaw".
-        margins: name of the margins to have, in ``MARGIN_TARGETS``.
-        is_written: whether a file will have the gains.
+        axes: the requested ones of "roll", "pitch" and "yaw".
+        margins: name of the required margins, in ``MARGIN_TARGETS``.
+        is_written: whether the gains will be written to a file.
         raises_sound_gains: whether the gains of loops that have enough margin are raised, to make them faster.
-        filters: whether to set a notch filter too.
+        filters: whether to set a notch filter as well.
 
     Returns:
         The advice on each axis, the parameters to set, and the judgement with its next step.
 
     Raises:
-        NotLearnable: the loops of no axis are known. What is bad about the vehicle comes first in the reason.
+        NotLearnable: none of the loops is known. If something about the vehicle is bad, the reason begins with it.
     """
     evidence = assessment.evidence
     assert evidence is not None
     judgement = assessment.judgement
     vehicle_doubts = _doubts_on_vehicle(evidence, judgement)
     notch = assessment.noise.notch if filters and not vehicle_doubts else None
-    # The fact of a notch filter has the parameters to set, unless it says why there is none.
+    # The fact on the notch filter contains the parameters to set, or says why there is no filter.
     notch_parameters = dict(notch.figures.get("settings", ())) if notch else {}
     advice_by_axis = _advice_on_axes(
         assessment,
@@ -133,7 +133,7 @@ def tuned(
         raises_sound_gains=raises_sound_gains,
     )
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
-    # The axes that were not asked for, and whose gains are to be changed.
+    # The axes that were not requested, but whose gains should be changed.
     other_axes = tuple(
         axis
         for axis, decision in judgement.loop_decisions.items()
@@ -148,7 +148,7 @@ def tuned(
     )
     parameters = dict[str, float]()
     for advice in advice_on_loops:
-        # A notch costs phase. Only for loops with new gains it is known that there is enough.
+        # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
         if advice.gains:
             parameters |= {**advice.parameters, **notch_parameters}
     if parameters and _gains_come_next(judgement.headline):
@@ -184,17 +184,17 @@ def _advice_on_axes(
 
     Args:
         assessment: assessment of the vehicle.
-        axes: "roll", "pitch" and "yaw".
-        margins: name of the margins to have, in ``MARGIN_TARGETS``.
+        axes: the requested ones of "roll", "pitch" and "yaw".
+        margins: name of the required margins, in ``MARGIN_TARGETS``.
         vehicle_doubts: reasons why no gains of any axis may be raised.
-        notch_parameters: parameters that set a notch filter; empty without one.
+        notch_parameters: parameters that set a notch filter; empty if no filter is set.
         raises_sound_gains: whether the gains of loops that have enough margin are raised.
 
     Returns:
-        By axis the advice, or the fact that its loop is not known.
+        For each axis the advice, or the fact that its loop is not known.
 
     Raises:
-        NotLearnable: the loops of no axis are known.
+        NotLearnable: none of the loops is known.
     """
     evidence = assessment.evidence
     assert evidence is not None

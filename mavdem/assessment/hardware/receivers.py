@@ -34,14 +34,14 @@ MAX_ACCURACY_ARDUPILOT = 5.0
 def receiver_fact(evidence: Evidence) -> Fact | None:
     """Returns the fact on the measurements of the first satellite receiver in flight.
 
-    The level is "watch" if by the median it had fewer satellites or was less accurate than the autopilot's filter
-    requires, or if its jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
+    The level is "watch" if the median number of satellites or the median accuracy does not meet the requirement of the
+    autopilot's filter, or if the jamming indicator was at the limit of PX4's guide for a twentieth of the flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Returns:
-        The fact; None if the receiver was not recorded in flight, or not connected.
+        The fact; None if the receiver was not recorded in flight or not connected.
     """
     signals = evidence.signals
     counts = recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "satellites_visible")
@@ -52,7 +52,7 @@ def receiver_fact(evidence: Evidence) -> Fact | None:
         recorded_series(signals.telemetry, RECEIVER_MESSAGES[0], "fix_type")
     )
     has_noise = recorded_quantity(signals, NOISE) is not None
-    # Autopilots without a receiver report one that has no satellites.
+    # Autopilots without a receiver report zero satellites and no fix.
     is_connected = fix_types.any() or satellites.any() or has_noise
     if not len(satellites) or not is_connected:
         return None

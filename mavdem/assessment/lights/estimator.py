@@ -406,16 +406,16 @@ def _spare_instances(evidence: Evidence) -> Iterator[Fact]:
 def _glitches(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight in which the filter flagged GPS (a "glitch"), by whether its position jumped.
 
-    The flag counts only while a receiver has a position fix: without one, there is no position to jump. It says that
-    the filter does not agree with GPS. That the position jumped is said where the receiver's positions show it. Without
-    a jump the flag must last for ``FAILSAFE_SECONDS``, as an innovation must.
+    The flag is used only while a receiver has a position fix, since otherwise there is no position. It means that the
+    filter does not agree with GPS. If the receiver's positions show a jump, the fact says so. Without a jump there is a
+    fact only if the flag lasted for ``FAILSAFE_SECONDS``, like an innovation.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        Facts with the time of the first jump or flag, s since boot, and as ``duration`` the longest time, s, that the
-        flag was set without a break. A jump has its ``distance``, m.
+        Facts with the time of the largest jump or the first flag, s since boot, and as ``duration`` the longest time,
+        s, for which the flag was set without a break. The fact on a jump has its ``distance``, m.
     """
     telemetry = evidence.signals.telemetry
     jumps = position_jumps(telemetry)
@@ -424,8 +424,8 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
         has_fix = has_position_fix(telemetry, boot, flight.time)
         is_glitching = (flight.values[:, GLITCH_COLUMN] > 0) & has_fix
         duration = longest_true_duration(flight.time, is_glitching)
-        # Start of the interval with the largest jump, and its distance. Only jumps in flight count, also where the flag
-        # is set at its beginning or end: there an interval is infinite.
+        # Start of the interval with the largest jump, and its distance. An interval is infinite if the flag is set at
+        # the beginning or end of the flight, so it is cut to the flight.
         flight_start, flight_end = flight.time[0], flight.time[-1]
         jump_start = 0.0
         largest_jump = 0.0

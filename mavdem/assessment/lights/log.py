@@ -53,13 +53,13 @@ def log_light(evidence: Evidence) -> Fact:
     A model predicts the attitude from the outputs of the motors. So these two streams are judged, in this order:
 
     1. If one of them is missing, the motion was not recorded.
-    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. A rate is that between
-       outages, Hz: pauses of the link do not lower it. Attitude that was logged more slowly than the body rates follows
-       from them in between, so the body rates count; the light states both.
+    2. If the slower one is below ``MIN_STREAM_RATE``, the log is too slow for a full model. The rate is that between
+       outages, Hz, so that pauses of the link do not reduce it. If the attitude was logged more slowly than the body
+       rates, it is computed from them in between. Then the rate of the body rates is used; the light states both.
     3. If a gap of the attitude in flight is longer than ``MAX_GAP``, or the logger itself lost messages ("dropouts"),
        the log has gaps.
 
-    Whatever the rates are, the light also states how much of the file could not be read.
+    The light also states how much of the file could not be read.
 
     Args:
         evidence: the signals of the vehicle, its flights, and whether a model can be learned.
@@ -72,7 +72,7 @@ def log_light(evidence: Evidence) -> Fact:
     attitude = signals.attitude
     if evidence.other_vehicle is not None:
         return _log_of_other_vehicle(evidence)
-    # The input of a model: the outputs of the motors or, where those are too slow, the controller's demand.
+    # The input of a model is the outputs of the motors or, if those are too slow, the controller's demand.
     drive = signals.model_inputs
     if attitude is None or drive is None:
         return Fact(LogLight.MOTION_NOT_RECORDED, because=evidence.learnability.reason)
@@ -94,7 +94,7 @@ def log_light(evidence: Evidence) -> Fact:
         dropouts=telemetry.dropouts,
         needed_rate=MIN_STREAM_RATE,
         damage=_damage(telemetry),
-        # A stream has gaps by its link, a log by its card.
+        # Gaps are due to the link in a stream, and to the memory card in a log.
         is_received=not telemetry.translated_from,
         remedy=rate_advice(telemetry, components=evidence.log.components),
     )

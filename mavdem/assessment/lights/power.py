@@ -189,21 +189,20 @@ def batteries_in_flight(evidence: Evidence) -> list[Battery]:
 def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     """Judges whether the voltage of a battery stayed above its limits in flight.
 
-    The samples are averaged over 2 s and sorted. What decides is the voltage that they stay below for
-    ``LOW_VOLTAGE_SECONDS`` in total, so that a short sag under a burst of thrust counts for nothing.
+    The samples are averaged over 2 s and sorted. The voltage below which they were for ``LOW_VOLTAGE_SECONDS`` in total
+    is compared with the limits, so that a short sag under a burst of thrust has no effect.
 
-    A flight that was lost is judged until then, and the fact ends there: what the battery did afterwards is not known.
-
-    A battery that was too low has the time at which its average first was below the limit.
+    If the flight was lost, the voltage is judged until the loss, and the fact ends there. If the voltage was too low,
+    the fact has the time at which the average first was below the limit.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
-        battery: measured in flight.
+        battery: the battery, which was measured in flight.
 
     Returns:
-        A fact with the lowest average ``voltage`` and the ``voltage_limit`` that decided, V, the number of ``cells``,
-        the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. Of several
-        batteries, and of one that is not the first, it has the number as ``battery`` too.
+        A fact with the lowest average ``voltage`` and the ``voltage_limit`` that was used, V, the number of ``cells``,
+        the largest ``current``, A, and the internal ``resistance``, ohm, each None if it is not known. If there are
+        several batteries, or the battery is not the first, the fact also has its number as ``battery``.
     """
     voltage = battery.voltage
     parameters = evidence.signals.telemetry.parameters
@@ -217,7 +216,7 @@ def battery_voltage(evidence: Evidence, battery: Battery) -> Fact:
     lasting_voltage = averages[min(lasting_samples, len(averages) - 1)]
     levels = voltage_levels(parameters, battery.number, cells or 0)
     load = _battery_load([*evidence.in_flight(battery.load)])
-    # Without any limit, nothing can be said of the voltage.
+    # If no limit is known, the voltage cannot be judged.
     code = PowerLight.CELLS_UNKNOWN
     level = None
     voltage_limit = levels.watch

@@ -33,12 +33,14 @@ def vibration_limits(telemetry: Telemetry) -> Limits:
 def vibration_light(evidence: Evidence) -> Fact:
     """Judges the vibration that the autopilot itself measured; unknown if it was not recorded.
 
-    Two figures count, and the worse decides: the largest mean level of all IMUs and axes, m/s², by the limits of the
-    autopilot (:func:`vibration_limits`); and the largest number of clips of an IMU, which are samples outside its
-    range. They are of settled flight or, without any, of all free flight. A flight ends when the vehicle was lost,
-    since an impact clips every accelerometer. Clips besides settled flight, as of a propeller that comes loose, count
-    if they are more than acceptable: a few are of landings and quick manoeuvres. The fact then has the figure
-    ``has_clipped_unsettled``: its clips are of all free flight, its level of settled flight still.
+    Two figures are compared with limits, and the worse level is that of the light. One is the largest mean level of all
+    IMUs and axes, m/s², with the limits of the autopilot (:func:`vibration_limits`). The other is the largest number of
+    clips of an IMU, which are samples outside its range. Both are of settled flight or, if there is none, of all free
+    flight. A flight ends when the vehicle was lost, since an impact clips every accelerometer.
+
+    Landings and fast manoeuvres cause a few clips outside settled flight. If there are more than the limit, for example
+    by a loose propeller, the clips of all free flight are used instead, and the fact has the figure
+    ``has_clipped_unsettled``. The vibration level is still that of settled flight.
 
     Args:
         evidence: signals, events and measurements of the vehicle.
