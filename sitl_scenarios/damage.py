@@ -47,14 +47,17 @@ def damage_history(scenario: Scenario) -> list[DamageStep]:
     """Lists the times at which a scenario's vehicle gets damaged, with its condition from then on.
 
     A weak motor, a chipped propeller and a shifted load may begin at different times. Each time is one entry, whose
-    condition includes all damage so far.
+    condition includes all damage so far. If the mishap makes a motor or propeller fail, its steps alone are returned,
+    and other damage of the scenario does not act.
 
     Args:
         scenario: The scenario.
 
     Returns:
-        The steps in ascending order of time; none of a sound vehicle.
+        The steps in ascending order of time; empty for a sound vehicle.
     """
+    if isinstance(scenario.mishap, MotorStop | MotorFade | LoosePropeller):
+        return _motor_failure_history(scenario, scenario.mishap)
     start_times = set[float]()
     if scenario.vehicle.weak_motor:
         start_times.add(scenario.vehicle.weak_from)
@@ -62,8 +65,6 @@ def damage_history(scenario: Scenario) -> list[DamageStep]:
         start_times.add(scenario.propeller.start)
     if scenario.load.forward or scenario.load.right:
         start_times.add(scenario.load.start)
-    if isinstance(scenario.mishap, MotorStop | MotorFade | LoosePropeller):
-        return _motor_failure_history(scenario, scenario.mishap)
     return [DamageStep(time, _condition(scenario, time)) for time in sorted(start_times)]
 
 

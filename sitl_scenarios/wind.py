@@ -140,6 +140,7 @@ class JetFlow:
         """
         axis_north = self._axis_north
         axis_east = self._axis_east
+        # Positions count from the ground below the place of the hover, which is ``distance`` before the blower.
         north, east, down = position
         axial_distance = self._jet.distance + north * axis_north + east * axis_east
         right_of_axis = east * axis_north - north * axis_east - self._jet.offset

@@ -167,7 +167,9 @@ def _balance_columns(signals: Signals) -> JsonValues:
         signals: signals of the vehicle.
 
     Returns:
-        Columns by name; empty if the balance is not known.
+        Commands in roll, pitch and yaw as fractions of the mean command of all motors, and their standard errors; the
+        mean roll and pitch, rad; and the effects of lean on the commands, 1/rad, with standard errors. Empty if the
+        balance is not known.
     """
     balance = balance_of_steady_flight(signals)
     if balance is None:

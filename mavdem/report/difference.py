@@ -222,10 +222,14 @@ def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLig
 
 
 def light_table(reviews: Mapping[str, Review]) -> Table | None:
-    """Returns the lights of both logs, a row for each side with level and sentence; None without the lights of both.
+    """Returns the table of the lights of both logs: the traffic-light judgements of their reviews, such as on motors.
 
     Args:
-        reviews: review documents of both logs, by side.
+        reviews: review documents of both logs, by side ("A" and "B").
+
+    Returns:
+        A row for each light and side, with level and sentence, in the first log's order of lights; None if either log
+        has no lights.
     """
     lights_by_side = {side: review.get("lights") or {} for side, review in reviews.items()}
     if not all(lights_by_side.values()):
@@ -241,17 +245,21 @@ def light_table(reviews: Mapping[str, Review]) -> Table | None:
 
 
 def headline_blocks(
-    headlines: Mapping[str, str | None], headline: Sequence[Sentence] = ()
+    headlines: Mapping[str, str | None], comparison_headline: Sequence[Sentence] = ()
 ) -> Blocks:
     """Returns the headline of each side by itself, unless the headline of the comparison says the same.
 
     Args:
         headlines: headline of each side, "A" and "B"; None for a side without one.
-        headline: headline of the comparison.
+        comparison_headline: headline of the comparison.
+
+    Returns:
+        A sentence for each side, led by "A by itself:"; none for a side whose headline is part of a sentence of
+        the comparison.
     """
     blocks = Blocks()
     for side, sentence in headlines.items():
-        if sentence and not any(sentence in headline_part.text for headline_part in headline):
+        if sentence and not any(sentence in said.text for said in comparison_headline):
             blocks.append(Sentence(sentence, f"{side} by itself:"))
     return blocks
 

@@ -57,10 +57,10 @@ def fleet_blocks(
     vehicles = vehicles_with_parts(summaries)
     named_count = 0
     unjudged_count = 0
-    nameless_flights = 0
+    unnamed_flights = 0
     for summary in summaries:
         if summary.has_shared_name:
-            nameless_flights += summary.flown.flights
+            unnamed_flights += summary.flown.flights
         elif summary.vehicle is not None:
             named_count += 1
             if summary.vehicle.health == UNKNOWN:
@@ -72,21 +72,22 @@ def fleet_blocks(
         names_vehicles=names_vehicles,
         all_known=named_count == len(vehicles),
         flown=_flown_summary(summaries),
-        twice=sum(summary.flown.duplicates for summary in summaries),
+        duplicate_logs=sum(summary.flown.duplicates for summary in summaries),
         unjudged=unjudged_count,
-        nameless=nameless_flights,
-        nameless_bad=_bad_flights_beside(summaries, vehicles),
+        unnamed_flights=unnamed_flights,
+        bad_unnamed_flights=_bad_unnamed_flights(summaries, vehicles),
     )
     unused = [row for summary in summaries for row in summary.unused if row.is_first]
     return [*blocks, *_unused_blocks(unused)]
 
 
-def _bad_flights_beside(
+def _bad_unnamed_flights(
     summaries: Sequence[VehicleSummary], vehicles: Mapping[str, VehicleFlights]
 ) -> int:
     """Counts the bad flights whose vehicle is not known, without those that the headline counts as a vehicle.
 
-    Under a shared name each flight may be of another vehicle, so that a later good one does not make up for a bad one.
+    Under a shared name, such as a system id, each flight may be of another vehicle, so that a later good one does not
+    make up for a bad one.
 
     Args:
         summaries: summary of the flights under each name.

@@ -203,6 +203,7 @@ def _alarm_rows(assessment: Assessment, columns: int) -> Iterator[list[str]]:
     for index, total in worst_events(assessment.events):
         event = assessment.events[index]
         if event.is_bad and event.time != assessment.headline.time:
+            # The number of the boot, by which the autopilot's restarts are counted; only some events have it.
             boot = event.figures.get("boot", former_boot)
             if former_boot is not None and boot > former_boot:
                 yield [CLOCK_BEGINS_ANEW]

@@ -239,19 +239,25 @@ def logged_notches(controller: Controller, filters: Sequence[TriedFilter]) -> li
 
 
 def _motor_notches(tried: TriedFilter) -> list[Notch]:
-    """Returns the notches of a filter that follows the motors, at their speeds, or at its lowest centre below it.
+    """Returns the notches of a filter that follows the motors: harmonics of the speed of each motor.
+
+    A motor that turns more slowly than the filter's lowest centre gets its notches at that centre.
 
     Args:
         tried: the filter, with the frequencies of the motors, Hz.
+
+    Returns:
+        The notches, motor by motor; empty if the filter has neither centre nor bandwidth.
     """
     values = {setting: tried.parameters[name] for setting, name in tried.names.items()}
-    least_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
-    if least_center <= 0:
+    min_center = max(values["centre"], MIN_CENTER_PER_BANDWIDTH * values["width"])
+    if min_center <= 0:
         return []
+    # ArduPilot computes the quality factor once, at the lowest centre, and keeps it at every other one.
+    relative_bandwidth = values["width"] / min_center
     notches: list[Notch] = []
-    centers: Array = np.maximum(tried.motor_frequencies, least_center)
+    centers: Array = np.maximum(tried.motor_frequencies, min_center)
     for center in centers.tolist():
-        relative_bandwidth = values["width"] / least_center
         notches += harmonic_notches(
             center, relative_bandwidth, values["depth"], int(values["harmonics"])
         )

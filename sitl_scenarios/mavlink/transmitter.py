@@ -492,6 +492,7 @@ def with_second_sender(scenario: Scenario, received_frames: list[TimedFrame]) ->
     if isinstance(mishap, SecondLink):
         delayed_copies = [(time + mishap.delay, frame) for time, frame in received_frames]
         return sorted(received_frames + delayed_copies, key=itemgetter(0))
+    # Times of arrival follow the clock of the first vehicle, times in messages the boot clock of the second.
     if isinstance(mishap, SecondVehicle):
         second_scenario = scenario.model_copy(update={"seed": scenario.seed + 1})
         motion = fly(second_scenario)

@@ -50,15 +50,15 @@ def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
     worst = "beta (motor 2: fault), newer (drift), alpha (drift) and board"
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates)")
     # Several vehicles may have flown under no name, or under one system id.
-    nameless = [
+    unnamed = [
         flight_row("unknown", 0, **cycle, health="unknown"),
         flight_row("1", 0, **cycle, health="unknown", vehicle_basis="system id"),
         flight_row("1", 1, health="unknown", vehicle_basis="system id"),
     ]
-    text = plain_text(fleet_blocks([*rows, *nameless]))
+    text = plain_text(fleet_blocks([*rows, *unnamed]))
     beside = "and so do 2 bad flights whose vehicle is not known."
     assert text.startswith(f"4 of 5 vehicles need a look: {worst} (oscillates), {beside}")
-    text = plain_text(fleet_blocks(nameless[:1]))
+    text = plain_text(fleet_blocks(unnamed[:1]))
     assert text.startswith("1 bad flight whose vehicle is not known needs a look.")
     unjudged = plain_text(fleet_blocks([flight_row("quad", 0, health="unknown")]))
     assert unjudged.startswith("Whether motors drift could not be judged of any vehicle yet.")

@@ -108,25 +108,28 @@ class LiveRun(NamedTuple):
 
 @contextmanager
 def control_group(share: float) -> Iterator[Path | None]:
-    """Makes a control group whose processes get a share of one core.
+    """Makes a Linux control group (cgroup, version 2 or 1) whose processes get a share of one core.
+
+    The group is removed at the end, which fails if a process is still in it.
 
     Args:
         share: share of one core, 0 to 1.
 
     Yields:
-        The file that takes the numbers of processes; None where this machine lets nobody make such a group.
+        The file of the group to which process ids are written; None if this machine does not allow to make a group.
     """
     period = round(1e6 * QUOTA_PERIOD)
     quota = round(share * period)
     version_2 = CONTROL_GROUPS / "mavdem-bench"
     version_1 = CONTROL_GROUPS / "cpu" / "mavdem-bench"
-    # Ten times the usual weight: the quota is what limits the group, and not what else this machine does.
+    # Period and quota are in µs. The weights are ten times the default (100 in version 2, 1024 in version 1), so that
+    # the quota limits the group, and not what else this machine does.
     quota_of_period = {"cpu.cfs_period_us": str(period), "cpu.cfs_quota_us": str(quota)}
-    limits = (
-        (version_2, {"cpu.max": f"{quota} {period}", "cpu.weight": "1000"}),
-        (version_1, {**quota_of_period, "cpu.shares": "10240"}),
-    )
-    for folder, values in limits:
+    files_by_folder = {
+        version_2: {"cpu.max": f"{quota} {period}", "cpu.weight": "1000"},
+        version_1: {**quota_of_period, "cpu.shares": "10240"},
+    }
+    for folder, values in files_by_folder.items():
         # A folder of control groups has this file; elsewhere a new folder would be an ordinary one.
         if not (folder.parent / "cgroup.procs").exists():
             continue
@@ -278,6 +281,9 @@ def table_row(run: LiveRun, rate: float) -> dict[str, object]:
     Args:
         run: the live session, with its document, the lines that it printed, and its use of the machine over time.
         rate: rate of attitude and motors, Hz.
+
+    Returns:
+        Numbers in the units that the headers state, or counts; "first model" is the text of the line, or "none".
     """
     usages = [use for use in run.usages if run.sender_start <= use.time <= run.sender_end]
     seconds = usages[-1].time - usages[0].time

@@ -120,6 +120,7 @@ def generated_logs(rows: FlightRows, count: int) -> Iterator[GeneratedLog]:
     for number in range(count):
         vehicle, flight = divmod(number, FLIGHTS_OF_A_VEHICLE)
         real_rows = real_logs[vehicle % len(real_logs)]
+        # A key is the digest of a log's content and its size in bytes; both only have to differ from log to log.
         size = 1_000_000 + number
         key = f"{number:032x}-{size}"
         path = f"/flights/vehicle_{vehicle:03}/{flight:03}.bin"
@@ -343,7 +344,7 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
         log: path of the log that is added.
 
     Returns:
-        The cells of ``GROWTH_HEADER`` after the number of logs.
+        The cells of ``GROWTH_HEADER`` after the number of logs, in the units that the header states.
     """
     with open_store(fleet) as store:
         fill_store(store, rows, size)
@@ -352,6 +353,7 @@ def _growth_figures(fleet: Path, rows: FlightRows, size: int, log: Path) -> list
         write_fleet_pages(store, {})
     added = run_mavdem("track", log, "--out", fleet, "--jobs", "1")
     named_rows = [row for row in read_brief_rows(fleet) if row.is_read and row.has_own_name]
+    # Two spans of two weeks in the generated flights, whose first day is ``FIRST_DAY``.
     weeks = ("--days-a", "2026-01-05..2026-01-18", "--days-b", "2026-03-02..2026-03-15")
     vehicle = named_rows[0].vehicle
     out = fleet / "compared"

@@ -264,6 +264,11 @@ def review_row(case: tuple[str, int], folder: Path | None) -> list[Values]:
     Args:
         case: kind and number of the flight, as for :func:`scenario`.
         folder: folder that keeps the logs of the flights; None to keep none.
+
+    Returns:
+        One row: "kind", "half" and "number" of the flight, "verdict", a name of ``VERDICTS``, and as texts the
+        "vehicle", the "code" and sentence of the "headline", the "lights" of a level of ``SERIOUS``, and those that
+        are "false lights". A log that was refused has no vehicle and no code.
     """
     kind, number = case
     row: Values = {"kind": kind, "half": half_name(number), "number": number}
@@ -334,7 +339,8 @@ def main(
 
     Args:
         count: number of flights of each kind.
-        first: number of the first of them; numbers that no threshold was chosen on are larger than the counts before.
+        first: number of the first flight of each kind. Flights of larger numbers than any before are fresh ones, on
+            which no threshold was chosen.
         jobs: number of processes.
         chosen: kinds of flights; all if it is empty.
         folder: folder that keeps the logs of the flights; None to keep none.

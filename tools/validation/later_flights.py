@@ -151,12 +151,19 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
 
 
 def _row_by_first_plant(axis: str, first: FirstLoop, margins: str) -> Values:
-    """Returns the row of an axis, as far as it needs no later flight.
+    """Returns what the first flight alone says of an axis, as the beginning of its row in the table.
+
+    mavdem limits the change of a gain in one flight. Here the advice is repeated with the plant of the first flight
+    until nothing is left to change (at most ``MAX_FLIGHTS`` times), as if no later flight were needed.
 
     Args:
         axis: "roll", "pitch" or "yaw".
-        first: its loops after the first flight.
-        margins: name of the margins to have.
+        first: the loop that the first flight identified, and the true plant.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
+
+    Returns:
+        "axis"; "met before", whether the flown gains meet the goal with the true plant; "lost", False so far; and, if
+        the goal is met, "first plant", the number of advices until then.
     """
     target = MARGIN_TARGETS[margins]
     row: Values = {"axis": axis, "met before": meets(first.with_gains({}), target), "lost": False}

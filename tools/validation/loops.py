@@ -183,6 +183,9 @@ def _random_gains(scenario: Scenario, rng: Generator) -> RandomGains:
     Args:
         scenario: the flight, whose vehicle and filters the margins depend on.
         rng: source of the random numbers.
+
+    Returns:
+        The gains, and the smallest phase margin that they leave.
     """
     vehicle = airframe(scenario.vehicle)
     hover_output = vehicle.command_for(vehicle.hover_speed) / vehicle.full_command
@@ -403,7 +406,10 @@ def thinned_telemetry(vehicle: Telemetry, rate: float) -> Telemetry:
 
     Args:
         vehicle: the telemetry.
-        rate: rate to thin messages to, Hz.
+        rate: rate to thin messages to, Hz; infinite to keep all.
+
+    Returns:
+        The telemetry with the rows that stay, in their order.
     """
     messages = {}
     for name, columns in vehicle.messages.items():

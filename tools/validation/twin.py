@@ -90,11 +90,11 @@ def random_vehicle(seed: int, number: int) -> Scenario:
 
 
 def with_gains(scenario: Scenario, factor: float) -> Scenario:
-    """Returns a scenario whose rate controllers of roll and pitch have other gains.
+    """Returns a copy of a scenario in which all gains of the rate controllers of roll and pitch have a common factor.
 
     Args:
         scenario: the scenario.
-        factor: factor on all their gains.
+        factor: factor on the gains, more than 0.
     """
     parameters = control_parameters(scenario)
     raised = [

@@ -94,7 +94,9 @@ def evaluate_scenario(
         drag: drag of the vehicle from an earlier flight, if there is one.
 
     Returns:
-        The row of the flight, and the drag for the next flight of the vehicle.
+        The row of the flight, and the drag for the next flight of the vehicle. The row says whether speed and direction
+        are "inside" their 90 % intervals, "reported", and "right" as reported; "band" is the share of the samples in
+        which the wind is inside its 90 % band.
     """
     motion = fly(scenario)
     with TemporaryDirectory() as folder:

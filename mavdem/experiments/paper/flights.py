@@ -206,6 +206,10 @@ def _interpolated_flight(data: Any) -> Flight:
 
     Args:
         data: MATLAB structure.
+
+    Returns:
+        A flight with the commands of the four motors as inputs, and roll, rad, and its rate, rad/s, as outputs. It ends
+        when the first of the three recordings ends.
     """
     # In the names of the file "ot" is the motion capture, "imu" the inertial sensor and "nav" the motors' log.
     time = np.arange(ARDRONE_FIRST_SAMPLE, len(data.otTime)) / ARDRONE_RATE

@@ -54,6 +54,9 @@ def hardware_groups(evidence: Evidence, timeline: Timeline) -> dict[str, list[Gr
     Args:
         evidence: signals, events and measurements of the vehicle.
         timeline: charts of the flight over the same time, whose events are marked.
+
+    Returns:
+        One group of charts for each part of which anything was recorded, in a list as chapters of a page take it.
     """
     makers = {
         HardwarePart.POWER: _power_charts,

@@ -104,7 +104,7 @@ def fleet_page(
         blocks=blocks[:first_blocks],
         unused_blocks=blocks[first_blocks:],
         vehicles=vehicles,
-        nameless_bad=_nameless_bad_flights(summaries),
+        bad_unnamed_flights=_bad_unnamed_flights(summaries),
         unjudged=_repeated_differences(vehicles),
         lights=[*Light],
         light_counts=_light_counts(summaries),
@@ -358,7 +358,7 @@ def _other_lights(flight: LastFlight) -> str:
     )
 
 
-class NamelessFlight(NamedTuple):
+class UnnamedFlight(NamedTuple):
     """A bad flight whose vehicle is not known."""
 
     link: str
@@ -374,10 +374,10 @@ class NamelessFlight(NamedTuple):
     """What is wrong."""
 
 
-def _nameless_bad_flights(summaries: Sequence[VehicleSummary]) -> list[NamelessFlight]:
-    """Returns the bad flights under names that several vehicles may share, the newest first.
+def _bad_unnamed_flights(summaries: Sequence[VehicleSummary]) -> list[UnnamedFlight]:
+    """Returns the bad flights under names that several vehicles may share, such as system ids, the newest first.
 
-    The latest flight of a name that has a part of the page is shown there.
+    The latest flight of a name that has a part of the page by itself is left out, because that part shows it.
 
     Args:
         summaries: summary of the flights under each name.
@@ -390,7 +390,7 @@ def _nameless_bad_flights(summaries: Sequence[VehicleSummary]) -> list[NamelessF
         cells = dict(zip(COLUMNS, line.cells, strict=True))
         if line not in shown_lines and BADGE_LEVELS[cells["health"]] is Level.BAD:
             headline, *_ = cells["notes"].split("\n")
-            flights.append(NamelessFlight(line.link, cells["flight"], cells["date"], headline))
+            flights.append(UnnamedFlight(line.link, cells["flight"], cells["date"], headline))
     return flights
 
 

@@ -113,6 +113,7 @@ def random_record(seed: int, smoothness: float, variance_step: float = 1.0) -> N
     B = rng.standard_normal((STATES, 1))
     time = SIMULATED_DT * np.arange(SIMULATED_SAMPLES)
     first_pulse, second_pulse = INPUT_TIMES
+    # Each pulse is a Gaussian function of time with a standard deviation of √2 s.
     inputs = np.exp(-((time - first_pulse) ** 2) / 4) + np.exp(-((time - second_pulse) ** 2) / 4)
     kernel_samples = smoothness / SIMULATED_DT
     process_noise = PROCESS_NOISE_SD * smooth_noise(
