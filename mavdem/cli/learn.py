@@ -34,6 +34,7 @@ from mavdem.dataset.flights import choose_vehicle
 from mavdem.dataset.signals import Signals
 from mavdem.dem import Settings
 from mavdem.documents.flight import report_document
+from mavdem.experiments.truth import read_truth
 from mavdem.experiments.window import Length
 from mavdem.report.blocks import Blocks
 from mavdem.report.review import review_title
@@ -114,6 +115,9 @@ def learn_command(
     folder = out or default_result_folder(source)
     if not no_files:
         check_output_folder(folder, RESULT_FILES, source)
+    if truth is not None:
+        # A file that has no truth is refused here, before the work; that it is of this flight shows afterwards.
+        read_truth(truth, AXES[0] if axis == ALL_AXES else axis)
     start_time = perf_counter()
     log = read_source(source)
     signals = Signals(choose_vehicle(log.vehicles, vehicle))

@@ -65,6 +65,14 @@ with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:
 holds it ends for any reason, even if it is killed."""
 
 
+RERUN_PROGRAM = "import sys; from rerun_cli.__main__ import main; sys.exit(main())"
+"""The program of the package rerun, as its command ``rerun`` starts it, which need not be on the path.
+
+``python -m rerun`` would import the package's library first, which takes half a second. ``python -m rerun_cli`` does
+not return the exit code.
+"""
+
+
 def show(path: PathName) -> str:
     """Opens a recording in a window of the Rerun viewer, and returns without waiting for it to close.
 
@@ -97,7 +105,7 @@ def start_rerun(*options: str, ends_with_process: bool = False) -> subprocess.Po
     Returns:
         The running program.
     """
-    command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options]
+    command = [sys.executable, "-c", RERUN_PROGRAM, "--bind", LOOPBACK, *options]
     if ends_with_process:
         command = [sys.executable, "-I", "-c", WATCHDOG, *command]
     environment = os.environ | {"CI": "1"}

@@ -168,8 +168,12 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(here, capsy
     assert "f.truth.npz" in (here / "f" / "report.html").read_text()
 
 
-@mark.slow
-def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(tmp_path, capsys):
+def test_an_impossible_out_or_a_wrong_truth_file_is_refused_before_the_work(
+    tmp_path, capsys, monkeypatch
+):
+    monkeypatch.setattr(
+        "mavdem.cli.learn.read_source", Mock(side_effect=AssertionError("it reads"))
+    )
     (tmp_path / "file").write_text("mine")
     out = tmp_path / "file" / "below"
     assert "--out" in refused(capsys, 2, "learn", "missing.tlog", "--out", out)

@@ -40,14 +40,14 @@ def test_a_fleet_in_one_command(tmp_path, capsys, monkeypatch):
     assert rows.filter(polars.col("status") == "ok")["axis"].to_list() == ["pitch", "roll"]
     page = out / rows["page"].drop_nulls()[0]
     page.unlink()
-    # Again, in words; a page that is gone is made again.
+    # Again, in words; a page that is gone is made again. Another process would take a second to import what reads logs.
+    monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
     assert run("track", flights, "--out", out) == 0
     written = capsys.readouterr()
     first_line = "2 logs, 1 of them read now; 1 in the table without a flight; copies count once."
     assert written.out.startswith(first_line)
     assert page.is_file() and "index.html" in written.err
-    # Logs without a flight are no success. Another process would take a second to import what reads them.
-    monkeypatch.setattr("mavdem.cli.track.WorkerPool", lambda *_: InThisProcess(rows_of_log))
+    # Logs without a flight are no success.
     assert run("track", damaged, "--out", tmp_path / "none", "--jobs", "1") == 1
     assert "without the topics of a flight" in capsys.readouterr().out
 
