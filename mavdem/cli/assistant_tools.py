@@ -304,6 +304,7 @@ def _command_document(
             errors="replace",
             check=False,
         )
+    # A log from which no model can be learned has a document too.
     if finished.returncode not in (EXIT_DONE, EXIT_UNSUPPORTED) or not finished.stdout:
         lines = finished.stderr.strip().splitlines()
         raise ToolError(lines[-1] if lines else f"mavdem {command} ended without a word.")

@@ -17,16 +17,16 @@ class QuantitySource(NamedTuple):
     field: str
     """Name of the field."""
     scale: float
-    """What the field is multiplied by for the unit of the quantity."""
-    is_of_logs_alone: bool = False
-    """Whether the field has the quantity only where the message was made of a log's own; a stream has another one."""
+    """Factor from the field's unit to the quantity's unit."""
+    is_only_in_logs: bool = False
+    """Whether the field has the quantity only in messages translated from a log; in a stream it has another one."""
 
 
 class HardwareQuantity(NamedTuple):
     """A quantity, and the fields that have it in different logs."""
 
     name: str
-    """What it is."""
+    """Name of the quantity, for texts and plots."""
     unit: str
     """Its unit."""
     sources: tuple[QuantitySource, ...]
@@ -89,7 +89,7 @@ IMU_TEMPERATURE = HardwareQuantity(
     "IMU",
     "°C",
     (
-        QuantitySource("HIGHRES_IMU", "temperature", 1.0, is_of_logs_alone=True),
+        QuantitySource("HIGHRES_IMU", "temperature", 1.0, is_only_in_logs=True),
         QuantitySource("SCALED_IMU", "temperature", 0.01),
     ),
     (-60.0, 150.0),
@@ -146,6 +146,9 @@ JAMMING = HardwareQuantity(
 def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSeries | None:
     """Returns a quantity in its unit from the first of its sources that measures it.
 
+    Impossible values are left out. A source whose possible values are all 0 does not measure the quantity, unless the
+    quantity can be 0 throughout a log.
+
     Args:
         signals: signals of the vehicle.
         quantity: the quantity, with its sources in the order of preference.
@@ -154,8 +157,9 @@ def recorded_quantity(signals: Signals, quantity: HardwareQuantity) -> TimeSerie
         The values (N,); None if no source was recorded.
     """
     for source in quantity.sources:
-        is_of_log = source.message in signals.telemetry.source_names
-        if source.is_of_logs_alone and not is_of_log:
+        # Only messages that were translated have a name in their source.
+        is_translated = source.message in signals.telemetry.source_names
+        if source.is_only_in_logs and not is_translated:
             continue
         series = recorded_series(signals.telemetry, source.message, source.field)
         if series is None:

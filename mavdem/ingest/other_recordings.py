@@ -209,6 +209,7 @@ def blocks_of_other_recordings(
     positions = positions[sound_rows]
     if not may_have_jumped and not (np.diff(time) < -rules.max_fall).any():
         return []
+    # Where a cluster of the memory card holds data of another file, the log lacks the messages of that time.
     cluster_seconds = CLUSTER_BYTES * _seconds_per_byte(positions, time)
     max_gap = MAX_STAMP_DEVIATION + min(cluster_seconds, MAX_CLUSTER_SECONDS)
     runs = _runs(StampedMessages(positions, time, content), log_starts, boots, rules)

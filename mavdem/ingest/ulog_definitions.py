@@ -30,6 +30,12 @@ DATA_HEADER = struct.Struct("<HBH")
 DATA_HEADER_FIELDS = np.dtype([("length", "<u2"), ("kind", "u1"), ("subscription", "<u2")])
 """The same header as a structured type, for many records at once."""
 
+TOPIC_NUMBER_BYTES = 2
+"""Number of bytes of a subscription's number, with which the body of its data records begins."""
+
+SUBSCRIPTION_HEADER = struct.Struct("<BH")
+"""Numbers of the instance and of the subscription, before the message's name in the body of a subscription."""
+
 STAMP = struct.Struct("<Q")
 """Time stamp of a record, µs since boot."""
 
@@ -312,13 +318,14 @@ class RecordDefinitions:
             Damaged if the length is wrong, unused if the message has no time stamp, unknown if the number has no
             subscription; otherwise sound.
         """
-        if length < 2:
+        if length < TOPIC_NUMBER_BYTES:
             return Fit.DAMAGED
-        number = int.from_bytes(self.content[body_start : body_start + 2], "little")
+        number_bytes = self.content[body_start : body_start + TOPIC_NUMBER_BYTES]
+        number = int.from_bytes(number_bytes, "little")
         topic = self.topics.get(number)
         if topic is None:
             return Fit.UNKNOWN if length <= MAX_UNKNOWN_BYTES else Fit.DAMAGED
-        if not topic.min_bytes <= length - 2 <= topic.max_bytes:
+        if not topic.min_bytes <= length - TOPIC_NUMBER_BYTES <= topic.max_bytes:
             return Fit.DAMAGED
         return Fit.UNUSED if topic.stamp_offset is None else Fit.SOUND
 
@@ -332,19 +339,20 @@ class RecordDefinitions:
             Damaged if the name is not valid, unused if the number has a subscription already, unknown if the message is
             not defined; otherwise sound.
         """
-        name = body[3:]
+        name = body[SUBSCRIPTION_HEADER.size :]
         if len(name) > MAX_NAME_BYTES or NAME.fullmatch(name) is None:
             return Fit.DAMAGED
-        if int.from_bytes(body[1:3], "little") in self.topics:
+        _, number = SUBSCRIPTION_HEADER.unpack_from(body)
+        if number in self.topics:
             # Parsers would begin the topic again, and lose its data up to here.
             return Fit.UNUSED
         return Fit.UNKNOWN if self._layout(name.decode()) is None else Fit.SOUND
 
     def learn(self, position: int) -> None:
-        """Adds a sound definition or subscription to what is known of the file; other records change nothing.
+        """Adds a definition or subscription of the file; other records change nothing.
 
         Args:
-            position: Offset of the record.
+            position: Offset of the record, which is sound (:meth:`fit`).
         """
         length, kind = self.header(position)
         body_start = position + HEADER.size
@@ -358,14 +366,14 @@ class RecordDefinitions:
                 self._layouts.clear()
                 self._sizes.clear()
         elif kind == SUBSCRIPTION:
-            number = int.from_bytes(body[1:3], "little")
-            topic = self._layout(body[3:].decode())
+            instance, number = SUBSCRIPTION_HEADER.unpack_from(body)
+            topic = self._layout(body[SUBSCRIPTION_HEADER.size :].decode())
             if topic is not None:
                 self.topics[number] = topic
-                self.instances[number] = body[0]
+                self.instances[number] = instance
                 self._record_start = None
                 if topic.stamp_offset is not None:
-                    self.lengths_by_number[number] = topic.min_bytes + 2
+                    self.lengths_by_number[number] = TOPIC_NUMBER_BYTES + topic.min_bytes
 
     def data_length(self, data_header: bytes) -> int | None:
         """Returns the number of bytes of a whole data record, header included.

@@ -203,18 +203,10 @@ class _RecordScan:
         records_before_run = len(offsets)
         while position < end:
             header = self.definitions.header(position)
-            if header.kind == DATA:
-                data_run = self._data_runs.run_at(position, end)
-                if data_run is not None:
-                    offsets.frombytes(data_run.starts.tobytes())
-                    position = data_run.end
-                    continue
-            elif header.kind in KEY_OFFSETS:
-                keyed_run = self.definitions.keyed_run(position, end)
-                if keyed_run.starts:
-                    offsets.extend(keyed_run.starts)
-                    position = keyed_run.end
-                    continue
+            end_of_run = self._add_run(position, end, header.kind)
+            if end_of_run is not None:
+                position = end_of_run
+                continue
             fit = self.definitions.fit(position, end, header)
             next_position = position + HEADER.size + header.length
             if fit is Fit.UNKNOWN and not self._is_whole_unknown_record(position, end):
@@ -242,6 +234,29 @@ class _RecordScan:
         if position > end and len(offsets) > records_before_run:
             # The last record is cut off.
             offsets.pop()
+
+    def _add_run(self, position: int, end: int, kind: int) -> int | None:
+        """Adds the offsets of sound records of one kind that follow each other, which is faster than one by one.
+
+        Args:
+            position: Offset of the first record.
+            end: Offset at which the part ends.
+            kind: Kind of the first record. Only data, information and parameters have such runs.
+
+        Returns:
+            Offset after the run; None if none begins there, and nothing was added.
+        """
+        if kind == DATA:
+            data_run = self._data_runs.run_at(position, end)
+            if data_run is not None:
+                self.offsets.frombytes(data_run.starts.tobytes())
+                return data_run.end
+        elif kind in KEY_OFFSETS:
+            keyed_run = self.definitions.keyed_run(position, end)
+            if keyed_run.starts:
+                self.offsets.extend(keyed_run.starts)
+                return keyed_run.end
+        return None
 
     def _is_chain(self, position: int, end: int, *, may_begin_unknown: bool = False) -> bool:
         """Returns whether ``RECORDS_OF_CHAIN`` records from an offset on fit the definitions, or all up to the end.

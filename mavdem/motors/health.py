@@ -63,7 +63,8 @@ def assess_motor_health(
     """Assesses the motors in each flight of one vehicle against its healthy flights.
 
     A healthy flight is compared with the other healthy ones. Flights are assessed in the order of their dates, and the
-    result of one flight is the prior of the next.
+    result of one flight is the prior of the next. If one of the healthy flights that were chosen by default proves to
+    be faulty, all flights are assessed again without it among the healthy ones.
 
     Args:
         flights: Flights of one vehicle.
@@ -83,12 +84,7 @@ def assess_motor_health(
     numbers_by_date = sorted(range(len(flights)), key=lambda number: flights[number].start_time)
     for number in numbers_by_date:
         flight = flights[number]
-        # A healthy flight is not compared with itself, nor with a second record of itself.
-        other_healthy_flights = [
-            healthy_flight
-            for healthy_flight in healthy
-            if healthy_flight is not flight and not healthy_flight.overlaps(flight)
-        ]
+        other_healthy_flights = _without_flight(healthy, flight)
         comparable_flights = [
             healthy_flight
             for healthy_flight in other_healthy_flights
@@ -122,6 +118,16 @@ def assess_motor_health(
         assessments[number]._replace(is_healthy=flight in healthy)
         for number, flight in enumerate(flights)
     )
+
+
+def _without_flight(healthy: HealthFlights, flight: HealthFigures) -> list[HealthFigures]:
+    """Returns the healthy flights without one flight, so that it is not compared with itself.
+
+    Args:
+        healthy: Healthy flights of a vehicle.
+        flight: The flight to leave out, together with further records of it, whose times overlap it.
+    """
+    return [other for other in healthy if other is not flight and not other.overlaps(flight)]
 
 
 def _unknown_reason(

@@ -192,7 +192,7 @@ def alarm_figures(changes: Sequence[MotorAlarm]) -> JsonValues:
 
     Returns:
         By the keys of documents: "alarms" (a motor lost thrust), "recoveries" and "torque_changes", each a list of
-        changes, and "false_alarms_per_hour" with the bound and the measurement behind it.
+        changes, and "false_alarms_per_hour" with the bound and the fact on which it is based.
     """
     codes = {
         "alarms": MotorWatchFact.MOTOR_LOST_THRUST,

@@ -319,7 +319,8 @@ def _error_without_flight(recording: DataflashRecording, source: str) -> Unreada
         return Unreadable(SourceFact.PX4_LOG_BEFORE_ULOG, path=source)
     names = sorted(recording.counts)
     undefined_messages = recording.undefined_messages
-    # In random data the two marker bytes occur once in 65536 bytes, not once in every few hundred.
+    # Messages without a definition count as skipped bytes. In random data the two bytes of their marker would occur
+    # once in 65536 bytes, not at least once in every ``MAX_MESSAGE_BYTES``.
     if (
         undefined_messages * MAX_MESSAGE_BYTES > recording.bytes_skipped
         and undefined_messages > len(names)

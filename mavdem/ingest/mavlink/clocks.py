@@ -267,18 +267,7 @@ def _fill_unstamped(
         boot_times: Their times and boots, which are changed in place; NaN where there is no time yet. Boots that cannot
             be written to are those of a log with one boot (:func:`boot_clock`), and stay.
     """
-    timed_types = []
-    for message_type in message_types:
-        times = boot_times[message_type.message]
-        is_timed = ~np.isnan(times.time)
-        if is_timed.all() and len(is_timed):
-            timed_types.append(_ClockReadings(message_type.positions, times.time, times.boot))
-        elif is_timed.any():
-            timed_types.append(
-                _ClockReadings(
-                    message_type.positions[is_timed], times.time[is_timed], times.boot[is_timed]
-                )
-            )
+    timed_types = _timed_messages(message_types, boot_times)
     if not timed_types:
         return
     first_type = min(timed_types, key=lambda readings: int(readings.positions[0]))
@@ -303,6 +292,35 @@ def _fill_unstamped(
             untimed_messages.times.time[untimed_messages.rows[first:]] = readings.time[latest]
             if untimed_messages.times.boot.flags.writeable:
                 untimed_messages.times.boot[untimed_messages.rows[first:]] = readings.boot[latest]
+
+
+def _timed_messages(
+    message_types: Sequence[MessageStamps], boot_times: Mapping[str, BootTimes]
+) -> list[_ClockReadings]:
+    """Selects the messages that have a time.
+
+    Args:
+        message_types: The messages of a component by type.
+        boot_times: Their times and boots; NaN where there is no time.
+
+    Returns:
+        The messages with a time, of each type that has any.
+    """
+    timed_types = []
+    for message_type in message_types:
+        times = boot_times[message_type.message]
+        readings = _ClockReadings(message_type.positions, times.time, times.boot)
+        is_timed = ~np.isnan(times.time)
+        if is_timed.all() and len(is_timed):
+            # Without a selection the arrays are not copied.
+            timed_types.append(readings)
+        elif is_timed.any():
+            timed_types.append(
+                _ClockReadings(
+                    readings.positions[is_timed], readings.time[is_timed], readings.boot[is_timed]
+                )
+            )
+    return timed_types
 
 
 class _UntimedMessages(NamedTuple):

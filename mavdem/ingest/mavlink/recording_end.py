@@ -34,7 +34,9 @@ def end_mark() -> bytes:
 
 
 def is_ended_on_purpose(stream: FrameStream, sender: FrameSender) -> bool:
-    """Returns whether the record of a vehicle ends because its user ended the recording, and not with the vehicle.
+    """Returns whether the record of a vehicle ends because the user ended the recording, and not with the vehicle.
+
+    That is so if the last frame of the recording is the mark, received shortly after the vehicle's last frame.
 
     Args:
         stream: the recording.

@@ -93,8 +93,8 @@ def assemble(stream: FrameStream) -> Log:
 
     A sender, or component, is a pair of system id and component id. All components are listed in the log; those that
     are vehicles also become a ``Telemetry`` with messages and parameters. Frames that cannot be decoded are listed as
-    ``unread``. Copies of frames, as they come over a second link, are left out. Two vehicles that send under the same
-    ids are no vehicle: nobody can know which of them sent a message without a clock.
+    ``unread``. Copies of frames, as received over a second link, are left out. Two vehicles that send under the same
+    ids are left out too, since nobody can know which of them sent a message without a clock.
 
     Args:
         stream: The frames of a recording.
@@ -137,21 +137,7 @@ def assemble(stream: FrameStream) -> Log:
         if record.has_two_senders:
             shared_ids.append(f"{component.system}:{component.component}")
         else:
-            vehicles.append(
-                Telemetry(
-                    component.system,
-                    component.component,
-                    vehicle=component.kind,
-                    autopilot=component.autopilot,
-                    messages=record.messages,
-                    parameters=_parameters_of(record, records),
-                    source=stream.source,
-                    repairs=stream_repairs + record.repairs,
-                    is_ended_on_purpose=is_ended_on_purpose(
-                        stream, FrameSender(component.system, component.component)
-                    ),
-                )
-            )
+            vehicles.append(_telemetry(stream, record, records, stream_repairs))
     if shared_ids and not vehicles:
         raise Unreadable(SourceFact.TWO_VEHICLES_ONE_ID, path=stream.source, names=shared_ids)
     return Log(
@@ -162,6 +148,35 @@ def assemble(stream: FrameStream) -> Log:
         frames=len(stream.frames),
         bytes_skipped=stream.bytes_skipped,
         receive_time=receive_interval(stream),
+    )
+
+
+def _telemetry(
+    stream: FrameStream,
+    record: _ComponentRecord,
+    records: Sequence[_ComponentRecord],
+    stream_repairs: Facts,
+) -> Telemetry:
+    """Makes the telemetry of a vehicle from what its component sent.
+
+    Args:
+        stream: The recording.
+        record: Messages of the vehicle's component.
+        records: Messages of all components, since another one may have stored the vehicle's parameters.
+        stream_repairs: Repairs of the stream, which concern all its vehicles.
+    """
+    component = record.component
+    sender = FrameSender(component.system, component.component)
+    return Telemetry(
+        component.system,
+        component.component,
+        vehicle=component.kind,
+        autopilot=component.autopilot,
+        messages=record.messages,
+        parameters=_parameters_of(record, records),
+        source=stream.source,
+        repairs=stream_repairs + record.repairs,
+        is_ended_on_purpose=is_ended_on_purpose(stream, sender),
     )
 
 
