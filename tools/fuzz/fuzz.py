@@ -89,6 +89,7 @@ def main(kind: str, arguments: tuple[str, ...]) -> None:
         arguments: folder of the corpus, which gets first logs if need be, and options of libFuzzer.
     """
     warnings.simplefilter("ignore")
+    # Words without a dash are folders, the first of which takes new inputs, or one file whose failure is repeated.
     folders = [Path(argument) for argument in arguments if not argument.startswith("-")]
     if kind == "tlog" and folders and not folders[0].is_file():
         folders[0].mkdir(parents=True, exist_ok=True)

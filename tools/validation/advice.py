@@ -32,6 +32,7 @@ from mavdem.loops.advice import advise
 from mavdem.loops.axis_loops import MARGIN_TARGETS, Loop, MarginTarget, margin_scores
 from mavdem.loops.gain_design import bandwidth_of_estimate
 from mavdem.loops.margins import FrequencyGrid
+from mavdem.plant.parameters import ESTIMATE
 
 EFFECTS = {"met": 1.0, "0.8 times": 0.8, "1.2 times": 1.2, "1.44 times": 1.44}
 """Factors on the control effectiveness of the flight, by the column of the table."""
@@ -61,15 +62,15 @@ def true_loop(loop: Loop, plant: AxisPlant, factor: float = 1.0) -> Loop:
 
 def meets(loop: Loop, target: MarginTarget) -> bool:
     """Returns whether the rate and the attitude loop of an axis both have the margins of a target."""
-    return bool(margin_scores(target, loop.rate, loop.attitude)[0] >= 1)
+    return bool(margin_scores(target, loop.rate, loop.attitude)[ESTIMATE] >= 1)
 
 
 def advised_gains(loop: Loop, margins: str) -> Iterator[Parameters]:
-    """Yields the gains to set for one flight after the other; none where no gains are advised.
+    """Yields the gains to set for one flight after the other; nothing if no gains are advised.
 
     Args:
         loop: identified loop of the axis, which stands for the loops that later flights would identify.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
     """
     gains: Parameters = {}
     for _ in range(MAX_FLIGHTS):
@@ -94,7 +95,7 @@ def evaluate_gains(
         plant: the true plant.
         steps: gains after each flight of the tuner, as all parameters that it has changed so far. Without a step the
             tuner refuses to tune, and with an empty one it leaves the gains as they are.
-        target: margins to have.
+        target: stability margins that are the goal.
 
     Returns:
         Values by name: "met before" and the names of ``EFFECTS``, whether the loop meets the target before, and in the
@@ -121,12 +122,12 @@ def evaluate_gains(
 
 
 def evaluate_loop(loop: Loop, plant: AxisPlant, margins: str) -> list[Values]:
-    """Tunes one axis with mavdem, AutoTune and QuickTune, and returns a row of the table for each.
+    """Tunes one axis with mavdem, AutoTune and QuickTune, and returns a row for each, as :func:`evaluate_gains` does.
 
     Args:
         loop: identified loop of the axis, from which mavdem advises gains.
         plant: the true plant, which the autopilot's tuners fly and which judges all gains.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
     """
     target = MARGIN_TARGETS[margins]
     flown_loop = replace(true_loop(loop, plant), grid=TUNER_GRID)
@@ -149,7 +150,7 @@ def evaluate_flight(seed: int, rate: float, margins: str, cache: Path) -> list[V
     Args:
         seed: seed of the flight.
         rate: rate of the messages, Hz.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
         cache: folder with the simulated flights.
     """
     log, true_figures = simulated_log(seed, cache)

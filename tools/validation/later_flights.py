@@ -109,7 +109,7 @@ def evaluate_vehicle(seed: int, margins: str) -> list[Values]:
 
     Args:
         seed: seed of the first flight.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
 
     Returns:
         A row for each axis whose loop the first flight identifies: whether the goal was "met before" and is "met" in
@@ -178,7 +178,7 @@ def _advised_changes(loops: Sequence[Loop | NoLoop], margins: str) -> dict[str, 
 
     Args:
         loops: the loops of all axes that the flight identified, or why there is none.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
     """
     changes: dict[str, float] = {}
     for loop in loops:
@@ -197,7 +197,7 @@ def main(half: str, margins: str, flights: int, jobs: int) -> None:
 
     Args:
         half: half of the simulated flights, a key of ``HALVES``.
-        margins: name of the margins to have.
+        margins: name of the stability margins that are the goal, a key of ``MARGIN_TARGETS``.
         flights: number of vehicles, each with a first flight of its own.
         jobs: number of processes.
     """

@@ -110,6 +110,8 @@ def _innovation_autocovariances(L: Array, K: Array, Q: Array, R: Array) -> Array
     Returns:
         (``CORRELATION_LAGS``, n, n) autocovariances from lag 0 on.
     """
+    # The prediction error e⁺ = L e + w − K z has the covariance P, and the innovation is e + z. It is correlated with
+    # later ones by e, and by z, which enters the next prediction through the gain.
     P = solve_discrete_lyapunov(L, Q + K @ R @ K.T)
     autocovariances = [P + R]
     later = L @ P - K @ R
