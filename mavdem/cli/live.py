@@ -12,7 +12,7 @@ from rich.live import Live
 from mavdem.assessment.judgement import Judgement
 from mavdem.cli.exit_codes import EXIT_DONE, EXIT_ERROR, EXIT_UNSUPPORTED
 from mavdem.cli.live_dashboard import Dashboard
-from mavdem.cli.live_status import StatusLines, print_fact
+from mavdem.cli.live_status import StatusLines, print_event, print_fact
 from mavdem.cli.options import NumberRange, file_option, json_option, model_options, vehicle_option
 from mavdem.cli.output import print_json
 from mavdem.cli.output_files import check_output_file
@@ -36,8 +36,9 @@ from mavdem.live.raw_recording import RawRecording
 from mavdem.live.session import LiveSession
 from mavdem.live.session_loop import run_session
 from mavdem.live.session_status import STATUS_PERIOD, SessionStatus
+from mavdem.report.live import verdict_lines
 from mavdem.report.pages.flight_page import live_page
-from mavdem.report.templates import as_clause, headline
+from mavdem.report.templates import as_clause
 
 PRINTED_STATUS_PERIOD = 5.0
 """Time between two looks at the status where lines are printed below each other, s; a choice."""
@@ -171,7 +172,7 @@ def live_command(
             settings=settings,
             open_display=dashboard.open,
             report_status=dashboard.report,
-            report_fact=print_fact,
+            report_event=print_event,
             executor=executor,
             recording=recording,
             requested_rate=request_rate,
@@ -374,6 +375,7 @@ def _with_final_judgement(status: SessionStatus, session: LiveSession) -> Sessio
     """
     return replace(
         status,
+        is_over=True,
         findings=session.judging.findings,
         model_judgement=session.judging.judgement,
     )
@@ -385,11 +387,8 @@ def _print_conclusion(judgement: Judgement) -> None:
     Args:
         judgement: Judgement of the flight and its final model.
     """
-    headline_text = headline(judgement.headline)
-    print_to_stderr(headline_text)
-    # If nothing can be done, the next step only repeats the headline.
-    if str(judgement.next_step) not in headline_text:
-        print_to_stderr(f"Next: {judgement.next_step}")
+    for line in verdict_lines(judgement):
+        print_to_stderr(line)
 
 
 def _written_files(paths: OutputPaths, recording: RawRecording | None) -> JsonValues:

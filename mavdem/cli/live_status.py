@@ -12,13 +12,33 @@ from rich.text import Text
 
 from mavdem.cli.streams import STDERR, escape_unprintable, print_to_stderr
 from mavdem.facts import Fact, Facts, Figure
+from mavdem.facts.event import Event
+from mavdem.facts.session import LinkFact, RowsFact, SessionFact
+from mavdem.facts.watch import WatchFact
 from mavdem.live.session import LiveSession
 from mavdem.live.session_status import SessionStatus
-from mavdem.report.live import watched_quantities_text
+from mavdem.report.live import (
+    moment_text,
+    vehicle_text,
+    verdict_lines,
+    watched_quantities_text,
+)
 from mavdem.report.templates import render_section
 
 UNCHANGED_STATE_PERIOD = 30.0
 """Time between two lines of a state that is the same except for its figures, s; a choice."""
+
+
+PASSING_OBSTACLES = frozenset(
+    {
+        WatchFact.ON_GROUND_NOW,
+        WatchFact.REFERENCE_SHORT,
+        SessionFact.NOT_SETTLED,
+        RowsFact.NOTHING_RECEIVED,
+        LinkFact.CONNECTION_LOST,
+    }
+)
+"""Reasons for not watching that pass by themselves, or have a line of their own: no line repeats them."""
 
 
 class PrintedState(NamedTuple):
@@ -27,8 +47,11 @@ class PrintedState(NamedTuple):
     vehicle: str | None
     """The vehicle; None before it is known."""
 
-    obstacle: Hashable
-    """Code of the reason why there is no new model; None while models are learned."""
+    is_waiting: bool
+    """Whether something prevents learning."""
+
+    is_alarmed: bool
+    """Whether an alarm lasts."""
 
     is_late: bool
     """Whether this computer does not keep up."""
@@ -38,8 +61,9 @@ class StatusLines:
     """Shows the status of a live session on standard error.
 
     On a terminal the status is updated where it is. Elsewhere a line with the time of day is printed where the state is
-    new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or no longer are, is printed when it
-    changes. A fact is new if it has another code; the same code with other values is not printed again.
+    new, and every ``UNCHANGED_STATE_PERIOD``. Which quantities are watched, or cannot be, is printed when it changes,
+    and not for ``PASSING_OBSTACLES``. A fact is new if it has another code; the same code with other values is not
+    printed again.
     """
 
     def __init__(self, terminal_text: Live | None) -> None:
@@ -49,36 +73,47 @@ class StatusLines:
             terminal_text: The text on the terminal that is updated; None to print lines below each other.
         """
         self._terminal_text = terminal_text
-        # The state that was printed last and when, s of the monotonic clock; and what was watched, or why not.
+        # The state that was printed last and when, s of the monotonic clock; and what was last printed of each quantity
+        # that is watched, by its vehicle and name.
         self._printed_state: PrintedState | None = None
         self._print_time = -inf
-        self._watch_meanings: set[Hashable] = set()
+        self._watch_meanings: dict[Hashable, Hashable] = {}
 
     def show(self, session: LiveSession) -> None:
         """Shows the present status of a session.
 
-        On a terminal, two lines are updated in place: one on the learning, and one on problems and on the quantities
-        that are watched without a model, such as the battery. The second is red while an alarm lasts. Elsewhere, as in
-        a file, only what is new is printed.
+        On a terminal, lines are updated in place: one on the vehicle and the link, one with the verdict so far and the
+        next step, one on the learning, and one on problems and on the quantities that are watched without a model, such
+        as the battery. Those on the verdict and on problems are red while an alarm lasts. Elsewhere, as in a file, only
+        what is new is printed.
 
         Args:
             session: The session.
         """
         status = session.status
-        self._print_watch_changes(status.watch_facts)
+        if status.loss is None:
+            self._print_watch_changes(status.watch_facts)
         sentences = [
             escape_unprintable(sentence.text)
             for sentence in render_section("live_status", status=status)
         ]
+        vehicle_line = escape_unprintable(vehicle_text(status))
+        verdict = escape_unprintable(" ".join(verdict_lines(status.overall_judgement)))
         if self._terminal_text is None:
-            self._print_new(status, sentences)
+            self._print_new(status, [vehicle_line, *sentences, verdict])
             return
         learning_line = sentences[0]
         problems = sentences[1:]
         # The obstacle to learning is stated in the sentences above: it is not repeated as the reason for not watching.
         watched = watched_quantities_text(status.watch_facts, status.obstacle)
-        second_line = Text(" ".join([*problems, watched]), _style(*status.active_alarms))
-        self._terminal_text.update(Group(learning_line, second_line), refresh=True)
+        style = _style(*status.active_alarms)
+        lines = Group(
+            vehicle_line,
+            Text(verdict, style),
+            learning_line,
+            Text(" ".join([*problems, watched]), style),
+        )
+        self._terminal_text.update(lines, refresh=True)
 
     def _print_watch_changes(self, watch_facts: Facts) -> None:
         """Prints the quantities that are watched, or are no longer watched, since the last call, with the reason.
@@ -87,9 +122,15 @@ class StatusLines:
             watch_facts: A fact for each quantity that is watched without a model, such as the battery: since when it is
                 watched, or why it is not.
         """
-        former_meanings = self._watch_meanings
-        self._watch_meanings = {_meaning(fact) for fact in watch_facts}
-        changed_facts = [fact for fact in watch_facts if _meaning(fact) not in former_meanings]
+        changed_facts = []
+        for fact in watch_facts:
+            because = fact.figures.get("because")
+            if isinstance(because, Fact) and because.code in PASSING_OBSTACLES:
+                continue
+            key = (fact.figures.get("vehicle"), fact.subject)
+            if self._watch_meanings.get(key) != _meaning(fact):
+                self._watch_meanings[key] = _meaning(fact)
+                changed_facts.append(fact)
         if changed_facts:
             print_to_stderr(timed(watched_quantities_text(changed_facts)))
 
@@ -97,15 +138,16 @@ class StatusLines:
         """Prints a line if the state has changed since the last line, or if that line was printed long ago.
 
         The session itself reports alarms and obstacles to learning when they begin. So the line repeats them only as a
-        reminder, when the state has not changed for long.
+        reminder, when the state has not changed for long; then it has the verdict with the next step, too.
 
         Args:
             status: The status.
-            sentences: The sentence about the learning, then those about problems.
+            sentences: The sentence about the vehicle, that about the learning, those about problems, and the verdict.
         """
         state = PrintedState(
             status.vehicle,
-            None if status.obstacle is None else _meaning(status.obstacle),
+            status.obstacle is not None,
+            any(fact.is_bad for fact in status.active_alarms),
             status.delay_fact is not None,
         )
         now = monotonic()
@@ -114,9 +156,11 @@ class StatusLines:
             return
         self._printed_state = state
         self._print_time = now
-        printed_sentences = sentences
+        *first_sentences, verdict = sentences
+        # What the verdict says is not said twice.
+        printed_sentences = [text for text in first_sentences if text not in verdict] + [verdict]
         if is_new:
-            printed_sentences = sentences[:1]
+            printed_sentences = sentences[:2]
             if status.delay_fact is not None:
                 printed_sentences.append(str(status.delay_fact))
         print_to_stderr(timed(" ".join(printed_sentences)))
@@ -142,16 +186,31 @@ def _meaning(figure: Figure) -> Hashable:
     return None if is_measurement else figure
 
 
-def print_fact(fact: Fact) -> None:
-    """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line."""
-    text = Text(timed(escape_unprintable(fact.advised)), _style(fact))
+def print_fact(fact: Fact, moment: str = "") -> None:
+    """Prints a fact on standard error, in red if it is bad; where that is no terminal, it is one line.
+
+    Args:
+        fact: The fact.
+        moment: When it was reported; empty for now.
+    """
+    text = Text(timed(escape_unprintable(fact.advised), moment), _style(fact))
     with suppress(OSError):
         STDERR.print(text, soft_wrap=not STDERR.is_terminal)
 
 
-def timed(text: str) -> str:
-    """Returns a line with the time of day before it, by which a pilot finds it again."""
-    return f"{strftime('%H:%M:%S')} {text}"
+def print_event(event: Event) -> None:
+    """Prints an event as ``print_fact`` does, after the time of day and that of the vehicle's clock."""
+    print_fact(event.fact, moment_text(event))
+
+
+def timed(text: str, moment: str = "") -> str:
+    """Returns a line with the time before it, by which a pilot finds it again.
+
+    Args:
+        text: The line.
+        moment: The time; empty for the present time of day.
+    """
+    return f"{moment or strftime('%H:%M:%S')} {text}"
 
 
 def _style(*facts: Fact) -> str:

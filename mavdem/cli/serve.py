@@ -65,6 +65,12 @@ a process is replaced after a few logs, since Rerun leaves 20 MB and four thread
     metavar="LINK",
     help="Attach to a vehicle, as `mavdem live` does: its page while it flies, and its log when the server ends.",
 )
+@click.option(
+    "--request-rate",
+    type=NumberRange(1, 1000),
+    metavar="HZ",
+    help="Ask the vehicle of --link for rates and parameters, as `mavdem live` does; without it nothing is sent.",
+)
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 def serve_command(
     folder: Path,
@@ -76,6 +82,7 @@ def serve_command(
     jobs: int | None,
     scheduler: str | None,
     link: str | None,
+    request_rate: float | None,
     no_browser: bool,
 ) -> None:
     """Shows dropped logs in a browser, and the library of flights.
@@ -110,6 +117,7 @@ def serve_command(
         scheduler=scheduler,
         sample_log=SAMPLE_LOG,
         link=link,
+        request_rate=request_rate,
     )
 
     def report_address(address: str) -> None:

@@ -97,6 +97,7 @@ class NextStep(Code):
     LOAD_GAINS = "load_gains"
     TUNE_OTHER_AXES = "tune_other_axes"
     LAND_NOW = "land_now"
+    FLY_ON = "fly_on"
 
 
 class NoModel(Code):

@@ -13,11 +13,17 @@ class Event(NamedTuple):
         seconds: UNIX s of the bytes that caused it for a stream, s of the vehicle's clock in a history.
         fact: what it was; its time is that of its boot's clock.
         since: when what a history's fact is about began, s of the same clock as ``seconds``; otherwise NaN.
+        reception: UNIX s when a live session reported it; NaN of an event in a log.
+        clock: the vehicle's own boot clock then, s; NaN where that was not known, or in a log.
+        boot: number of that boot, from 0.
     """
 
     seconds: float
     fact: Fact
     since: float = nan
+    reception: float = nan
+    clock: float = nan
+    boot: int = 0
 
     @property
     def sentence(self) -> str:

@@ -120,6 +120,7 @@ class SessionFact(Code):
 
     ALARM = "alarm"
     NOT_FLYING = "not_flying"
+    FLIGHT_OVER = "flight_over"
     FLIGHT_UNKNOWN = "flight_unknown"
     NOT_SETTLED = "not_settled"
     BEING_LEARNED = "being_learned"

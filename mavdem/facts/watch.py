@@ -8,6 +8,7 @@ from mavdem.facts.fact import Code
 class WatchedQuantity(StrEnum):
     """What is watched."""
 
+    CONTROL = "control"
     MOTORS = "motors"
     OSCILLATION = "oscillation"
     MOTOR_LIMITS = "motor limits"
@@ -24,6 +25,9 @@ class WatchFact(Code):
     NOT_WATCHED = "not_watched"
     MESSAGE_MISSING = "message_missing"
     BATTERY_NOT_JUDGED = "battery_not_judged"
+    NO_MOTOR_AT_LIMIT = "no_motor_at_limit"
+    NO_OSCILLATION = "no_oscillation"
+    WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"
     ON_GROUND_NOW = "on_ground_now"
     ALARM_OVER = "alarm_over"

@@ -7,8 +7,11 @@ ends with its advice. Nothing is sent to the vehicle.
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+
+import numpy as np
 
 from mavdem.assessment.assess import assess
 from mavdem.assessment.axis import Options
@@ -16,11 +19,14 @@ from mavdem.assessment.axis.tuning import Tuning, tuned
 from mavdem.assessment.axis.twin import predicted_errors
 from mavdem.assessment.judgement import Judgement
 from mavdem.dataset.axes import AXES
+from mavdem.dataset.flight_states import airborne_intervals
+from mavdem.dataset.signals import Signals
 from mavdem.dem.parallel import LOW_PRIORITY
 from mavdem.errors import Refusal
 from mavdem.facts import Fact, Facts
 from mavdem.facts.loops import GainFact
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Log, Telemetry, selected_rows
 from mavdem.loops.advice import Advice
 
 MAX_WAIT_SECONDS = 60.0
@@ -155,7 +161,8 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         OSError: the files cannot be written.
     """
     try:
-        assessment = assess(read_log(recording), vehicle, AXES[0], Options(with_model=False))
+        log = last_flown_boot(read_log(recording))
+        assessment = assess(log, vehicle, AXES[0], Options(with_model=False))
     except Refusal as error:
         return GainAdvice((Fact(GainFact.GAINS_LEFT, because=error.fact),))
     assert assessment.evidence is not None
@@ -179,6 +186,39 @@ def advise_gains(recording: Path, vehicle: str) -> GainAdvice:
         because=tuning.judgement.next_step,
     )
     return GainAdvice((*facts, *twin_facts, files_fact), tuning.judgement)
+
+
+def last_flown_boot(log: Log) -> Log:
+    """Returns the part of a recording in which each vehicle flew last, from one start of its autopilot to the next.
+
+    What an autopilot did before it restarted, or another vehicle that had its ids, is not mixed with the latest flight.
+
+    Args:
+        log: the recording of a session.
+
+    Returns:
+        The log, with one boot of each vehicle: the last in which it left the ground, or the last if it never did. A
+        vehicle with a single boot is left as it is.
+    """
+    return replace(log, vehicles=tuple(map(_last_flown_boot_of, log.vehicles)))
+
+
+def _last_flown_boot_of(telemetry: Telemetry) -> Telemetry:
+    """Returns the messages of the last boot in which one vehicle left the ground, as those of boot 0."""
+    signals = Signals(telemetry)
+    if not signals.tilts:
+        return telemetry
+    boots = np.unique(signals.tilts[0].boot).tolist()
+    if len(boots) < 2:
+        return telemetry
+    flown_boots = [boot for boot in boots if airborne_intervals(signals, boot)]
+    last_boot = (flown_boots or boots)[-1]
+    messages = {}
+    for name, columns in telemetry.messages.items():
+        rows = np.flatnonzero(columns["boot"] == last_boot)
+        if len(rows):
+            messages[name] = selected_rows(columns, rows) | {"boot": np.zeros(len(rows), int)}
+    return replace(telemetry, messages=messages)
 
 
 def facts_of_tuning(tuning: Tuning) -> Facts:

@@ -148,6 +148,7 @@ class LiveHistory:
     Attributes:
         now: latest time of the timeline, s; NaN before any.
         timeline_offset: time of the timeline minus time of the present boot's clock, s.
+        boot: number of the boot whose clock the timeline follows now, from 0.
         motor_names: names of the motors in ``table``.
         events: what happened, in order, with times of the timeline.
         learned_intervals: first and last sample, s, of each part of the flight that was learned from.
@@ -160,8 +161,7 @@ class LiveHistory:
         self.motor_names: Names = ()
         self.events: list[Event] = []
         self.learned_intervals: list[TimeInterval] = []
-        # Number of the boot whose clock the timeline follows now.
-        self._boot = 0
+        self.boot = 0
         # Columns as ``table`` lists them. Of all rows that were added, every ``_stride``-th one is kept.
         self._rows: list[array[float]] = []
         self._stride = 1
@@ -183,8 +183,8 @@ class LiveHistory:
                 begun.
             boot: number of the boot; another number than before means that the clock has begun again.
         """
-        if boot != self._boot:
-            self._boot = boot
+        if boot != self.boot:
+            self.boot = boot
             self.timeline_offset = self.now + GAP_SECONDS - time
         # A comparison with NaN is false: a time that is not known yet does not hold up a timeline that begins.
         has_passed = time + self.timeline_offset <= self.now

@@ -209,9 +209,9 @@ def tilt_setpoint(message: Message) -> TiltSetpoint:
     A set bit of its type mask says that the attitude is to be ignored, for example when only body rates are commanded.
 
     Args:
-        message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z).
+        message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z) before its body rates.
     """
-    mask, quaternion = message.values
+    mask, quaternion = message.values[:2]
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
         return TiltSetpoint()
     # A quaternion of NaN means "no setpoint" too; its angles become NaN.

@@ -133,6 +133,7 @@ class Milestones:
                 clock=now,
                 axis=self._axis,
                 is_flying=status.is_flying,
+                is_lost=status.loss is not None,
                 is_fitted=physical is not None,
                 margins_follow=self.margins_follow,
                 **_margin_figures(margins),

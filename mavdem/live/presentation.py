@@ -33,19 +33,19 @@ class Presentation:
     def __init__(
         self,
         open_display: OpenDisplay,
-        report_fact: Callable[[Fact], None],
+        report_event: Callable[[Event], None],
         motor_alarms: MotorAlarms,
     ) -> None:
         """Begins without a display.
 
         Args:
             open_display: is called with each new format of rows.
-            report_fact: is called with each fact for the user.
+            report_event: is called with each event for the user.
             motor_alarms: show since when the torque is that of a weak motor.
         """
         self.history = LiveHistory()
         self._open_display = open_display
-        self._report_fact = report_fact
+        self._report_event = report_event
         self._motor_alarms = motor_alarms
         self._display: Display | None = None
         # When each kind of fact was reported last, s of the monotonic clock.
@@ -199,14 +199,21 @@ class Presentation:
         if repetition_key in self._report_times and fact.time is None:
             return
         self._report_times[repetition_key] = now
-        self._report_fact(fact)
         start_time = nan
         if fact.time is not None:
             start_time = fact.time + self.history.timeline_offset
         # An alarm about a motor has the time since which the estimated torque is the motor's, not the wind's.
         if self._motor_alarms.change_time == fact.time:
             self.history.clear_wind_torque(start_time)
-        event = Event(self.history.now, fact, start_time)
+        event = Event(
+            self.history.now,
+            fact,
+            start_time,
+            reception=clock.unix_time(),
+            clock=self.history.now - self.history.timeline_offset,
+            boot=self.history.boot,
+        )
+        self._report_event(event)
         self.history.events.append(event)
         if self._display is not None:
             self._display.log(event)

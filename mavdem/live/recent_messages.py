@@ -81,7 +81,7 @@ class RecentMessages:
         for name in names:
             rows = [row for row in self.rows.get(name, ()) if row.time >= start_time]
             if rows:
-                columns[name] = _columns_from(MESSAGE_FIELDS[name], rows, self.boot)
+                columns[name] = columns_from(MESSAGE_FIELDS[name], rows, self.boot)
         return columns
 
 
@@ -116,7 +116,7 @@ def _thinned_out(name: str, rows: Sequence[TimedValues]) -> list[TimedValues]:
     return [*thinned_half, *newer_half]
 
 
-def _columns_from(fields: Sequence[str], rows: Sequence[TimedValues], boot: int) -> Columns:
+def columns_from(fields: Sequence[str], rows: Iterable[TimedValues], boot: int) -> Columns:
     """Turns messages of one name into columns.
 
     Args:

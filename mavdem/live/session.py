@@ -11,6 +11,7 @@ from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.online.learner import FIRST_FIT_RUNNING
 from mavdem.dem.parallel import LearningProcess
 from mavdem.facts import Fact, Level
+from mavdem.facts.event import Event
 from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact
 from mavdem.facts.margins import MarginsLight
@@ -55,7 +56,7 @@ class LiveSession:
         settings: Settings,
         open_display: OpenDisplay,
         report_status: Callable[[SessionStatus], None],
-        report_fact: Callable[[Fact], None],
+        report_event: Callable[[Event], None],
         executor: Executor | None = None,
         recording: RawRecording | None = None,
         requested_rate: float | None = None,
@@ -71,7 +72,7 @@ class LiveSession:
             settings: settings of the learner.
             open_display: function that is called with each new format of rows, and returns their display, or None.
             report_status: function that is called once a second with the status.
-            report_fact: function that is called with each fact for the user.
+            report_event: function that is called with each event for the user.
             executor: executor in which models are learned and judged; None for this thread.
             recording: recording of the raw stream; None for none.
             requested_rate: message rate to ask the vehicle for, Hz; None to send nothing at all.
@@ -85,7 +86,7 @@ class LiveSession:
         self._report_status = report_status
         self._executor = executor
         # The parts, in the order in which later ones need earlier ones.
-        self._presentation = Presentation(open_display, report_fact, stream.motor_alarms)
+        self._presentation = Presentation(open_display, report_event, stream.motor_alarms)
         self.history = self._presentation.history
         log = self._presentation.log
         self.intake = LinkIntake(link, stream.frame_reader, recording, log)
@@ -299,9 +300,12 @@ class LiveSession:
             was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle
             if status.obstacle is not None or not was_first_fit:
-                self._presentation.log(
-                    status.obstacle or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
-                )
+                news = status.obstacle or Fact(SessionFact.BEING_LEARNED, Level.GOOD)
+                # Beside an alarm nothing advises to fly on.
+                is_alarmed = any(alarm.is_bad for alarm in status.active_alarms)
+                # What a vehicle does that is out of control is no news of the learning.
+                if status.loss is None or not status.is_flying:
+                    self._presentation.log(news.grounded if is_alarmed else news)
         # With a backlog the account is kept by ``_analyse``, as of the arrival of what is analysed.
         if not self.backlog:
             self._report.account_for(now)

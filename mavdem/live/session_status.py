@@ -15,11 +15,14 @@ from mavdem.dem import Estimate
 from mavdem.facts import Fact, Facts, NamedFacts
 from mavdem.facts.assessment import Headline as HeadlineCode
 from mavdem.facts.assessment import NextStep
+from mavdem.facts.ending import Ending
 from mavdem.facts.lights import Light
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
+from mavdem.live.live_lights import lights_before_model
+from mavdem.live.vehicle_state import VehicleState
 from mavdem.live.wind import WindEstimate
 from mavdem.motors.motor_changes import MotorAlarm
 
@@ -88,6 +91,15 @@ class SessionStatus(ImmutableResult):
     is_flying: bool = False
     """Whether the vehicle is armed and airborne."""
 
+    state: VehicleState | None = None
+    """Its mode, arming and battery; None before a vehicle is chosen."""
+
+    message_age: float | None = None
+    """Time since the last message of the link, s; None before any."""
+
+    is_over: bool = False
+    """Whether the session has ended, so that the status is that of the whole flight."""
+
     learned_rows: int = 0
     """Number of rows that the learner used."""
 
@@ -127,6 +139,9 @@ class SessionStatus(ImmutableResult):
     model_judgement: Judgement | None = None
     """Headline, lights and next step by the model so far; None before it is judged."""
 
+    loss: Fact | None = None
+    """How the flight was lost, until the next take-off; None if it was not."""
+
     active_alarms: Facts = ()
     """What is bad now. An alarm about a weak motor stays after the landing."""
 
@@ -155,12 +170,19 @@ class SessionStatus(ImmutableResult):
         Before a model is judged, everything that needs one is unknown. Each light is the worse of its two facts. A bad
         light becomes the headline unless the headline is bad already; where nothing is wrong, all lights together are
         the headline, so that it names those that need no model as well. Before a model is judged, that nothing is
-        received of the vehicle is the headline instead. In flight a bad headline makes landing the next step.
+        received of the vehicle is the headline instead. How the flight was lost outranks all that. In flight a bad
+        headline makes landing the next step, and what can wait until then is put after the landing.
         """
         weak_motors = self._weak_motors
         judgement = self.model_judgement
         if judgement is None:
-            judgement = unjudged(weak_motors[0] if weak_motors else self._reason_without_model)
+            reason = self._reason_without_model
+            judgement = replace(
+                unjudged(weak_motors[0] if weak_motors else reason),
+                lights=lights_before_model(
+                    reason, self.rates, self.watch_facts, self.wind_obstacle
+                ),
+            )
         lights_without_model = self._lights_without_model
         lights = {}
         for name, light_by_model in judgement.lights.items():
@@ -192,8 +214,23 @@ class SessionStatus(ImmutableResult):
             headline = headline_by_lights(lights)
             if headline.warns:
                 next_step = next_step_of(headline, lights, None)
-        if self.is_flying and headline.is_bad:
+        if self.loss is not None and headline.code not in Ending:
+            # The review of the recording, where there is one, says more of the loss.
+            headline = self.loss
+            next_step = next_step_of(headline, lights, None)
+        if self.is_over or not self.is_flying:
+            return Judgement(headline, next_step, lights)
+        if headline.is_bad:
             next_step = Fact(NextStep.LAND_NOW, because=headline)
+        elif not self._is_received and self.obstacle is not None:
+            # Whether the vehicle still flies, and how, is not known.
+            headline = self.obstacle
+            next_step = Fact(NextStep.DO_AS_ADVISED, because=self.obstacle)
+        elif headline.warns:
+            advice = next_step_of(headline, lights, None)
+            next_step = Fact(NextStep.FLY_ON, because=advice)
+        elif self.model_judgement is not None or not self._reason_without_model.remedy:
+            next_step = Fact(NextStep.FLY_ON, because=None)
         return Judgement(headline, next_step, lights)
 
     @property

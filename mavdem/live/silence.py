@@ -41,6 +41,14 @@ class SilenceMonitor:
         self.message_time = last_arrival
         return silence_before
 
+    def message_age(self, now: float) -> float | None:
+        """Returns the time since the last message, s; None before any.
+
+        Args:
+            now: present time, s of the monotonic clock.
+        """
+        return max(now - self.message_time, 0.0) if self._has_received else None
+
     def note_samples(self, sample_count: int) -> float:
         """Records whether the latest messages, passed to ``note_messages`` before, contained samples of the motion.
 

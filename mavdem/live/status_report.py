@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from mavdem.facts import Fact
 from mavdem.facts.session import LinkFact, MissingMessages, SessionFact, TimeUse
+from mavdem.live import clock
 from mavdem.live.backlog import BEHIND_DELAY, Backlog, LatencyMeter
 from mavdem.live.clock_speed import ClockSpeed
 from mavdem.live.intake import LinkIntake
@@ -88,6 +89,8 @@ class StatusReport:
             obstacle=silence
             or status.obstacle
             or self._learning_obstacle(is_flying=status.is_flying),
+            state=self.stream.vehicle_state(),
+            message_age=self.silence.message_age(clock.monotonic()),
             rates=rates,
             watch_facts=watch_facts,
             analysis_delay=delay if delay >= BEHIND_DELAY else 0.0,

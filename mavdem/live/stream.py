@@ -40,6 +40,7 @@ from mavdem.live.rows import AlignedRow, FormattedRow, RowFormat
 from mavdem.live.session_status import SessionStatus
 from mavdem.live.vehicle_review import VehicleReview
 from mavdem.live.vehicle_selection import Component, VehicleSelector
+from mavdem.live.vehicle_state import VehicleState, vehicle_state
 from mavdem.live.wind import LiveWind
 from mavdem.wind_velocity.from_log import ESTIMATOR_FLAG_MESSAGES, VELOCITY_MESSAGES
 
@@ -243,6 +244,13 @@ class LiveStream:
         self._events.clear()
         return events
 
+    def vehicle_state(self) -> VehicleState | None:
+        """Returns mode, arming and battery of the followed vehicle by its latest messages; None before it is known."""
+        vehicle = self._review.telemetry
+        if self.followed_vehicle is None or vehicle is None:
+            return None
+        return vehicle_state(self._review.recent_messages, vehicle, self._clock.now)
+
     def status(self) -> SessionStatus:
         """Returns the status of the link and the vehicle after the latest frame.
 
@@ -256,6 +264,9 @@ class LiveStream:
             # The boot clock is NaN until an attitude has come.
             obstacle = self._rate_check.no_attitude if isnan(now) else self._review.obstacle
         watchdog = self._review.watchdog
+        if watchdog.loss is not None and not self.is_flying:
+            # What is said of the next take-off to a vehicle on the ground does not fit a wreck.
+            obstacle = Fact(SessionFact.FLIGHT_OVER, because=watchdog.loss)
         return SessionStatus(
             vehicle=vehicle.name if vehicle else None,
             obstacle=obstacle,
@@ -266,6 +277,7 @@ class LiveStream:
             late_samples=self._rows.late_samples,
             undecoded_frames=self.frame_reader.undecoded_frames,
             motor_alarms=tuple(self.motor_alarms.latest),
+            loss=watchdog.loss,
             active_alarms=(*watchdog.active_alarms, *self.motor_alarms.active),
             watch_facts=self.watch_facts,
             worst_lights=dict(watchdog.worst_lights),
@@ -353,6 +365,8 @@ class LiveStream:
         message = timed.message
         name = message.name
         time = timed.time
+        if name in (*ATTITUDE_MESSAGES, SETPOINT_MESSAGE) and timed.has_own_stamp:
+            self._review.watchdog.control.take(message, time)
         if name in ATTITUDE_MESSAGES and timed.has_own_stamp:
             yield from self._take_attitude(message, time)
         elif name == SETPOINT_MESSAGE and timed.has_own_stamp:

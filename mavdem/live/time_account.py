@@ -43,7 +43,11 @@ class AccountedState:
             The kind of time that is spent.
         """
         obstacle = self.status.obstacle
-        on_ground_codes = (SessionFact.NOT_FLYING, SessionFact.FLIGHT_UNKNOWN)
+        on_ground_codes = (
+            SessionFact.NOT_FLYING,
+            SessionFact.FLIGHT_UNKNOWN,
+            SessionFact.FLIGHT_OVER,
+        )
         waits_for_messages = obstacle is not None and obstacle.code not in on_ground_codes
         if self.link_is_lost:
             return TimeUse.LINK_LOST

@@ -37,6 +37,7 @@ class VehicleReview:
         phase: whether the vehicle flies, as of the latest review.
         watchdog: what is wrong without a model, as of the latest review.
         obstacle: why there are no rows, or the vehicle does not fly; None while all is well.
+        telemetry: identity and parameters of the vehicle, without messages; None before the first review of a boot.
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class VehicleReview:
         self._report = report
         # Parameters of the autopilot as of the last choice of inputs.
         self._parameters: Parameters = {}
+        self.watchdog = Watchdog(RecentMessages())
         self.restart(0)
 
     def restart(self, boot: int) -> None:
@@ -74,9 +76,11 @@ class VehicleReview:
         Args:
             boot: number of the new boot.
         """
+        # An autopilot may well reboot in a crash: how the flight was lost stays.
+        loss = self.watchdog.loss
         self.recent_messages = RecentMessages(boot)
         self.phase = FlightPhase(self.recent_messages)
-        self.watchdog = Watchdog(self.recent_messages)
+        self.watchdog = Watchdog(self.recent_messages, loss)
         # The parts of the present review that are not done yet.
         self._pending_parts: deque[Callable[[RowBuilder], None]] = deque()
         # Times of the boot clock, s: of the latest message, of the present review, of its latest part, and since when
@@ -87,7 +91,7 @@ class VehicleReview:
         self._connection_start = inf
         # Results of a part that later parts use.
         self._candidate_messages: dict[str, Fields] = {}
-        self._telemetry: Telemetry | None = None
+        self.telemetry: Telemetry | None = None
         self._motion: RecentMotion | None = None
 
     def proceed(self, now: float, rows: RowBuilder) -> None:
@@ -241,10 +245,10 @@ class VehicleReview:
             self.obstacle = self._rate_obstacle(rows) or self.phase.obstacle
         if rows.inputs is None and connected_seconds >= AVERAGING_SECONDS / 2:
             self.phase.motors_are_idle = rows.has_motor_messages
-        self._telemetry = self._vehicle_telemetry()
+        self.telemetry = self._vehicle_telemetry()
         collective = None if rows.inputs is None else rows.inputs.collective
         was_flying = self.phase.is_flying
-        self.phase.review(now, self._telemetry, collective)
+        self.phase.review(now, self.telemetry, collective)
         if self.phase.is_flying and not was_flying:
             self._wind.restart()
 
@@ -261,12 +265,12 @@ class VehicleReview:
         Args:
             _: unused; all parts of a review have the same arguments.
         """
-        assert self._telemetry is not None
+        assert self.telemetry is not None
         now = self._review_time
         is_flying = self.phase.is_flying
         settled_start = self.phase.settled_start(now)
         for fact in self.watchdog.begin_review(
-            now, self._telemetry, is_flying=is_flying, settled_start=settled_start
+            now, self.telemetry, is_flying=is_flying, settled_start=settled_start
         ):
             self._report(fact)
         if is_flying and self.watchdog.is_thorough:
@@ -286,7 +290,7 @@ class VehicleReview:
         Args:
             _: unused; all parts of a review have the same arguments.
         """
-        for fact in self.watchdog.finish_review(self._motion):
+        for fact in self.watchdog.finish_review(self._motion, self.phase.takeoff_time):
             self._report(fact)
         now = self._review_time
         balance_obstacle = self._motor_alarms.obstacle(now, is_flying=self.phase.is_flying)

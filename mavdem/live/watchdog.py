@@ -14,6 +14,8 @@ import numpy as np
 
 from mavdem.arrays import Flags
 from mavdem.assessment.condition import Condition
+from mavdem.assessment.ending import REPORTS_OF_LOSS, ending_of
+from mavdem.assessment.flights import RECOVERY_SECONDS
 from mavdem.assessment.lights.power import power_light
 from mavdem.assessment.lights.vibration import vibration_light
 from mavdem.assessment.limits import worst_fact
@@ -34,6 +36,7 @@ from mavdem.facts.session import RowsFact
 from mavdem.facts.watch import WatchedQuantity, WatchFact
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR, ON_GROUND
+from mavdem.live.control_watch import ControlWatch
 from mavdem.live.live_signals import LiveSignals, RecentMotion, live_evidence
 from mavdem.live.messages import STATUS_MESSAGES
 from mavdem.live.recent_messages import RecentMessages
@@ -45,12 +48,20 @@ from mavdem.motors.saturation import most_limited_motors
 from mavdem.plant.online_wind_torque import MEMORY_SECONDS
 
 LIGHTS = {
+    WatchedQuantity.CONTROL: Light.TRACKING,
     WatchedQuantity.OSCILLATION: Light.MARGINS,
     WatchedQuantity.MOTOR_LIMITS: Light.MOTORS,
     WatchedQuantity.VIBRATION: Light.VIBRATION,
     WatchedQuantity.BATTERY: Light.POWER,
 }
 """The light that shows what is wrong with each thing that is watched."""
+
+EXPLAINED_BY_LOSS = (
+    WatchedQuantity.OSCILLATION,
+    WatchedQuantity.MOTOR_LIMITS,
+    WatchedQuantity.VIBRATION,
+)
+"""What a vehicle that is out of control shows however sound it is: it is not judged after a loss."""
 
 UNWATCHED_BATTERIES = frozenset(
     {PowerLight.POWER_UNMEASURED, PowerLight.SUPPLY_HELD, PowerLight.CELLS_UNKNOWN}
@@ -129,14 +140,23 @@ class Watchdog:
         active: what is wrong as of the last review, by what is watched.
         watch_facts: since when each thing is watched, or why it is not.
         worst_lights: the worst fact found so far, by light.
+        control: takes attitudes and their setpoints, and judges whether control of the flight was lost.
+        loss: how the flight was lost, by its motion or a report of the autopilot; it stays until the next take-off.
     """
 
-    def __init__(self, recent: RecentMessages) -> None:
-        """Begins without a review; ``recent`` has the messages of the boot."""
+    def __init__(self, recent: RecentMessages, loss: Fact | None = None) -> None:
+        """Begins without a review.
+
+        Args:
+            recent: messages of the boot.
+            loss: how a flight of the former boot was lost; None if it was not, or the vehicle took off again.
+        """
         self.is_thorough = False
         self.active: dict[WatchedQuantity, Fact] = {}
         self.watch_facts: dict[WatchedQuantity, Fact] = {}
         self.worst_lights: dict[str, Fact] = {}
+        self.control = ControlWatch(recent)
+        self.loss = loss
         self._recent = recent
         # Time, s, and MAV_LANDED_STATE at the beginning and the end of each phase.
         self._states: list[_StateSample] = []
@@ -159,8 +179,11 @@ class Watchdog:
 
     @property
     def active_alarms(self) -> Facts:
-        """What is bad as of the last review."""
-        return tuple(fact for fact in self.active.values() if fact.is_bad)
+        """What is bad as of the last review; the loss of the flight first, also while it lies on the ground."""
+        active = [fact for fact in self.active.values() if fact.is_bad]
+        if self.loss is not None and self.loss not in active:
+            active.insert(0, self.loss)
+        return tuple(active)
 
     def begin_review(
         self, now: float, vehicle: Telemetry, *, is_flying: bool, settled_start: float | None
@@ -219,6 +242,12 @@ class Watchdog:
         former_state = self._states[-1].landed_state if self._states else state
         if self._states and former_state == state:
             return
+        # A report of the landed state that changes for a moment is no other flight. The first phase of a boot has two
+        # states at most.
+        is_first_phase = len(self._states) <= 2
+        if state == IN_AIR and (is_first_phase or now - self._states[-1].time >= RECOVERY_SECONDS):
+            self.loss = None
+            self.active.pop(WatchedQuantity.CONTROL, None)
         # The former state is known to hold until the last review, the new one from now on.
         self._states.append(_StateSample(self._review_time, former_state))
         self._states.append(_StateSample(now, state))
@@ -241,11 +270,12 @@ class Watchdog:
             evidence = live_evidence(review.recent_signals, condition)
             review.facts[WatchedQuantity.VIBRATION] = vibration_light(evidence)
 
-    def finish_review(self, motion: RecentMotion | None) -> list[Fact]:
+    def finish_review(self, motion: RecentMotion | None, takeoff_time: float = -inf) -> list[Fact]:
         """Ends the review that has begun: judges the motion in flight, and compares all findings with active alarms.
 
         Args:
             motion: attitude and motor outputs of the last seconds; None if they do not come.
+            takeoff_time: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
 
         Returns:
             Alarms that begin, become worse, or are over.
@@ -253,12 +283,33 @@ class Watchdog:
         review = self._review
         assert review is not None
         self._review = None
-        if review.is_flying and motion is not None:
-            self._add_motion_facts(review, motion)
+        if review.is_flying:
+            loss = self.control.loss(review.now, review.vehicle, takeoff_time, motion)
+            if loss is not None:
+                review.facts[WatchedQuantity.CONTROL] = loss
+                self.loss = self.active.get(WatchedQuantity.CONTROL, loss)
+                self._judge_motors_of_loss(self.loss)
+            if motion is not None:
+                self._add_motion_facts(review, motion)
+            if self.loss is not None:
+                for kind in EXPLAINED_BY_LOSS:
+                    review.facts.pop(kind, None)
         self._update_watch_facts(review, motion)
         alarms = self._changed_alarms(review)
         self._review_time = review.now
         return alarms
+
+    def _judge_motors_of_loss(self, loss: Fact) -> None:
+        """Makes the motor that failed the light of the motors; without one, nothing says any more that all are sound.
+
+        Args:
+            loss: how the flight was lost; its subject is the motor that failed first, if one is known.
+        """
+        name = str(Light.MOTORS)
+        if loss.subject:
+            self.worst_lights[name] = worst_fact([loss, self.worst_lights.get(name, loss)])
+        elif name in self.worst_lights and self.worst_lights[name].is_good:
+            del self.worst_lights[name]
 
     def _signals(
         self,
@@ -319,6 +370,9 @@ class Watchdog:
             is_for_logs_only = fact.code is ReportedEvent.RESTARTED or fact.figures.get("is_begun")
             if not is_known and not is_late and not is_for_logs_only:
                 reports.append(fact.replace(height=None))
+        reports_of_loss = [fact for fact in reports if fact.code in REPORTS_OF_LOSS]
+        if self.loss is None and reports_of_loss:
+            self.loss = ending_of(signals, reports_of_loss)
         return reports
 
     def _add_motion_facts(self, review: _Review, motion: RecentMotion) -> None:
@@ -353,8 +407,10 @@ class Watchdog:
 
         An alarm begins, or is reported again, when a fact warns with another level or code than the active alarm. It
         ends after the landing, or when its reason has not been found for ``CALM_SECONDS``, so that a condition that
-        comes and goes gives one alarm. The worst fact of each light (motors, vibration, power, …) is kept for the
-        judgement of the whole flight.
+        comes and goes gives one alarm. That of a loss of control ends only if the vehicle flies on for so long. On the
+        ground it stays, and other alarms end without a word: a wreck is no sound vehicle.
+
+        The worst fact of each light (motors, vibration, power, …) is kept for the judgement of the whole flight.
 
         Args:
             review: the review that ends, with all its facts.
@@ -376,9 +432,15 @@ class Watchdog:
                 alarms.append(event_or_alarm(fact, review.now))
         for kind in list(self.active):
             last_seen = self._last_seen[kind]
+            is_lost = self.loss is not None and not review.is_flying
+            if is_lost and kind is WatchedQuantity.CONTROL:
+                continue
             if not review.is_flying or review.now - last_seen >= CALM_SECONDS:
                 ended = self.active.pop(kind)
-                alarms.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended))
+                if not is_lost:
+                    alarms.append(Fact(WatchFact.ALARM_OVER, time=last_seen, because=ended))
+                if kind is WatchedQuantity.CONTROL:
+                    self.loss = None
         return alarms
 
     def _update_watch_facts(self, review: _Review, motion: RecentMotion | None) -> None:
@@ -449,11 +511,14 @@ class Watchdog:
     def note_motors_watched(self, now: float) -> None:
         """Notes for the light of the motors that their balance is tested, and that no loss of thrust was found yet.
 
-        A loss is an alarm of its own, which outranks this.
+        A loss is an alarm of its own, which outranks this. After a loss of control nothing is noted: motors that fight
+        it are not compared with each other.
 
         Args:
             now: present time on the boot clock, s.
         """
+        if self.loss is not None:
+            return
         self.worst_lights.setdefault(
             str(Light.MOTORS), Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)
         )

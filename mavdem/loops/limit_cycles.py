@@ -64,6 +64,8 @@ STARTING_WINDOWS = (0.5, 1.0, 2.0)
 """Lengths of the windows in which a limit cycle that has just started is looked for, s."""
 STARTING_SPAN = 2.2
 """Length of recent flight in which it is looked for, in window lengths: three half-overlapping windows and slack."""
+SPAN_SLACK = 0.2
+"""Time, s, by which recent flight is longer than the windows that must fit into it: some samples of a slow stream."""
 STARTING_DURATION = 1.9
 """Least duration of such a limit cycle, in window lengths: three half-overlapping windows have two."""
 
@@ -142,8 +144,9 @@ def detect_starting_limit_cycle(
     """Detects a limit cycle that has just started, for a warning in flight.
 
     It is reported only if motors reach their limits. One with body rates of at least ``MIN_DANGEROUS_RATE`` is reported
-    at once. A slower one is reported if it lasts, by the same windows and ``MIN_DURATION`` as in the analysis of a
-    recorded flight: motors that swing between their limits cannot control the vehicle, however slowly it rotates.
+    at once, if its periods are short enough for the ``STARTING_WINDOWS``. Any other is reported if it lasts, by the
+    same windows and ``MIN_DURATION`` as in the analysis of a recorded flight: motors that swing between their limits
+    cannot control the vehicle, however slowly it rotates.
 
     Args:
         motors: outputs of the motors so far.
@@ -158,7 +161,8 @@ def detect_starting_limit_cycle(
     upper_limits, lower_limits = samples_at_limits(
         motors.scale.fraction(motors.outputs), motors.scale
     )
-    limit_times = motors.time[(upper_limits | lower_limits).any(axis=1)]
+    is_at_limit = (upper_limits | lower_limits).any(axis=1)
+    limit_times = motors.time[is_at_limit & (motors.time <= now)]
     latest_limit_time = limit_times.max(initial=-np.inf)
     starting_cycles = list[Oscillation]()
     for window_seconds in STARTING_WINDOWS:
@@ -171,10 +175,15 @@ def detect_starting_limit_cycle(
                 motors, tilts, segment, window_seconds, min_duration
             )
     fast_cycles = [cycle for cycle in starting_cycles if cycle.rate >= MIN_DANGEROUS_RATE]
-    if fast_cycles or not starting_cycles:
+    if fast_cycles:
         return _strongest(fast_cycles)
     window_seconds = WINDOW_LENGTHS[0]
-    segment = Segment(boot, max(start_time, now - STARTING_SPAN * window_seconds), now)
+    # What the short windows show goes on. Without them all windows together must show it until now.
+    span = STARTING_SPAN * window_seconds if starting_cycles else MIN_DURATION + SPAN_SLACK
+    segment = Segment(boot, max(start_time, now - span), now)
+    # Where no motor was at a limit in the last half window, an oscillation is over.
+    if latest_limit_time < now - window_seconds / 2 or segment.duration < MIN_DURATION:
+        return None
     return _strongest(_cycles_at_limits(motors, tilts, segment, window_seconds, MIN_DURATION))
 
 

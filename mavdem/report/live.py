@@ -1,16 +1,19 @@
 """The report of a live flight: how well it was predicted, what the model learned from, and what the link delivered."""
 
 from collections.abc import Mapping, Sequence
-from math import sqrt
+from math import isfinite, sqrt
+from time import localtime, strftime
 
+from mavdem.assessment.judgement import Judgement
 from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.session import SessionFact, TimeUse
 from mavdem.live.history import REPORTED_HORIZON, HorizonErrors, LiveHistory
 from mavdem.live.session_status import SessionStatus
 from mavdem.motors.motor_changes import FALSE_ALARMS
 from mavdem.report.blocks import Blocks, Sentence, Table
 from mavdem.report.numbers import display_unit, name_with_unit
-from mavdem.report.templates import as_clause, capitalize_first, render_section
+from mavdem.report.templates import as_clause, capitalize_first, headline, render_section
 
 
 def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None = None) -> str:
@@ -23,6 +26,40 @@ def watched_quantities_text(watch_facts: Sequence[Fact], obstacle: Fact | None =
     stated = "" if obstacle is None else obstacle.sentence
     sentences = render_section("live_watched", watched=watch_facts, stated=stated)
     return "".join(f"{capitalize_first(sentence.text)}." for sentence in sentences)
+
+
+def vehicle_text(status: SessionStatus) -> str:
+    """Returns in one line the vehicle, its mode, whether it is armed and flies, its battery, and the last message."""
+    [sentence] = render_section("live_vehicle", status=status)
+    return sentence.text
+
+
+def verdict_lines(judgement: Judgement) -> list[str]:
+    """Returns the headline of a judgement and, where it does not only repeat that, the next step.
+
+    Args:
+        judgement: the judgement.
+    """
+    headline_text = headline(judgement.headline)
+    next_step = str(judgement.next_step)
+    if next_step in headline_text:
+        return [headline_text]
+    return [headline_text, f"Next: {next_step}"]
+
+
+def moment_text(event: Event) -> str:
+    """Returns when an event of a live session was reported: the time of day, and the vehicle's clock, if it is known.
+
+    Sentences have times of the vehicle's clock, which begins again with each boot: so later boots are numbered.
+
+    Args:
+        event: the event, as the session reports it.
+    """
+    time_of_day = strftime("%H:%M:%S", localtime(event.reception))
+    if not isfinite(event.clock):
+        return time_of_day
+    boot = f"boot {event.boot + 1}, " if event.boot else ""
+    return f"{time_of_day} · {boot}{event.clock:.1f} s"
 
 
 def live_report(
@@ -50,7 +87,7 @@ def live_report(
     reported_errors = min(
         errors, key=lambda error: abs(error.seconds - REPORTED_HORIZON), default=None
     )
-    headline, *state = render_section(
+    headline_block, *state = render_section(
         "live_state", best=reported_errors, axis=axis, status=status, false_alarms=FALSE_ALARMS
     )
     alarms = [Sentence(f"{as_clause(alarm.fact)}.", "Motors:") for alarm in status.motor_alarms]
@@ -59,7 +96,7 @@ def live_report(
         "live_learned", errors=errors, parts=history.learned_intervals, seconds=learned_seconds
     )
     link = render_section("live_link", status=status)
-    return [headline, *alarms, *state, *error_tables, *learned, _time_table(account), *link]
+    return [headline_block, *alarms, *state, *error_tables, *learned, _time_table(account), *link]
 
 
 def _time_table(account: Mapping[TimeUse, float]) -> Table:

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from datetime import UTC, datetime
-from threading import Event, Thread
+from threading import Event as ThreadEvent
+from threading import Thread
 
 from mavdem.dem import Settings
 from mavdem.dem.parallel import LearningProcess
 from mavdem.errors import Refusal, fact_from_error
 from mavdem.facts import Fact
+from mavdem.facts.event import Event
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import LinkFact
 from mavdem.live import LiveStream
@@ -31,7 +33,7 @@ MODEL_AXIS = "roll"
 
 
 class LinkMonitor:
-    """Runs live sessions on a link, one after the other, in a thread; nothing is ever sent to the vehicle.
+    """Runs live sessions on a link, one after the other, in a thread; nothing is sent to the vehicle unless asked for.
 
     A session ends when a vehicle that was received is silent for a minute, or when the server ends. After an error,
     such as a full disk, no further session begins; what was recorded until then is kept.
@@ -46,6 +48,7 @@ class LinkMonitor:
         library: Library,
         log_added: Callable[[], None],
         warn: Callable[[Fact], None],
+        request_rate: float | None = None,
     ) -> None:
         """Opens the link; sessions begin with :meth:`start`.
 
@@ -54,6 +57,7 @@ class LinkMonitor:
             library: library to which recordings of sessions are added.
             log_added: function that is called after a recording was added.
             warn: function that is called with the reason where no session runs any more, and with what was lost.
+            request_rate: rate that each vehicle is asked for, Hz; None to send nothing at all.
 
         Raises:
             Unreadable: the link cannot be opened.
@@ -66,7 +70,8 @@ class LinkMonitor:
         self._library = library
         self._log_added = log_added
         self._warn = warn
-        self._is_stopping = Event()
+        self._request_rate = request_rate
+        self._is_stopping = ThreadEvent()
         self._silent_pages = 0
         self._frames_at_last_page = 0
         # Number of datagrams that the link had lost at the end of the latest session.
@@ -125,13 +130,14 @@ class LinkMonitor:
         recording = RawRecording(path)
         session = LiveSession(
             self._link,
-            LiveStream(MODEL_AXIS),
+            LiveStream(MODEL_AXIS, rates_requested=self._request_rate is not None),
             Settings(),
             _ignore,
             _ignore,
             _raise_when_recording_ended,
             executor,
             recording,
+            self._request_rate,
             # An empty name: the user finds the recording in the library when the session has ended.
             recording_name="",
         )
@@ -198,14 +204,15 @@ def _ignore(_: object) -> None:
     """Takes the reports of a session that the server does not show elsewhere than on the page."""
 
 
-def _raise_when_recording_ended(fact: Fact) -> None:
-    """Raises an error, which ends the session, if a fact reports that its recording can no longer be written.
+def _raise_when_recording_ended(event: Event) -> None:
+    """Raises an error, which ends the session, if an event is that its recording can no longer be written.
 
     Args:
-        fact: fact that the session reports about its link.
+        event: event that the session reports.
 
     Raises:
-        OSError: the fact reports the end of the recording.
+        OSError: the event is the end of the recording.
     """
+    fact = event.fact
     if fact.code is LinkFact.STREAM_RECORDING_ENDED:
         raise OSError(fact.figures["error"])

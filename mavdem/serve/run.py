@@ -72,6 +72,8 @@ class ServerOptions:
     """A log that visitors may try the server with."""
     link: str | None = None
     """Address of a MAVLink link to monitor."""
+    request_rate: float | None = None
+    """Rate that its vehicle is asked for, Hz; None to send nothing to it."""
 
 
 def serve(
@@ -102,7 +104,9 @@ def serve(
     reading_threads = ReadingThreads(library, options.processes, options.limits, cluster)
     monitor = None
     if options.link:
-        monitor = LinkMonitor(options.link, library, reading_threads.notify, warn)
+        monitor = LinkMonitor(
+            options.link, library, reading_threads.notify, warn, options.request_rate
+        )
     viewer = RecordingViewer()
     # The viewer opens on this machine only, so it is offered only where all visitors sit at this machine.
     is_on_this_machine = options.host in LOOPBACK_HOSTS and not options.is_behind_proxy

@@ -1,8 +1,11 @@
 """Gains that are advised after a landing: those of ``mavdem tune`` on the recording, in files that are new."""
 
+from dataclasses import replace
 from unittest.mock import MagicMock, Mock
 
+import numpy as np
 from command_line import run, strict_json
+from hover import Hover
 from pytest import mark
 from recorded_flights import SLOW
 
@@ -18,7 +21,8 @@ from mavdem.facts.lights import Light
 from mavdem.facts.loops import GainFact, LoopFact, TwinFact
 from mavdem.facts.margins import MarginsLight
 from mavdem.ingest import read_log
-from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains
+from mavdem.ingest.telemetry import concatenated_columns, log_of_vehicles, selected_rows
+from mavdem.live.gain_advice import GainAdvice, GainAdviser, advise_gains, last_flown_boot
 
 TUNED_BADLY = """
 seed = 5
@@ -129,3 +133,25 @@ def test_advice_that_fails_costs_nothing_else(tmp_path, monkeypatch, error):
     reason = str(error) or "within 60 s"
     assert failed.code is GainFact.ADVICE_FAILED and reason in failed.sentence
     assert failed.remedy == f"Run `mavdem tune {tmp_path}/flight.tlog --axis all`."
+
+
+def test_only_the_last_boot_that_flew_is_judged():
+    """The clock of another boot says other seconds, and two vehicles may have had the ids one after the other."""
+    flown = Hover(hovering=8.0).telemetry(attitude_time=20.0, motor_time=20.0)
+    boots = []
+    for boot, until in enumerate((40.0, 40.0, 4.0)):
+        part = {}
+        for name, table in flown.messages.items():
+            rows = np.flatnonzero(table["time"] < until)
+            part[name] = selected_rows(table, rows) | {"boot": np.full(len(rows), boot)}
+        boots.append(part)
+    messages = {
+        name: concatenated_columns([part[name] for part in boots]) for name in flown.messages
+    }
+    log = log_of_vehicles((replace(flown, messages=messages),), 0, 0)
+    [last] = last_flown_boot(log).vehicles
+    for name, table in last.messages.items():
+        assert (table["time"] == boots[1][name]["time"]).all()
+        assert not table["boot"].any()
+    single = log_of_vehicles((flown,), 0, 0)
+    assert last_flown_boot(single).vehicles[0] is flown

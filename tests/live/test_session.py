@@ -118,7 +118,14 @@ def session_of(script, **options):
     said = []
     link = ScriptedLink(script)
     shown = screen.open, screen.statuses.append
-    made = LiveSession(link, LiveStream(), COMPLETE, *shown, said.append, **options)
+    made = LiveSession(
+        link,
+        LiveStream(),
+        COMPLETE,
+        *shown,
+        lambda event: said.append(event.fact),
+        **options,
+    )
     return made, screen, said
 
 

@@ -225,9 +225,14 @@ def test_what_is_watched_is_always_shown():
     assert reasons[WatchedQuantity.MOTORS].code is WatchFact.REFERENCE_SHORT
     status = replay(parts[2], stream).stream.status()
     found = {fact.subject: fact for fact in status.watch_facts}
-    assert {WatchedQuantity.MOTORS, WatchedQuantity.OSCILLATION, WatchedQuantity.WARNINGS} == {
-        what for what, fact in found.items() if fact.code is WatchFact.WATCHED
-    } - {WatchedQuantity.MOTOR_LIMITS}
+    assert {
+        WatchedQuantity.CONTROL,
+        WatchedQuantity.MOTORS,
+        WatchedQuantity.OSCILLATION,
+        WatchedQuantity.WARNINGS,
+    } == {what for what, fact in found.items() if fact.code is WatchFact.WATCHED} - {
+        WatchedQuantity.MOTOR_LIMITS
+    }
     assert found[WatchedQuantity.BATTERY].figures["because"].code is WatchFact.MESSAGE_MISSING
     assert "loss of thrust (" in watched_quantities_text(
         status.watch_facts
@@ -345,11 +350,20 @@ def test_a_lost_link_heads_the_status_unless_a_light_is_bad(obstacle):
 def test_a_line_of_a_log_says_what_is_new(capsys):
     waiting = Fact(SessionFact.NOT_FLYING)
     ground = Fact(WatchFact.NOT_WATCHED, time=3.0, subject=WatchedQuantity.MOTORS, because=waiting)
-    known = {"vehicle": "1:1", "obstacle": waiting, "watch_facts": (ground,)}
+    watched = Fact(WatchFact.WATCHED, time=9.0, subject=WatchedQuantity.MOTORS, because=None)
+    landed = ground.replace(because=Fact(WatchFact.ON_GROUND_NOW))
+    bad = Fact(MotorsLight.MOTOR_LIMITED, Level.BAD, subject="motor 1", share=0.9)
     lines = StatusLines(None)
-    news = ((0, waiting, 2), (0, waiting, 0), (1, waiting, 0), (1, None, 1))
-    for learned, known["obstacle"], count in news:
-        lines.show(Mock(status=SessionStatus(learned_rows=learned, **known)))
+    news = (
+        ({"obstacle": waiting, "watch_facts": (ground,)}, 2),
+        ({"obstacle": waiting, "watch_facts": (ground,), "learned_rows": 1}, 0),
+        ({"watch_facts": (watched,)}, 2),
+        ({"watch_facts": (landed,)}, 0),
+        ({"watch_facts": (watched,)}, 0),
+        ({"watch_facts": (watched,), "active_alarms": (bad,)}, 1),
+    )
+    for known, count in news:
+        lines.show(Mock(status=SessionStatus(vehicle="1:1", **known)))
         assert len(capsys.readouterr().err.splitlines()) == count
 
 

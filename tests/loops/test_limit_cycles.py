@@ -125,12 +125,13 @@ def test_motors_from_stop_to_stop_show_it_though_the_vehicle_sways_besides():
     assert round(one.frequency) == 17 and one.rate < 20.0
 
 
-def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted():
+@mark.parametrize("hertz", [17.0, 3.0])
+def test_in_flight_a_small_one_from_stop_to_stop_is_found_when_it_has_lasted(hertz):
     """Two windows that overlap by half show it, as in the review of a flight; only a fast one is reported at once."""
     begun, ended = 20.0, 32.0
 
     def swings(size):
-        return lambda time: swinging(17.0, size)(time) * ((time >= begun) & (time < ended))
+        return lambda time: swinging(hertz, size)(time) * ((time >= begun) & (time < ended))
 
     signals = hover_signals(swings(6.0), swings(900.0))
     found_at = [

@@ -54,7 +54,7 @@ class Wire(Ground):
             requested_rate=RATE,
             open_display=Mock(),
             report_status=lambda _: None,
-            report_fact=lambda _: None,
+            report_event=lambda _: None,
         )
 
     def heard(self, timeout):

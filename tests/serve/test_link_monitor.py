@@ -11,6 +11,7 @@ from pytest import fixture, mark
 from recorded_flights import FLIGHT
 from serving import serving
 
+from mavdem.cli.serve import serve_command
 from mavdem.facts import Fact
 from mavdem.facts.serve import RefusalReason
 from mavdem.facts.session import RowsFact
@@ -80,7 +81,7 @@ def test_a_session_is_over_when_a_vehicle_that_was_heard_is_silent_for_a_minute(
 
 
 @mark.parametrize("code", [RowsFact.NO_LIVE_ATTITUDE, RowsFact.LIVE_RATES_TOO_LOW])
-def test_the_page_of_a_server_advises_no_option_that_the_server_lacks(tmp_path, monkeypatch, code):
+def test_the_page_of_a_server_advises_an_option_that_the_server_has(tmp_path, monkeypatch, code):
     slow = Fact(code, can_ask=True, because=Fact(RowsFact.NO_LIVE_MOTORS))
     assert slow.remedy == "Ask for more with `--request-rate 100`."
     monkeypatch.setattr(link_monitor, "live_page", lambda *_: slow.remedy)
@@ -89,7 +90,8 @@ def test_the_page_of_a_server_advises_no_option_that_the_server_lacks(tmp_path, 
     session.intake.recording.frame_count = 0
     live._update_page(session)
     live._link.close()
-    assert "`mavdem live LINK --request-rate 100`" in live.page
+    assert "Start this server with `--request-rate 100`" in live.page
+    assert "--request-rate" in {name for option in serve_command.params for name in option.opts}
 
 
 @mark.slow

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from math import nan
 from pathlib import Path
+from time import strftime
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -614,7 +615,7 @@ def live_page(
         latest_flight: the page of the flight before, if any.
     """
     # Imported here: a page of a log needs nothing of live sessions.
-    from mavdem.report.live import live_report
+    from mavdem.report.live import live_report, moment_text, vehicle_text
 
     judgement = status.overall_judgement
     timeline = live_timeline(history, axis)
@@ -639,18 +640,25 @@ def live_page(
         findings = status.findings or findings_of(learned, alarms=status.motor_alarms)
         blocks = [*purpose_tables(findings), *torque_blocks(learned)]
         chapters.append(Chapter(f"Model of {axis}", blocks))
+    page_events = [PageEvent(event, moment=moment_text(event)) for event in events]
+    if not status.is_over:
+        page_events.reverse()
     head = Head(
         judgement.headline.level,
         judgement.lights,
-        [PageEvent(event) for event in events],
+        page_events,
         timeline,
         vehicle=status.vehicle or "",
         light_anchors=_live_anchors(timeline, chapters),
+        timeline_title="What happened" if status.is_over else "What happens, the newest first",
+        is_newest_first=not status.is_over,
         latest_flight=latest_flight,
     )
     flight_conclusion = conclusion(judgement)
     summary = [flight_conclusion.headline, flight_conclusion.next_step]
     subtitle = f"What {axis} did, learned and predicted while it flew."
+    if not status.is_over:
+        subtitle = f"{vehicle_text(status)} As of {strftime('%H:%M:%S')}."
     return render_document(f"Flight over {link}", subtitle, summary, chapters, back, head)
 
 

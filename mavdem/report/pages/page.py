@@ -31,6 +31,9 @@ from mavdem.report.why import why_text
 MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
+MAX_NEWEST_EVENTS = 10
+"""Events that a page of a session that goes on shows at first, a choice: those of about a minute."""
+
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
 
@@ -126,6 +129,9 @@ class PageEvent(NamedTuple):
     total: int = 1
     """Number of events of its kind for which it stands in a short list."""
 
+    moment: str = ""
+    """When it was reported in a live session; empty in a log, where its time is that of the charts."""
+
     @property
     def brief(self) -> str:
         """What happened, for a short list."""
@@ -196,6 +202,9 @@ class Head(NamedTuple):
     changes: GainChanges | None = None
     """Gains to set before the next flight; None if none change."""
 
+    is_newest_first: bool = False
+    """Whether the events are those of a session that goes on, the newest first."""
+
     latest_flight: PageLink | None = None
     """The flight before that of a live page, once it is in the library; None without one."""
 
@@ -204,9 +213,12 @@ class Head(NamedTuple):
 
     @property
     def brief_events(self) -> Sequence[PageEvent]:
-        """The events that a page shows at first: all if they are few, otherwise the worst, each kind once."""
-        if len(self.events) <= MAX_BRIEF_EVENTS:
-            return self.events
+        """The events that a page shows at first: all if they are few, otherwise the worst, each kind once.
+
+        Of a session that goes on they are the newest.
+        """
+        if len(self.events) <= MAX_BRIEF_EVENTS or self.is_newest_first:
+            return self.events[: MAX_NEWEST_EVENTS if self.is_newest_first else MAX_BRIEF_EVENTS]
         facts = [page_event.event.fact for page_event in self.events]
         brief_events = []
         for index, total in worst_events(facts)[:MAX_BRIEF_EVENTS]:

@@ -1,0 +1,138 @@
+"""Loss of control in a live flight: the attitude leaves its setpoint, or the vehicle falls on its side, as in a log.
+
+The functions that judge a log judge the last seconds, so that an alarm in flight and the review of the recording agree.
+"""
+
+from collections import deque
+from dataclasses import replace
+from math import hypot, inf, isnan
+
+from mavdem.assessment.attitude_error import WITHOUT_SETPOINT_SHARE, attitude_error
+from mavdem.assessment.attitude_losses import LOST_ANGLE, attitude_losses
+from mavdem.assessment.ending import ending_of
+from mavdem.assessment.flights import RECOVERY_SECONDS
+from mavdem.dataset.grounded import MAX_SETPOINT_DELAY
+from mavdem.dataset.setpoints import MAX_SETPOINT_AGE, SETPOINT_MESSAGE
+from mavdem.dataset.signals import CLIMB_RATE_FIELDS, Signals
+from mavdem.facts import Fact
+from mavdem.facts.ending import MotionEvent
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import wrapped_angle
+from mavdem.live.live_signals import LiveSignals, RecentMotion
+from mavdem.live.messages import (
+    MESSAGE_FIELDS,
+    Message,
+    TiltSetpoint,
+    attitude_sample,
+    tilt_setpoint,
+)
+from mavdem.live.recent_messages import RecentMessages, TimedValues, columns_from
+from mavdem.witnesses.boot_sensors import BootSensors
+
+SLOW_MESSAGES = ("HEARTBEAT", "EXTENDED_SYS_STATE", "AVAILABLE_MODES", *CLIMB_RATE_FIELDS)
+"""Messages besides attitudes and setpoints by which a loss is judged: modes, the landed state, height and speed."""
+
+MEMORY_SECONDS = 2 * RECOVERY_SECONDS + MAX_SETPOINT_DELAY
+"""Attitudes and setpoints that are kept, s: an onset is looked for ``RECOVERY_SECONDS`` before a loss, which is serious
+after as long."""
+
+MAX_SAMPLES = 8192
+"""Messages of one name that are kept, a choice: it bounds the memory for hostile stamps."""
+
+
+class ControlWatch:
+    """Watches whether the vehicle keeps its attitude, in one boot."""
+
+    def __init__(self, recent: RecentMessages) -> None:
+        """Begins without a sample; ``recent`` has the slow messages of the boot, among them heights and speeds."""
+        self._recent = recent
+        # Attitudes and setpoints of the last seconds, by the name of their message.
+        self._samples: dict[str, deque[TimedValues]] = {}
+        self._setpoint = TiltSetpoint()
+        self._setpoint_time = -inf
+        # When the attitude was last so far from its setpoint that control may be lost, s of the boot clock.
+        self._far_time = -inf
+
+    def take(self, message: Message, time: float) -> None:
+        """Keeps an attitude or a setpoint of the attitude.
+
+        Args:
+            message: ATTITUDE, ATTITUDE_QUATERNION or ATTITUDE_TARGET.
+            time: time on the boot clock, s.
+        """
+        samples = self._samples.setdefault(message.name, deque(maxlen=MAX_SAMPLES))
+        samples.append(TimedValues(time, message.values))
+        while samples[0].time < time - MEMORY_SECONDS:
+            samples.popleft()
+        if message.name == SETPOINT_MESSAGE:
+            self._setpoint = tilt_setpoint(message)
+            self._setpoint_time = time
+        elif self._is_far(message, time):
+            self._far_time = time
+
+    def _is_far(self, message: Message, time: float) -> bool:
+        """Returns whether an attitude is more than ``LOST_ANGLE`` from the latest setpoint, or leans far without one.
+
+        The error by which a loss is judged allows for the setpoints of the last second too, and is never larger.
+
+        Args:
+            message: an attitude.
+            time: its time on the boot clock, s.
+        """
+        sample = attitude_sample(message)
+        if sample is None:
+            return False
+        roll_setpoint, pitch_setpoint = self._setpoint
+        has_setpoint = time - self._setpoint_time <= MAX_SETPOINT_AGE and not isnan(roll_setpoint)
+        if not has_setpoint:
+            return WITHOUT_SETPOINT_SHARE * hypot(sample.roll, sample.pitch) > LOST_ANGLE
+        roll_error = wrapped_angle(sample.roll - roll_setpoint)
+        return hypot(roll_error, sample.pitch - pitch_setpoint) > LOST_ANGLE
+
+    def loss(
+        self, now: float, vehicle: Telemetry, take_off: float, motion: RecentMotion | None
+    ) -> Fact | None:
+        """Returns how control of the flight was lost, as the review of its recording would; None if it was not.
+
+        Args:
+            now: present time on the boot clock, s.
+            vehicle: identity and parameters of the vehicle, without messages.
+            take_off: when the vehicle left the ground, s of the boot clock; minus infinity where that was not seen.
+            motion: motor outputs of the last seconds, which show what failed first; None if they do not come.
+
+        Returns:
+            The ending of the flight so far, with its cause where the motors show one. A loss that is not serious yet,
+            from which the vehicle has recovered, or that no second sensor confirms, is none.
+        """
+        if now - self._far_time > RECOVERY_SECONDS:
+            return None
+        signals = self._signals(vehicle, motion)
+        error = attitude_error(signals, self._recent.boot)
+        if error is None:
+            return None
+        sensors = BootSensors(signals, self._recent.boot, take_off)
+        events = attitude_losses(sensors, error, (take_off, inf), goes_on=True)
+        lost = [event for event in events if event.code is not MotionEvent.ATTITUDE_CAUGHT]
+        return ending_of(signals, lost)
+
+    def _signals(self, vehicle: Telemetry, motion: RecentMotion | None) -> LiveSignals:
+        """Returns the last seconds in the form that a log has.
+
+        Args:
+            vehicle: identity and parameters of the vehicle, without messages.
+            motion: motor outputs of the last seconds; None if they do not come.
+        """
+        boot = self._recent.boot
+        columns = self._recent.columns(SLOW_MESSAGES)
+        for name, samples in self._samples.items():
+            columns[name] = columns_from(MESSAGE_FIELDS[name], samples, boot)
+        telemetry = replace(vehicle, messages=columns)
+        recorded = Signals(telemetry)
+        motors = None if motion is None else motion.motors
+        return LiveSignals(
+            telemetry,
+            motors=motors,
+            collective=None if motors is None else motors.collective,
+            landed_state=recorded.landed_state,
+            tilts=recorded.tilts,
+        )

@@ -1,0 +1,96 @@
+"""The lights of a live flight before a model of it is judged: what is watched already, or each light's own reason."""
+
+from collections.abc import Mapping
+
+from mavdem.assessment.lights import REGISTRY
+from mavdem.dataset.attitude import ATTITUDE_MESSAGES
+from mavdem.dataset.signals import MIN_STREAM_RATE
+from mavdem.facts import Fact, Facts, Level
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.log import LogLight
+from mavdem.facts.margins import MarginsLight
+from mavdem.facts.session import RowsFact, SessionFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
+
+
+def lights_before_model(
+    reason: Fact, rates: Mapping[str, float], watch_facts: Facts, wind_obstacle: Fact | None
+) -> dict[str, Fact]:
+    """Returns what each light says before a model is judged; a light that is judged without one replaces it.
+
+    Args:
+        reason: why there is no judgement of a model.
+        rates: rates of attitude and motor messages, Hz, by message name.
+        watch_facts: for each thing that is watched on the followed vehicle: since when, or why it is not.
+        wind_obstacle: why there is no estimate of the wind although the vehicle flies; None if there is no obstacle.
+
+    Returns:
+        A fact for each light, by name, in the order in which they are shown.
+    """
+    watch = {fact.subject: fact for fact in watch_facts if "vehicle" not in fact.figures}
+
+    def obstacle(kind: WatchedQuantity) -> Fact | None:
+        """Returns why something is not watched; None if it is."""
+        fact = watch.get(kind)
+        if fact is None:
+            # Just after the first messages it is not known what comes; before them nothing is watched at all.
+            return Fact(RowsFact.RATES_BEING_MEASURED) if watch else reason
+        because: Fact | None = fact.figures["because"]
+        return because
+
+    lights = {}
+    for light, kind in (
+        (Light.VIBRATION, WatchedQuantity.VIBRATION),
+        (Light.POWER, WatchedQuantity.BATTERY),
+    ):
+        # What is watched and has no light yet is judged in settled flight.
+        because = obstacle(kind) or Fact(SessionFact.NOT_SETTLED)
+        lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=because)
+    for light, kind, code in (
+        (Light.MOTORS, WatchedQuantity.MOTOR_LIMITS, WatchFact.NO_MOTOR_AT_LIMIT),
+        (Light.MARGINS, WatchedQuantity.OSCILLATION, WatchFact.NO_OSCILLATION),
+    ):
+        hindrance = obstacle(kind)
+        if hindrance is not None:
+            lights[str(light)] = Fact(Unjudged.NOT_JUDGED, because=hindrance)
+            continue
+        # The balance of the motors has its own reason, the margins that of the model.
+        if light is Light.MOTORS:
+            missing = obstacle(WatchedQuantity.MOTORS)
+        elif reason.code is RowsFact.LIVE_RATES_TOO_LOW:
+            missing = Fact(MarginsLight.MARGINS_UNKNOWN, because=reason.figures["because"])
+        else:
+            missing = reason
+        lights[str(light)] = Fact(code, because=missing)
+    for light in (Light.TRACKING, Light.ESTIMATOR):
+        # How these messages are recorded is known after the session, so that the fact has no path.
+        lights[str(light)] = Fact(Unjudged.JUDGED_LATER, path="")
+    if watch and wind_obstacle is None:
+        wind_obstacle = Fact(WatchFact.WIND_AWAITED)
+    lights[str(Light.WIND)] = Fact(Unjudged.NOT_JUDGED, because=wind_obstacle or reason)
+    lights[str(Light.LOG)] = _log_light(rates) or Fact(Unjudged.NOT_JUDGED, because=reason)
+    if reason.code is RowsFact.LIVE_RATES_TOO_LOW:
+        # As of a log, rates that are too low for a model are to be watched.
+        lights[str(Light.LOG)] = reason.figures["because"].replace(Level.WATCH)
+    return {str(light.name): lights[str(light.name)] for light in REGISTRY}
+
+
+def _log_light(rates: Mapping[str, float]) -> Fact | None:
+    """Returns the light of the log where attitude and motors come fast enough for a model; None where they do not.
+
+    Args:
+        rates: rates of the messages, Hz, by name.
+    """
+    attitude_rate = max((rates.get(name, 0.0) for name in ATTITUDE_MESSAGES), default=0.0)
+    motor_rates = [rate for name, rate in rates.items() if name not in ATTITUDE_MESSAGES]
+    motor_rate = max(motor_rates, default=0.0)
+    if min(attitude_rate, motor_rate) < MIN_STREAM_RATE:
+        return None
+    return Fact(
+        LogLight.RECORDED_FAST,
+        attitude_rate=attitude_rate,
+        rate=attitude_rate,
+        motor_rate=motor_rate,
+        needed_rate=MIN_STREAM_RATE,
+        damage=None,
+    )

@@ -1,0 +1,56 @@
+"""The state of a live vehicle that a pilot looks for first: flight mode, arming and battery."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from mavdem.dataset.batteries import BATTERY_MESSAGES
+from mavdem.dataset.signals import Signals
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.recent_messages import RecentMessages
+
+STATE_SECONDS = 20.0
+"""Time over which messages show the state, s: a battery needs some messages, which may come every 2 s or slower."""
+
+
+class VehicleState(NamedTuple):
+    """Mode, arming and battery by the latest messages."""
+
+    mode: str = ""
+    """Name of the flight mode; empty where it is not known."""
+
+    is_armed: bool | None = None
+    """Whether the motors are armed; None before a heartbeat."""
+
+    voltage: float | None = None
+    """Voltage, V, of the battery with the least charge, or of the first where that is not known; None without any."""
+
+    charge: float | None = None
+    """Remaining charge of that battery, percent; None where it is not known."""
+
+
+def vehicle_state(recent: RecentMessages, vehicle: Telemetry, now: float) -> VehicleState:
+    """Returns the state of a vehicle by its latest messages.
+
+    Args:
+        recent: messages of the boot.
+        vehicle: identity and parameters of the vehicle, without messages.
+        now: present time on the boot clock, s.
+    """
+    columns = recent.columns(("HEARTBEAT", *BATTERY_MESSAGES), now - STATE_SECONDS)
+    columns |= recent.columns(["AVAILABLE_MODES"])
+    signals = Signals(replace(vehicle, messages=columns))
+    armed = signals.armed
+    batteries = []
+    for battery in signals.batteries:
+        charge = None
+        if battery.charge is not None and battery.charge.values[-1] >= 0:
+            charge = float(battery.charge.values[-1])
+        batteries.append((float(battery.voltage.values[-1]), charge))
+    batteries.sort(key=lambda battery: 101.0 if battery[1] is None else battery[1])
+    voltage, charge = batteries[0] if batteries else (None, None)
+    return VehicleState(
+        signals.mode_at(recent.boot, now),
+        is_armed=None if armed is None else bool(armed.values[-1]),
+        voltage=voltage,
+        charge=charge,
+    )

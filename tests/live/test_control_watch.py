@@ -1,0 +1,142 @@
+"""Loss of control in flight: it is alarmed by the judgement of a log, and after it nothing speaks as of a landing."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from hover import MAV_AUTOPILOTS, MAV_TYPES, Hover
+from live_hover import Flight, by_time, replay, ticks
+from mavlink_streams import message
+from pytest import fixture, mark
+
+from mavdem.facts import Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.ending import Ending
+from mavdem.facts.events import ReportedEvent
+from mavdem.facts.lights import Light
+from mavdem.facts.session import SessionFact
+from mavdem.facts.watch import WatchFact
+
+LOST = 18.0
+"""When the vehicle begins to leave its level setpoint, s."""
+
+
+@dataclass(frozen=True)
+class Leaving(Hover):
+    """Leaves its setpoint from ``LOST`` on, faster and faster, and is back after ``back`` s; it lands at ``landed``."""
+
+    hovering: float = 3.0
+    largest: float = np.inf
+    back: float = np.inf
+
+    @property
+    def landed(self):
+        return 22.0
+
+    def roll(self, t):
+        away = np.clip(np.asarray(t) - LOST, 0.0, None)
+        return np.where(away < self.back, np.minimum(3.0 * away**2, self.largest), 0.0)
+
+    def roll_rate(self, t):
+        return (self.roll(t + 0.01) - self.roll(t - 0.01)) / 0.02
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[:, 0] = np.where((t > LOST + 0.1) & (t < self.landed), 2000.0, outputs[:, 0])
+        return outputs
+
+
+@dataclass(frozen=True)
+class HighFlight(Flight):
+    """A flight 10 m above its take-off, until it is lost."""
+
+    def _climb(self, start, end):
+        for time, name, fields in super()._climb(start, end):
+            height = np.interp(time, [6.0, 11.0, LOST, self.hover.landed], [0.0, 10.0, 10.0, 0.0])
+            yield time, name, fields | {"z": -float(height)}
+
+
+def flown(hover, *messages, setpoint=True):
+    """The stream of a flight, whose setpoint is level, and other messages: each its time, name and fields."""
+    level = {"q": [1.0, 0.0, 0.0, 0.0], "type_mask": 7}
+    targets = [
+        (time, message("ATTITUDE_TARGET", time_boot_ms=round(1e3 * time), **level))
+        for time in ticks(3.0, 27.0, 20.0)
+        if setpoint
+    ]
+    others = [(time, message(name, **fields)) for time, name, fields in messages]
+    return replay(by_time(HighFlight(hover, 50.0, 50.0).frames(end=27.0), targets, others))
+
+
+def alarms(made):
+    return [fact for fact in made.facts if fact.code is SessionFact.ALARM]
+
+
+@fixture(scope="module")
+def lost():
+    return flown(Leaving())
+
+
+def test_a_loss_of_control_is_alarmed_within_a_second_and_before_a_motor_at_its_limit(lost):
+    [alarm] = alarms(lost)
+    loss = alarm.figures["because"]
+    assert loss.code is Ending.CONTROL_LOST and loss.is_bad
+    assert LOST < alarm.time <= LOST + 1.5
+    assert "parachute" in alarm.remedy and "Land now" not in alarm.remedy
+
+
+def test_after_a_loss_nothing_speaks_as_of_a_landing(lost):
+    assert WatchFact.ALARM_OVER not in lost.codes
+    status = lost.stream.status()
+    assert not status.is_flying
+    assert status.obstacle.code is SessionFact.FLIGHT_OVER
+    judgement = status.overall_judgement
+    assert judgement.headline.code is Ending.CONTROL_LOST
+    assert judgement.next_step.code is NextStep.DO_AS_ADVISED
+    assert judgement.lights[Light.TRACKING].is_bad
+    # Motors that fought the loss are not called sound.
+    assert not judgement.lights[Light.MOTORS].is_good
+    assert status.active_alarms == (status.loss,)
+
+
+@mark.parametrize(
+    "harmless",
+    [{"largest": 0.8, "back": 1.2}, {"largest": 0.5}],
+    ids=["back at once", "within 30 degrees"],
+)
+def test_what_a_log_does_not_call_lost_raises_no_alarm(harmless):
+    made = flown(replace(Leaving(), **harmless))
+    assert Ending.CONTROL_LOST not in [alarm.figures["because"].code for alarm in alarms(made)]
+    assert made.stream.status().loss is None
+
+
+def test_a_lean_without_a_setpoint_is_lost_only_where_it_is_far():
+    """A pilot may lean by 80 degrees on purpose; nobody flies on the back for seconds without saying so."""
+    leant = flown(Leaving(largest=1.4, back=2.0), setpoint=False)
+    assert leant.stream.status().loss is None
+
+
+@mark.parametrize(
+    "boot_time, take_off", [(0.0, 47.0), (39.5, 43.0)], ids=["in this boot", "in the next"]
+)
+def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_off(
+    boot_time, take_off
+):
+    beat = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS["ARDUPILOTMEGA"]}
+    text = {"severity": 0, "text": b"Crash: Disarming: AngErr=46>30"}
+    made = flown(Hover(hovering=3.0), (20.0, "STATUSTEXT", text))
+    status = made.stream.status()
+    assert ReportedEvent.CRASH_DETECTED in made.codes
+    assert status.loss.code is Ending.LOSS_REPORTED
+    assert status.loss.level is Level.BAD
+    again = [
+        (time, message("ATTITUDE", time_boot_ms=round(1e3 * (time - boot_time)), pitch=0.01))
+        for time in ticks(40.0, 50.0, 50.0)
+    ]
+    states = [
+        (time, message("EXTENDED_SYS_STATE", landed_state=1 if time < take_off else 2))
+        for time in ticks(40.0, 50.0, 2.0)
+    ]
+    beats = [(time, message("HEARTBEAT", base_mode=129, **beat)) for time in ticks(40.0, 50.0, 1.0)]
+    replay(by_time(again, states, beats), made.stream)
+    assert made.stream.is_flying
+    assert made.stream.status().loss is None

@@ -1,0 +1,88 @@
+"""Lights and next step of a live session: each light has its own reason, and the step fits the moment."""
+
+from dataclasses import replace
+
+from pytest import fixture, mark
+
+from mavdem.dataset.segment_learnability import slow_streams
+from mavdem.facts import Fact, Level
+from mavdem.facts.assessment import NextStep
+from mavdem.facts.lights import Light, Unjudged
+from mavdem.facts.motors import MotorsLight
+from mavdem.facts.session import LinkFact, MissingMessages, RowsFact, SessionFact
+from mavdem.facts.watch import WatchedQuantity, WatchFact
+from mavdem.live.session_status import SessionStatus
+from mavdem.live.vehicle_state import VehicleState
+from mavdem.report.live import vehicle_text
+
+RATES = {"ATTITUDE": 25.0, "SERVO_OUTPUT_RAW": 25.0}
+SLOW = Fact(RowsFact.LIVE_RATES_TOO_LOW, can_ask=True, because=slow_streams(RATES, "roll"))
+
+
+def watch(kind, because=None):
+    code = WatchFact.NOT_WATCHED if because else WatchFact.WATCHED
+    return Fact(code, time=3.0, subject=kind, because=because)
+
+
+@fixture
+def slow():
+    """The status of a flight whose rates are too low for a model; vibration does not come."""
+    missing = Fact(WatchFact.MESSAGE_MISSING, name="VIBRATION", rate=None)
+    facts = (
+        watch(WatchedQuantity.OSCILLATION),
+        watch(WatchedQuantity.MOTOR_LIMITS),
+        watch(WatchedQuantity.MOTORS, Fact(SessionFact.NOT_SETTLED)),
+        watch(WatchedQuantity.VIBRATION, missing),
+    )
+    return SessionStatus(
+        vehicle="1:1", obstacle=SLOW, rates=RATES, is_flying=True, watch_facts=facts
+    )
+
+
+def test_each_light_has_its_own_reason(slow):
+    lights = slow.overall_judgement.lights
+    assert lights[Light.LOG].level is Level.WATCH
+    assert lights[Light.MOTORS].code is WatchFact.NO_MOTOR_AT_LIMIT
+    assert lights[Light.MARGINS].code is WatchFact.NO_OSCILLATION
+    assert lights[Light.VIBRATION].figures["because"].figures["name"] == "VIBRATION"
+    assert lights[Light.ESTIMATOR].code is Unjudged.JUDGED_LATER
+    sentences = [str(light) for light in lights.values()]
+    assert sum("comes at 25 Hz" in sentence for sentence in sentences) == 1, "the log"
+
+
+def test_rates_that_suffice_are_a_good_log(slow):
+    fast = replace(slow, obstacle=None, rates=dict.fromkeys(RATES, 100.0))
+    assert fast.overall_judgement.lights[Light.LOG].is_good
+
+
+def test_the_next_step_fits_the_moment(slow):
+    learning = replace(slow, obstacle=None)
+    assert "Fly on" in str(learning.overall_judgement.next_step)
+    weak = Fact(MotorsLight.MOTOR_LIMITED, Level.WATCH, subject="motor 1", share=0.9)
+    watched = replace(learning, worst_lights={Light.MOTORS: weak})
+    assert str(watched.overall_judgement.next_step).startswith("Fly on. After landing: ")
+    bad = replace(learning, worst_lights={Light.MOTORS: weak.replace(Level.BAD)})
+    assert bad.overall_judgement.next_step.code is NextStep.LAND_NOW
+    over = replace(bad, is_over=True)
+    assert over.overall_judgement.next_step.code is NextStep.DO_AS_ADVISED
+
+
+@mark.parametrize(
+    "silence",
+    [
+        Fact(LinkFact.CONNECTION_LOST, cause=None, reopening=False),
+        Fact(RowsFact.NOTHING_RECEIVED, subject=MissingMessages.MESSAGES, duration=3.0),
+    ],
+)
+def test_in_flight_a_silent_link_is_what_to_look_after(slow, silence):
+    judged = slow.overall_judgement
+    silent = replace(slow, obstacle=silence, model_judgement=judged).overall_judgement
+    assert silent.headline == silence
+    assert silent.next_step.figures["because"] == silence
+
+
+def test_the_first_line_says_mode_arming_battery_and_the_age_of_the_last_message(slow):
+    state = VehicleState("Loiter", is_armed=True, voltage=15.84, charge=76.0)
+    text = vehicle_text(replace(slow, state=state, message_age=4.2))
+    assert text == "1:1, mode Loiter, in flight, battery 15.8 V (76 %), last message 4 s ago."
+    assert vehicle_text(SessionStatus()) == "No vehicle, nothing received yet."
