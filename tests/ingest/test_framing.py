@@ -27,6 +27,11 @@ from mavdem.ingest.mavlink.payloads import decoded_field, field_values
 from mavdem.ingest.tlog import STAMP_BYTES
 
 BYTES = st.integers(0, 255)
+MESSAGE_IDS = {
+    1: st.sampled_from(sorted(id for id in dialect.mavlink_map if id < 256)),
+    2: st.sampled_from(sorted(dialect.mavlink_map)),
+}
+"""Numbers of the messages that a version of MAVLink can carry."""
 TIMES = [20 + 0.01 * row for row in range(60)]
 
 
@@ -34,9 +39,8 @@ TIMES = [20 + 0.01 * row for row in range(60)]
 def any_frame(draw):
     """A frame of any message with any field values, of MAVLink 1 cut off anywhere."""
     version = draw(st.sampled_from([1, 2]))
-    sizes = {known: message.unpacker.size for known, message in dialect.mavlink_map.items()}
-    message_id = draw(st.sampled_from([id for id in sorted(sizes) if version == 2 or id < 256]))
-    size = sizes[message_id]
+    message_id = draw(MESSAGE_IDS[version])
+    size = dialect.mavlink_map[message_id].unpacker.size
     payload = draw(
         st.one_of(
             st.binary(min_size=size, max_size=size), st.just(bytes(size)), st.just(b"\xfe" * size)
@@ -64,7 +68,9 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames, gap, data):
     assert (table.checksum == CHECKSUM_MATCHES).all()
     read = np.frombuffer(content, dtype=np.uint8)
     for row, each in enumerate(frames):
-        is_read_as(read, table[row : row + 1], dialect.MAVLink(None).decode(bytearray(each)))
+        expected = dialect.MAVLink(None).decode(bytearray(each))
+        is_read_as(read, table[row : row + 1], expected)
+        columns_are_read_as(read, table[row : row + 1], [expected])
 
 
 def is_read_as(content, found, expected):
@@ -79,10 +85,15 @@ def is_read_as(content, found, expected):
         field_values(one.payload, definition),
         {name: getattr(expected, name) for name in expected.fieldnames},
     )
+
+
+def columns_are_read_as(content, found, expected):
+    """Asserts that the columns of the frames ``found``, all of one message, have the fields that pymavlink reads."""
+    definition = definitions_by_id()[expected[0].get_msgId()]
     for name in definition.fields:
-        (value,) = decoded_field(content, found.start, definition, name)
-        theirs = getattr(expected, f"_{name}_raw", getattr(expected, name))
-        np.testing.assert_array_equal(value, np.asarray(theirs, value.dtype), name)
+        values = decoded_field(content, found.start, definition, name)
+        theirs = [getattr(one, f"_{name}_raw", getattr(one, name)) for one in expected]
+        np.testing.assert_array_equal(values, np.asarray(theirs, values.dtype), name)
 
 
 @mark.slow
@@ -94,9 +105,13 @@ def test_a_recorded_stream_is_read_as_pymavlink_reads_it(log, tmp_path):
     found = frames_in(content.tobytes(), STAMP_BYTES)
     assert (found.checksum == CHECKSUM_MATCHES).all() and len(found) > 1000
     reader = mavutil.mavlogfile(str(path))
-    for row in range(len(found)):
-        is_read_as(content, found[row : row + 1], reader.recv_match())
+    expected = [reader.recv_match() for _ in range(len(found))]
     reader.close()
+    for row, message in enumerate(expected):
+        is_read_as(content, found[row : row + 1], message)
+    for message_id in np.unique(found.message_id):
+        rows = np.flatnonzero(found.message_id == message_id)
+        columns_are_read_as(content, found[rows], [expected[row] for row in rows])
 
 
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken():

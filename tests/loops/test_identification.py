@@ -29,7 +29,6 @@ from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import _loop_messages, identify_plant_in_loop
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
-from mavdem.plant.closed_loop.identification import identify_axis
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -194,9 +193,12 @@ def test_another_boot_at_the_same_stamps_does_not_count(log):
 def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn(log, monkeypatch):
     signals, flights = flown(thinned(log, 8))
 
+    # The fit is that of the other tests of this log, done once.
+    identify = in_flight.identify_axis
+
     def plant_with(share):
         def spread(axis):
-            found = identify_axis(axis)
+            found = identify(axis)
             return found._replace(covariance=found.covariance * share)
 
         monkeypatch.setattr(in_flight, "identify_axis", spread)
