@@ -1,5 +1,7 @@
 """Facts about control loops: their margins, their controller, the measured response, gains, and the twin."""
 
+from enum import StrEnum
+
 from mavdem.facts.fact import Code
 
 
@@ -54,15 +56,29 @@ class ResponseFact(Code):
     CONTROLLER_GAIN_DIFFERS = "controller_gain_differs"
 
 
+class GainBound(StrEnum):
+    """What keeps gains from being higher."""
+
+    NOISE = "noise"
+    """The gyro's noise in the motors."""
+    MARGINS = "margins"
+    """The margins of some models."""
+    RANGE = "range"
+    """The highest gain that is tried."""
+
+
 class GainFact(Code):
     """Of gains to set, and why there are none."""
 
     KEEP_GAINS = "keep_gains"
     SET_GAINS = "set_gains"
+    ROOM_FOR_GAINS = "room_for_gains"
     STEP_TOWARDS_MARGINS = "step_towards_margins"
     SHARE_OF_MODELS = "share_of_models"
     RATIO_UNUSUAL = "ratio_unusual"
     ANGLE_FOLLOWS = "angle_follows"
+    INTEGRAL_FALLS = "integral_falls"
+    STEP_BOUND = "step_bound"
     NO_GAINS_ADVISED = "no_gains_advised"
     GAINS_CHANGED = "gains_changed"
     MOTOR_AT_LIMIT = "motor_at_limit"

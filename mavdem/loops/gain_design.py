@@ -21,7 +21,7 @@ import numpy as np
 
 from mavdem.arrays import Array
 from mavdem.facts import Fact, Facts
-from mavdem.facts.loops import GainFact
+from mavdem.facts.loops import GainBound, GainFact
 from mavdem.ingest.telemetry import Parameters
 from mavdem.loops.axis_loops import Loop, MarginTarget, margin_scores
 from mavdem.loops.demand_noise import GyroNoise, demand_deviation, gyro_noise
@@ -88,6 +88,8 @@ STEP_SHARES = (1.0, 0.75, 0.5, 0.25)
 """Parts of the largest step that are tried one after another, until a step costs no margin: a choice."""
 MAX_DESIGN_FACTOR = 4.0
 """Factor by which P of the design may differ from that of the log, over several flights: a choice."""
+GAIN_ROUNDING = 0.005
+"""Largest relative error of a gain of three digits."""
 MIN_GAIN_CHANGE = 1.05
 """Factor from which on a gain is worth a change: less is within what batteries and weather do to the loop."""
 EFFECTIVENESS_FACTORS = (1.0, 0.8, 1.2)
@@ -205,6 +207,14 @@ class GainSearch:
         """Largest standard deviation that the gyro's noise may cause in the demand."""
         return MAX_NOISE_RATIO * demand_deviation(self.loop.controller, self.gyro_noise)
 
+    @property
+    def highest_angle_gain(self) -> float:
+        """Highest gain of the attitude controller that is tried, 1/s: the logged one where that is beyond the usual."""
+        usual_limit = min(
+            MAX_ANGLE_GAIN[self.loop.axis], MAX_RATIO_CHANGE * self.defaults.angle_gain
+        )
+        return max(self.logged_gains["angle_gain"], usual_limit)
+
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
@@ -230,7 +240,8 @@ class GainSearch:
             design = self.angle_design()
         design = self._worthwhile(design)
         gains = self._one_step(stage, design)
-        return GainStep(stage, gains, design, self._flights(design), self._notes(stage, gains))
+        notes = (*self._bound(stage, design), *self._notes(stage, gains))
+        return GainStep(stage, gains, design, self._flights(design), notes)
 
     def rate_design(self) -> Parameters:
         """Finds the P, I and D of highest bandwidth with which the rate loop has its margins.
@@ -311,10 +322,7 @@ class GainSearch:
         """
         name = self.loop.controller.parameter_names["angle_gain"]
         logged_gain = self.logged_gains["angle_gain"]
-        usual_limit = min(
-            MAX_ANGLE_GAIN[self.loop.axis], MAX_RATIO_CHANGE * self.defaults.angle_gain
-        )
-        limit = min(max(logged_gain, usual_limit), largest)
+        limit = min(self.highest_angle_gain, largest)
         loop = self.models.with_parameters(rate_gains or {})
         best_gain = logged_gain
         best_score = -inf
@@ -443,11 +451,59 @@ class GainSearch:
         # Three digits of a gain may make a change a little larger than a whole number of steps.
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
+    def _bound(self, stage: Stage, design: Parameters) -> Facts:
+        """Returns what keeps the design of a stage from higher gains, by the next higher P or gain of the angle.
+
+        Args:
+            stage: stage of tuning, which decides the gains that change.
+            design: gains at the end of the stage, by the autopilot's name.
+
+        Returns:
+            The fact; none where that gain is not raised, as no bound is reached then, or where nothing forbids the
+            higher one, which the search has left out between two of its factors.
+        """
+        name = self.loop.controller.parameter_names["p" if stage is Stage.RATE else "angle_gain"]
+        logged = self.loop.controller.parameters
+        if design.get(name, 0.0) <= logged.get(name, 0.0):
+            return ()
+        factor = FACTORS[0] / FACTORS[1]
+        higher_gains = {other: factor * value for other, value in design.items()}
+        scores = []
+        # The search rejects gains by either of these.
+        for models in (self.models, self.all_models):
+            loop = models.with_parameters(higher_gains)
+            open_loop = loop.rate if stage is Stage.RATE else loop.attitude
+            scores.append(self.margin_score(open_loop))
+        noise = demand_deviation(
+            self.models.controller.with_parameters(higher_gains), self.gyro_noise
+        )
+        if stage is Stage.RATE:
+            highest = MAX_DESIGN_FACTOR * logged[name]
+        else:
+            highest = self.highest_angle_gain
+        if higher_gains[name] > factor * round_gain(highest) * (1 - GAIN_ROUNDING):
+            bound = GainBound.RANGE
+        elif stage is Stage.RATE and noise > self.max_demand_noise:
+            bound = GainBound.NOISE
+        elif min(scores) < 1:
+            bound = GainBound.MARGINS
+        else:
+            return ()
+        fact = Fact(
+            GainFact.STEP_BOUND,
+            bound=bound,
+            stage=int(stage),
+            flights=self._flights(design),
+            largest_step=MAX_GAIN_STEP,
+            largest_noise=MAX_NOISE_RATIO,
+        )
+        return (fact,)
+
     def _notes(self, stage: Stage, gains: Parameters) -> Facts:
         """Returns notes on what is unusual in new gains of the rate controller.
 
-        Unusual are an attitude gain that is lowered with them, and a ratio of I or D to P that differs from the
-        autopilot's default by more than the factor ``MAX_RATIO_CHANGE``.
+        Unusual are an attitude gain that is lowered with them, an I that falls though P rises, and a ratio of I or D to
+        P that differs from the autopilot's default by more than the factor ``MAX_RATIO_CHANGE``.
 
         Args:
             stage: stage of tuning, which decides the gains that change.
@@ -463,6 +519,9 @@ class GainSearch:
         notes = []
         if names["angle_gain"] in gains:
             notes.append(Fact(GainFact.ANGLE_FOLLOWS, name=names["angle_gain"]))
+        p, i = names["p"], names["i"]
+        if i in gains and gains[i] < logged[i] and gains[p] > logged[p]:
+            notes.append(Fact(GainFact.INTEGRAL_FALLS, name=i))
         usual_ratios = {"i": self.defaults.ratios.integral, "d": self.defaults.ratios.derivative}
         for field, usual in usual_ratios.items():
             name = names[field]

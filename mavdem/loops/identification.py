@@ -55,6 +55,8 @@ MAX_ROUNDING_SHARE = 0.2
 Beyond it, the loop of ArduCopter's simulator, which hardly moved and was logged at 20 Hz, was identified with a phase
 margin of 66° in place of 19°.
 """
+STEERED_SHARE = 0.9
+"""Fraction of the rate's motion from which on commands explain nearly all of it: a choice."""
 MIN_REFERENCE_SHARE = 0.6
 """Least fraction of the rate's variance that follows pilot or navigation.
 
@@ -99,7 +101,10 @@ def identify_plant_in_loop(signals: Signals, flights: Sequence[Flight]) -> Physi
         plant = physical_plant(identified_loop.fit, identified_loop.inputs_per_demand)
         try:
             plant = _checked_plant(
-                plant, identified_loop.inputs_per_demand, identified_loop.controller
+                plant,
+                identified_loop.inputs_per_demand,
+                identified_loop.controller,
+                identified_loop.fit.reference_share,
             )
         except np.linalg.LinAlgError:
             raise NotLearnable(LoopFact.LOOP_NOT_FOUND) from None
@@ -451,7 +456,9 @@ def _coherent_share(spectra: CrossSpectra) -> float:
     return float((bandwidth @ coherent_density) / (bandwidth @ rate_density))
 
 
-def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) -> Physical:
+def _checked_plant(
+    plant: Physical, mixer_gains: Array, controller: Controller, reference_share: float = 0.0
+) -> Physical:
     """Checks an identified plant by the phase margin of its loop with the controller.
 
     The rate loop is computed for the estimated plant and for draws from its posterior. If the 90 % interval of its
@@ -466,6 +473,7 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
         plant: the identified plant, without the gyro's filters.
         mixer_gains: (r,) change of each input per unit of demand.
         controller: controller of the axis.
+        reference_share: fraction of the rate's motion that commands explain.
 
     Returns:
         The plant, with its parameters marked as biased if its loop rings.
@@ -477,7 +485,7 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
     effectiveness = draws[:, EFFECTS] @ mixer_gains
     dynamics = np.maximum(draws[:, DYNAMICS], PLANT_MINIMUM)
     rate = rate_loop(controller, plant_response(controller, effectiveness, dynamics))
-    _require_known_margin(rate)
+    _require_known_margin(rate, reference_share)
     # The corner frequency of a first-order lag is at ω · lag = 1.
     is_beyond_motors = 2 * np.pi * rate.crossover * plant.lag > 1
     if is_beyond_motors and rate.phase_margin < MARGIN_TARGETS["default"].phase_margin / 2:
@@ -487,11 +495,13 @@ def _checked_plant(plant: Physical, mixer_gains: Array, controller: Controller) 
     return plant
 
 
-def _require_known_margin(rate: OpenLoop) -> None:
+def _require_known_margin(rate: OpenLoop, reference_share: float = 0.0) -> None:
     """Raises an error if the flight does not determine the phase margin of an identified rate loop.
 
     Args:
         rate: rate loop of the estimated plant and of draws from its posterior.
+        reference_share: fraction of the rate's motion that commands explain: where it is most, more of them help
+            little.
 
     Raises:
         NotLearnable: the 90 % interval of the phase margin is wider than twice ``MAX_PHASE_MARGIN_HALF_WIDTH``, or the
@@ -506,4 +516,5 @@ def _require_known_margin(rate: OpenLoop) -> None:
             LoopFact.MARGIN_UNCERTAIN,
             phase_margin_interval=interval,
             is_stable=rate.is_stable,
+            is_steered=reference_share >= STEERED_SHARE,
         )

@@ -58,6 +58,10 @@ beside −3 dB: with two thirds of the gains it may fall to a fifth, though the 
 """
 
 
+REASONS_FOR_GAINS = (GainFact.STEP_BOUND, GainFact.INTEGRAL_FALLS)
+"""Notes on gains that say why they are no others; they stand beside the gains. The remaining ones are details."""
+
+
 def tune_blocks(
     tuning: Tuning, *, is_full: bool = True, has_tables_elsewhere: bool = False
 ) -> Blocks:
@@ -176,7 +180,7 @@ def _axes_reported_together(tuning: Tuning) -> list[list[str]]:
 
 
 def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
-    """Returns the rating of the margins of an axis, unless it is doubtful, and what to do with its gains.
+    """Returns the rating of the margins of an axis, unless it is doubtful, and what to do with its gains, and why.
 
     Args:
         tuning: advice on the gains of each axis, or the fact why there is none.
@@ -196,7 +200,8 @@ def _facts_on_axis(tuning: Tuning, axis: str) -> list[Fact]:
         conclusion = conclusion.replace(action=decision.action)
     if axis in tuning.doubtful_axes:
         return [conclusion]
-    return [*_rating_as_decided(advice, decision), conclusion]
+    reasons = [note for note in advice.notes if note.code in REASONS_FOR_GAINS]
+    return [*_rating_as_decided(advice, decision), conclusion, *reasons]
 
 
 def _remedies_besides_tuning(decision: LoopDecision | None) -> list[str]:
@@ -310,8 +315,9 @@ def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
 def tuning_result(tuning: Tuning) -> Fact:
     """Returns the fact that heads the report of ``mavdem tune``.
 
-    It is the rating of the margins of the worst axis, if each axis has a rating that no measurement contradicts, and
-    the headline of the judgement is neither bad nor about control loops. Otherwise it is that headline.
+    It is that there is room for higher gains, on axes whose loops have their margins and whose gains change all the
+    same; else the rating of the margins of the worst axis, if each axis has a rating that no measurement contradicts.
+    Where the headline of the judgement is bad or about control loops, and without such ratings, it is that headline.
 
     Args:
         tuning: advice for each axis, with the judgement of the flight.
@@ -319,6 +325,15 @@ def tuning_result(tuning: Tuning) -> Fact:
     headline = tuning.judgement.headline
     if headline.is_bad or is_of_loops(headline, tuning.judgement):
         return headline
+    axes_with_room = []
+    for axis, advice in tuning.axes.items():
+        if isinstance(advice, Advice) and advice.conclusion.code is GainFact.SET_GAINS:
+            decision = tuning.judgement.loop_decisions.get(axis)
+            is_sound = all(rating.is_good for rating in _rating_as_decided(advice, decision))
+            if is_sound and axis not in tuning.doubtful_axes:
+                axes_with_room.append(axis)
+    if axes_with_room:
+        return Fact(GainFact.ROOM_FOR_GAINS, names=axes_with_room)
     ratings = []
     for axis, advice in tuning.axes.items():
         if isinstance(advice, Fact) or advice.refusals or axis in tuning.doubtful_axes:

@@ -13,7 +13,7 @@ from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import _advice_to_load
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
-from mavdem.facts.loops import GainFact, LoopFact
+from mavdem.facts.loops import GainBound, GainFact, LoopFact
 from mavdem.loops.advice import advise, reasons_for_no_gains
 from mavdem.loops.axis_loops import MARGIN_TARGETS, margin_scores
 from mavdem.loops.gain_design import (
@@ -107,15 +107,34 @@ def test_steps_lead_to_the_margins_and_end_there():
 def test_more_ends_with_the_angles_gain_at_its_bound():
     loop = made_up(1.0)
     stages = []
+    bounds = []
     advice = advise(loop, raises_sound_gains=True)
     while advice.parameters:
         stages.append(advice.stage)
+        bounds += [note.figures["bound"] for note in advice.notes if "bound" in note.figures]
         assert advice.sure >= 0.9
         loop = loop.with_parameters(advice.parameters)
         advice = advise(loop, raises_sound_gains=True)
     assert stages == sorted(stages) and stages[-1] is Stage.ANGLE
     assert loop.controller.angle_gain == MAX_ANGLE_GAIN["roll"]
+    assert bounds[-1] is GainBound.RANGE
     assert loop.lean_in_wind < made_up(1.0).lean_in_wind
+
+
+@mark.slow
+def test_a_step_says_what_bounds_it_and_why_the_integral_falls():
+    # I is far above what the autopilot's default ratio makes of P.
+    loop = made_up(0.5)
+    high_integral = 10 * loop.controller.parameters["MC_ROLLRATE_I"]
+    loop = loop.with_parameters({"MC_ROLLRATE_I": high_integral})
+    search = GainSearch(loop, MARGIN_TARGETS["default"])
+    bound, falls = search.step(Stage.RATE).notes[:2]
+    assert bound.figures["bound"] is GainBound.MARGINS
+    assert falls == Fact(GainFact.INTEGRAL_FALLS, name="MC_ROLLRATE_I")
+    # Little noise is allowed: it is what bounds P then.
+    object.__setattr__(search, "max_demand_noise", search.max_demand_noise / 1.2)
+    bound, *_ = search.step(Stage.RATE).notes
+    assert bound.figures["bound"] is GainBound.NOISE
 
 
 @mark.slow

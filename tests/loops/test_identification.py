@@ -227,8 +227,14 @@ def test_a_plant_without_draws_is_refused_and_unknown_margins_end_at_half_a_turn
 def test_an_unknown_margin_is_called_uncertain_only_if_its_interval_is_wide(
     interval, is_stable, reason
 ):
-    fact = Fact(LoopFact.MARGIN_UNCERTAIN, phase_margin_interval=interval, is_stable=is_stable)
-    assert reason in str(fact)
+    fact = Fact(
+        LoopFact.MARGIN_UNCERTAIN,
+        phase_margin_interval=interval,
+        is_stable=is_stable,
+        is_steered=True,
+    )
+    assert reason in str(fact) and "doublets" not in fact.remedy
+    assert "doublets" in fact.replace(is_steered=False).remedy
 
 
 @mark.parametrize(

@@ -31,7 +31,7 @@ from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
 from mavdem.facts.identifiability import Status
 from mavdem.facts.lights import Unjudged
-from mavdem.facts.loops import LoopAction, LoopFact, ResponseFact
+from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
 from mavdem.fleet.rows_of_log import rows_of_assessment
@@ -440,6 +440,17 @@ def test_no_goal_heads_a_report_of_tune_whose_loops_are_not_all_trusted(tunings)
     slow = tunings["sound but slow"]
     slow = slow._replace(judgement=replace(slow.judgement, headline=good))
     assert tuning_result(slow._replace(axes={"roll": slow.axes["roll"]})).level is Level.WATCH
+
+
+def test_room_for_higher_gains_heads_the_report_of_tune(tunings):
+    tuning = tunings["below the goal"]
+    good = Fact(MotorsLight.MOTORS_EVEN, Level.GOOD)
+    advice = next(one for one in tuning.axes.values() if getattr(one, "parameters", {}))
+    raised = replace(advice, rating=advice.rating.replace(Level.GOOD), sure=1.0)
+    axes = {"roll": raised, "yaw": Fact(LoopFact.NO_LOOP, reasons=(good,))}
+    judgement = replace(tuning.judgement, headline=good)
+    result = tuning_result(tuning._replace(axes=axes, judgement=judgement))
+    assert result == Fact(GainFact.ROOM_FOR_GAINS, names=["roll"])
 
 
 def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
