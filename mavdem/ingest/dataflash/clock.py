@@ -1,7 +1,7 @@
 """The clock of a DataFlash log: the stamps of all messages as one boot clock, and times of messages without stamps.
 
-All messages carry one clock: TimeUS, µs since boot, or TimeMS before ArduPilot 3.3. Before 3.4 some have no stamp. A log
-may contain several boots, appended.
+All messages carry one clock: TimeUS, µs since boot, or TimeMS before ArduPilot 3.3. Before 3.4 some have no stamp. A
+log may contain several boots, appended.
 """
 
 from collections.abc import Mapping
