@@ -27,8 +27,10 @@ from mavdem.ingest import read_log
 from mavdem.loops import identification as in_flight
 from mavdem.loops.controllers import controller_from_parameters
 from mavdem.loops.identification import _loop_messages, identify_plant_in_loop
+from mavdem.loops.identified_plant import physical_plant
 from mavdem.loops.loop_construction import loop_from_plant
 from mavdem.plant import physical
+from mavdem.plant.closed_loop.parameters import PARAMETER_NAMES
 from sitl_scenarios.files import scenario_of
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -278,6 +280,27 @@ def test_with_motors_at_their_limits_the_margins_are_true():
     assert 0.5 < fit.saturation_loss < fit.posterior.saturated_share
     _, phase, gain, _ = known["roll_rate_margins"]
     assert abs(loop.phase_margin - phase) < 5 and abs(loop.gain_margin - gain) < 1.5
+
+
+def test_output_that_the_controller_does_not_explain_widens_the_effect_alone(log):
+    signals, flights = flown(log)
+    identify_plant_in_loop(signals, flights)
+    fit, gains = next(
+        (found.fit, found.inputs_per_demand)
+        for found in signals.cache.values()
+        if hasattr(found, "fit")
+    )
+
+    def relative_deviations(unexplained):
+        theta = fit.theta.copy()
+        theta[PARAMETER_NAMES.index("actuation")] = np.log(unexplained)
+        plant = physical_plant(fit._replace(theta=theta), gains)
+        sizes = [*plant.effect, plant.damping, plant.lag, plant.delay]
+        return np.sqrt(np.diag(plant.covariance)) / np.abs(sizes)
+
+    explained, unexplained = relative_deviations(1e-3), relative_deviations(0.4)
+    assert np.all(unexplained[:4] > 0.08) and np.all(explained[:4] < 0.06)
+    assert_allclose(unexplained[4:], explained[4:])
 
 
 def test_a_setpoint_with_the_correction_of_the_angle_in_it_is_taken_as_it_is():
