@@ -1,4 +1,4 @@
-"""Assessment: what happened in a log, how it ended, and eight lights on the vehicle, whatever the log's rate."""
+"""Assessment: what happened in a log, how it ended, and eight lights on the vehicle, at any rate of the log."""
 
 from typing import TYPE_CHECKING
 

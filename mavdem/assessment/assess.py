@@ -213,7 +213,7 @@ def _other_axes(
 ) -> Iterator[_OtherAxes]:
     """Estimates physical parameters and loops of pitch and yaw in a second process while the caller analyses roll.
 
-    The process is started only where it saves time: if all axes are analysed with models, and a second core is there.
+    The process is started only if it saves time: if all axes are analysed with models, and a second core is there.
 
     Args:
         log: the log.
@@ -309,7 +309,7 @@ def loss_of_flight(signals: Signals) -> Fact | None:
 
 
 def _first_loss(events: Sequence[Fact], ending: Fact | None) -> Fact | None:
-    """Finds the first event after which the outputs of the motors say nothing about the motors themselves.
+    """Finds the first event after which the outputs of the motors do not describe the motors themselves.
 
     Such events are the loss of control, a motor that stood still, and a height estimate that diverged: a vehicle that
     follows a false height drives its motors to their limits.

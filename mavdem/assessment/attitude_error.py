@@ -30,7 +30,7 @@ class AttitudeError:
     magnitude: Array
     """(N,) rad, absolute value of the lean."""
     is_toppled: Flags
-    """(N,) whether the vehicle itself is tilted by more than ``MAX_TILT``, whatever its setpoint is."""
+    """(N,) whether the vehicle itself is tilted by more than ``MAX_TILT``, with any setpoint."""
     has_setpoint: Flags
     """(N,) whether the setpoint of the angle is known."""
 
@@ -46,7 +46,7 @@ class LargestError(NamedTuple):
     """The largest error of roll and pitch in an interval; its fields are the figures of a fact that states it."""
 
     angle: float
-    """The error, rad. Where the setpoint is not known, it is the whole lean, of which only half counts as error."""
+    """The error, rad. If the setpoint is not known, it is the whole lean, of which only half counts as error."""
     has_setpoint: bool
     """Whether the setpoint was known at that time."""
     time: float
@@ -66,7 +66,7 @@ def largest_error(error: AttitudeError, interval: TimeInterval) -> LargestError 
         interval: start and end, s since boot.
 
     Returns:
-        The error, rad; where the setpoint was not recorded, the whole lean. None without a sample in the interval.
+        The error, rad; if the setpoint was not recorded, the whole lean. None without a sample in the interval.
     """
     rows = np.flatnonzero(in_intervals(error.time, [interval]))
     if not len(rows):

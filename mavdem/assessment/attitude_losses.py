@@ -1,6 +1,6 @@
 """Losses of attitude: when roll or pitch was far from its setpoint, and which sensors confirm that the vehicle tumbled.
 
-The attitude is lost where it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
+The attitude is lost if it is more than 30° from its setpoint for 0.3 s or longer. Ordinary setpoints, tracked as
 badly as in a step, stay within that. :func:`mavdem.assessment.attitude_error.attitude_error` defines the error. A
 setpoint that nothing follows looks the same, so that a loss needs a second witness: gyro, height, or the ground.
 """
@@ -98,7 +98,7 @@ def _loss_intervals(
 ) -> Intervals:
     """Finds the intervals of a flight in which the attitude was lost.
 
-    It is lost while the error exceeds ``LOST_ANGLE``. It is also lost, whatever the setpoint was, if the vehicle sank
+    It is lost while the error exceeds ``LOST_ANGLE``. It is also lost, with any setpoint, if the vehicle sank
     fast and was tilted by more than ``MAX_TILT`` until the flight ended.
 
     Args:
@@ -227,7 +227,7 @@ class _AttitudeLoss(NamedTuple):
         return bool(self.error.has_setpoint[is_in_interval].all())
 
     def _largest_error(self) -> LargestError:
-        """Returns the largest error of the loss; where the setpoint was not recorded it is the whole lean."""
+        """Returns the largest error of the loss; if the setpoint was not recorded, it is the whole lean."""
         largest = largest_error(self.error, (self.start, self.end))
         # A loss is found by samples of the attitude, so that there is one.
         assert largest is not None
@@ -239,7 +239,7 @@ class _AttitudeLoss(NamedTuple):
         That is the last sample before the loss with an error below ``ONSET_ANGLE``, but at most ``RECOVERY_SECONDS``
         before it; the loss itself if there is no such sample. A vehicle that is being lost may swing through its
         setpoint. So if the error exceeded twice ``ONSET_ANGLE`` within ``MAX_SETPOINT_DELAY`` before that sample, the
-        search goes on before that time.
+        search continues before that time.
         """
         time = self.error.time
         magnitude = self.error.magnitude
@@ -292,7 +292,7 @@ class _AttitudeLoss(NamedTuple):
         if self.end == inf:
             return False
         sink_rates = self.sensors.sink_rates((onset, self.end + RECOVERY_SECONDS))
-        # The fastest descent of any sensor counts, so that no fall is taken for harmless.
+        # The fastest descent of any sensor is used, so that no fall seems harmless.
         sink_rate = max([0.0, *sink_rates.values()])
         angle = self._largest_error().counted_angle
         serious_angle = 2 * LOST_ANGLE if self._has_setpoint else FAR_ANGLE
@@ -418,7 +418,7 @@ def knock_is_contact(sensors: BootSensors, time: float) -> bool:
     """Returns whether a knock that the accelerometer measured can be a contact with the ground or an obstacle.
 
     A propeller that breaks, or a motor that tears loose, knocks too. So at ``ALOFT_HEIGHT`` or higher the vehicle must
-    have lost its speed as well, if its velocity is known. Near the ground, or where the height is not known, every
+    have lost its speed as well, if its velocity is known. Near the ground, or if the height is not known, every
     knock may be a contact.
 
     Args:

@@ -22,7 +22,7 @@ AUTONOMOUS_MODES = frozenset(
     {"Auto", "RTL", "Smart rtl", "Land", "Circle", "Brake"}
     | {"Mission", "Hold", "Return", "Takeoff", "Descend", "Precision landing", "Orbit"}
 )
-"""Modes of ArduPilot and PX4 in which neither a stick nor another computer decides how the vehicle leans."""
+"""Modes of ArduPilot and PX4 in which neither a stick nor another computer determines how the vehicle leans."""
 
 SWING_ANGLE = np.radians(20.0)
 """Lean, rad, to both sides that makes a swing: turns of a mission lean as far, but to one side."""

@@ -46,7 +46,7 @@ SEVERITIES = ("emergency", "alert", "critical", "error", "warning")
 """Names of the MAV_SEVERITY values 0 to 4, which warn of something, the worst first."""
 
 ERROR_SEVERITY = SEVERITIES[3]
-"""The severity of the messages ERR, which have none of their own."""
+"""The severity of the messages ERR, which do not contain a severity."""
 
 PRIMARY_FILTER_SUBSYSTEM = 24
 """Subsystem EKF_PRIMARY of ERR, whose error code is the number of the new lane and not an error: 0 is a lane too."""
@@ -176,7 +176,7 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     """Yields the problems that the autopilot's texts report, each as a fact.
 
     The meaning of known texts is recognised by patterns. Other texts are quoted if their severity is a warning or
-    worse. ArduPilot before 3.4 had severities on a scale of its own, so that they do not show which of its texts warn;
+    worse. ArduPilot before 3.4 had severities on another scale, so that they do not show which of its texts warn;
     such a firmware is recognised by texts that only it sends.
 
     Args:
@@ -185,7 +185,7 @@ def _problems_of_texts(telemetry: Telemetry) -> Iterator[Fact]:
     texts = status_texts(telemetry)
     has_old_scale = any(text.text in _MEANINGS["old_scale"] for text in texts)
     for text in texts:
-        # ``SEVERITIES`` are the names of the numbers that stand for a warning or worse.
+        # ``SEVERITIES`` are the names of the numbers that mean a warning or worse.
         warns = text.severity < len(SEVERITIES) and not has_old_scale
         severity = SEVERITIES[text.severity] if warns else None
         fact = _problem_of_text(text, warns=warns)
@@ -199,7 +199,7 @@ def _problem_of_text(message: StatusText, *, warns: bool) -> Fact | None:
 
     Args:
         message: the text.
-        warns: whether its severity is that of a warning or worse. Such a text is quoted where no pattern fits.
+        warns: whether its severity is that of a warning or worse. Such a text is quoted if no pattern fits.
 
     Returns:
         The fact; None for a text that reports no problem, or the end of one.

@@ -18,7 +18,7 @@ It was at most 1.3 m in 26 real flights that landed within 15 m of their take-of
 """
 
 WEATHER_RATE = 0.1 / 60
-"""Rate, m/s, at which the weather changes a barometer's height besides: 1 m in 10 minutes."""
+"""Rate, m/s, at which the weather changes a barometer's height: 1 m in 10 minutes."""
 
 NOISE_RATIO = 4.0
 """Change of the barometer's height over its scatter at rest from which on it is no noise."""
@@ -26,7 +26,7 @@ NOISE_RATIO = 4.0
 MAX_SATELLITE_SHARE = 0.5
 """Change of the altitude by satellites, as a share of the barometer's, up to which it denies that one; a choice.
 
-A vehicle that lands at another height changes both alike.
+A vehicle that lands at another height changes both by the same amount.
 """
 
 MAX_DISTANCE = 20.0

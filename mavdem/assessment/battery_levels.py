@@ -19,13 +19,14 @@ CELL_VOLTAGE_LIMITS = Limits(3.3, 3.0)
 lithium cell is damaged below the second."""
 
 FULL_PERCENTILE = 99
-"""Percentile of the voltages of a log that stands for the full battery: the highest, without outliers."""
+"""Percentile of the voltages of a log that is used as that of the full battery: the highest, without outliers."""
 
 EMPTY_PERCENTILE = 5
-"""Percentile of the voltages of a log that stands for the battery at its emptiest: the lowest, without short sags."""
+"""Percentile of the voltages of a log that is used as that of the battery at its emptiest: the lowest, without short
+sags."""
 
 FULL_CELL_VOLTAGE = 4.2
-"""Voltage, V, of a full lithium cell. The highest voltage of a battery with an unknown number of cells is taken for
+"""Voltage, V, of a full lithium cell. The highest voltage of a battery with an unknown number of cells is assumed to be
 that of full cells."""
 
 LOW_VOLTAGE_PARAMETER = "{}LOW_VOLT"
@@ -58,7 +59,7 @@ def voltage_levels(parameters: Parameters, number: int, cells: int) -> Limits:
         cells: number of cells in series; 0 if it is not known, so that the parameters alone decide.
 
     Returns:
-        The limits; 0 where neither parameters nor cells are known.
+        The limits; 0 if neither parameters nor cells are known.
     """
     # ArduPilot's parameters are BATT_… for the first battery, and BATT2_… for the second.
     prefix = "BATT_" if number == FIRST_BATTERY else f"BATT{number}_"

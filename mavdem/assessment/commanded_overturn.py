@@ -1,6 +1,6 @@
 """Whether a vehicle turned over because its setpoint did: a flip, a roll or a stick held at its end.
 
-Modes that level the vehicle limit the lean that can be asked for (ANGLE_MAX of ArduPilot, MPC_MAN_TILT_MAX of PX4); in
+Modes that level the vehicle limit the lean that can be commanded (ANGLE_MAX of ArduPilot, MPC_MAN_TILT_MAX of PX4); in
 Acro the setpoint turns on for as long as the stick is held. A vehicle that follows such a setpoint is sound, and no
 motor is to blame for what it hits. A vehicle that tumbles drags its setpoint along, since autopilots limit the error
 between the two; then the vehicle leads and the setpoint follows.

@@ -89,9 +89,9 @@ class Condition(ImmutableResult):
     vibration: VibrationFigures | None = None
     """Vibration and clipping, as the autopilot measures them."""
     batteries: tuple[BatteryFigures, ...] = ()
-    """Of each battery, the emptiest first; of all that was recorded, where there was no settled flight."""
+    """Of each battery, the emptiest first; of the whole record, if there was no settled flight."""
     oscillation: Oscillation | None = None
-    """A limit cycle in settled flight or, if there is none, in all flight; None also where it was not searched for."""
+    """A limit cycle in settled flight or, if there is none, in all flight; None also if it was not searched for."""
 
     @property
     def battery(self) -> BatteryFigures | None:
@@ -263,7 +263,7 @@ def _tilt(signals: Signals, settled: Segments) -> Array:
     angles = _roll_and_pitch(signals, settled)
     if not angles:
         return np.zeros(0)
-    # Both angles come in the same messages: they differ in length only where a damaged value was left out.
+    # Both angles come in the same messages: they differ in length only if a damaged value was left out.
     sample_count = min(map(len, angles))
     roll, pitch = (angle[:sample_count] for angle in angles)
     return np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))

@@ -29,7 +29,7 @@ MIN_DIVE_SECONDS = 0.5
 """Seconds that a dive lasts at least; in less, no vehicle reaches ``DIVE_SPEED``."""
 
 DIVE_COLLECTIVE_RATIO = 0.5
-"""Collective, relative to the median of the flight, below which the throttle counts as closed where no stick was
+"""Collective, relative to the median of the flight, below which the throttle is assumed to be closed if no stick was
 recorded."""
 
 

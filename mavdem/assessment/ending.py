@@ -34,7 +34,7 @@ MAX_EARLY_REPORT = 1.0
 """Time, s, by which the report may seem to come before the crash, since stamps of messages differ: a choice."""
 
 REPORTS_OF_LOSS = (ReportedEvent.CRASH_DETECTED, ReportedEvent.PARACHUTE_RELEASED)
-"""Reports of the autopilot that a flight was lost. They count where the motion does not show it."""
+"""Reports of the autopilot that a flight was lost. They are used if the motion does not show it."""
 
 
 def ending_of(
@@ -219,7 +219,7 @@ def _motor_report(signals: Signals, bad_events: Sequence[Fact], boot: int) -> Fa
         boot: number of the boot.
 
     Returns:
-        A fact with the full name of the motor, such as "motor 2 (rear left)", where the autopilot only says "motor 2";
+        A fact with the full name of the motor, such as "motor 2 (rear left)", if the autopilot only says "motor 2";
         None without such a report.
     """
     if signals.motors is None:

@@ -212,7 +212,7 @@ class Evidence:
     def in_flight(self, series: TimeSeries | None) -> Iterator[TimeSeries]:
         """Yields the part of a series in each flight, for flights with at least one sample.
 
-        A flight here ends when the vehicle was lost: what sensors measure after an impact says nothing about the
+        A flight here ends when the vehicle was lost: what sensors measure after an impact does not show the
         vehicle.
 
         Args:
@@ -293,7 +293,7 @@ class Evidence:
         ending = self.ending
         if ending is None:
             return all_time
-        # An ending that does not state its boot counts for each.
+        # An ending that does not state its boot applies to each.
         is_of_boot = ending.figures.get("boot", boot) == boot
         onset = loss_onset(ending)
         if not is_of_boot or not onset:

@@ -1,7 +1,7 @@
 """What the commands of the motors show of a loss: all off, all thrust in use, one motor too weak, or a frozen output.
 
 A motor with too little thrust lets the vehicle fall to its side. The autopilot drives that motor to its limit and the
-opposite one to idle, and the attitude is lost all the same. So a motor is named where three things agree: the commands,
+opposite one to idle, and the attitude is still lost. So a motor is named if three things agree: the commands,
 the side to which the vehicle fell, and that it did not swing before. All of it is measured from when the attitude began
 to leave its setpoint until it was lost: later every motor is at a limit. A vehicle that its own controller throws over
 falls the way it was commanded, and one that swings was commanded both ways before: they name no motor.
@@ -154,7 +154,7 @@ def _commands_around(signals: Signals, boot: int, interval: TimeInterval) -> _Lo
             was lost.
 
     Returns:
-        The commands; None if any of the three intervals has none.
+        The commands; None if any of the three intervals has no samples.
     """
     motors = signals.motors
     if motors is None:

@@ -71,15 +71,15 @@ class FaultSignal(NamedTuple):
     message: str
     """Name of the message."""
     is_faulty: Flags
-    """(N,) for the N samples of the message; (0,) where it or its field was not recorded."""
+    """(N,) for the N samples of the message; (0,) if it or its field was not recorded."""
     code: ReportedEvent
     """Code of the event."""
     subject: str = ""
     """What is at fault; empty if the code names it."""
     columns: Columns | None = None
-    """The N samples, where they are not all of the message: of one of several batteries."""
+    """The N samples, if they are not all samples of the message, such as those of one of several batteries."""
     instance: str = ""
-    """Name of the battery, even where it is the only one; empty where the subject says what is at fault."""
+    """Name of the battery, even if it is the only one; empty if the subject says what is at fault."""
 
     def is_about(self, subject: str) -> bool:
         """Returns whether a text with this subject may be about the same battery, motor or axis.
@@ -177,7 +177,7 @@ def _detected_failures(telemetry: Telemetry) -> Iterator[FaultSignal]:
         yield FaultSignal(message, is_detected, fault.code, fault.subject)
     failed_motors = _column(telemetry, message, "motor_failure_mask").astype(np.int64)
     for motor in range(MAX_MOTORS):
-        # Bit i of the mask stands for motor i + 1.
+        # Bit i of the mask is that of motor i + 1.
         has_failed = failed_motors >> motor & 1 > 0
         if has_failed.any():
             yield FaultSignal(message, has_failed, ReportedEvent.MOTOR_FAILED, f"motor {motor + 1}")
@@ -221,7 +221,7 @@ def _sensor_faults(
 ) -> Iterator[FaultSignal]:
     """Yields the fault signal of each of the ``SENSOR_FAULTS`` by SYS_STATUS.
 
-    A sensor is faulty where it is present and enabled, and not healthy any more. One that was never healthy before in
+    A sensor is faulty if it is present and enabled, and not healthy any more. One that was never healthy before in
     the log did not fail: autopilots also clear the bit before calibration, or if they do not use the sensor. The
     signals of sensors without a fault are yielded too, with all flags false.
 

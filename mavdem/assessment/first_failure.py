@@ -36,7 +36,7 @@ CAUSES_OF_ALL_MOTORS = (
     FailedFirst.OVERTURN_COMMANDED_FIRST,
     FailedFirst.THROTTLE_LOWERED_FIRST,
 )
-"""Causes that concern all motors alike, whatever the autopilot reports of one of them."""
+"""Causes that concern all motors equally, even if the autopilot reports one of them."""
 
 LANDING_PARAMETERS = ("MPC_THR_MIN", "MPC_THR_HOVER", "MOT_SPIN_MIN", "MOT_THST_HOVER")
 """Parameters with levels of thrust, by which PX4 and ArduPilot distinguish a landed vehicle from one that descends.

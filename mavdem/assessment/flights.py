@@ -20,7 +20,7 @@ Events of one kind that follow each other within this time are one event.
 def settled_flight(signals: Signals) -> Segments:
     """Returns the parts of a log in which a multirotor flies settled: off the ground, and not in a manoeuvre or fall.
 
-    The attitude is recorded in all of them, and the motor outputs too, unless the log has none at all.
+    The attitude is recorded in all of them, and the motor outputs too, unless the log has none.
 
     Args:
         signals: signals of the vehicle.
@@ -71,7 +71,7 @@ def flights_in_boot(signals: Signals, boot: int) -> Intervals:
         boot: number of the boot, from 0.
 
     Returns:
-        Start and end of each flight, s since boot; infinite where the record begins or ends in the air.
+        Start and end of each flight, s since boot; infinite if the record begins or ends in the air.
     """
     return merge_close(airborne_intervals(signals, boot), RECOVERY_SECONDS)
 

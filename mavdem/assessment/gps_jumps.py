@@ -19,7 +19,7 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import wrapped_angle
 
 MIN_JUMP = 2.5
-"""Distance, m, that a jump has at least: where the filters of PX4 and ArduPilot reject a position.
+"""Smallest distance, m, of a jump, from which the filters of PX4 and ArduPilot reject a position.
 
 Both accept five standard deviations of 0.5 m by default (EKF2_GPS_P_GATE and EKF2_GPS_P_NOISE, EK3_POS_I_GATE and
 EK3_POSNE_M_NSE).

@@ -1,8 +1,8 @@
 """How flights meet the ground: an impact, a landing that topples, a hard landing, or a tip-over at take-off.
 
-An impact needs the ground afterwards, where the vehicle rests or the log ends, and two witnesses before that: a knock
-of the accelerometer, a tumble, a fast descent, a pose on the side, a lost attitude, or the autopilot's own report. A
-dive that the motors end has none of them.
+An impact is stated only if the vehicle is on the ground afterwards, where it rests or the log ends, and if two
+witnesses support it: a knock of the accelerometer, a tumble, a fast descent, a pose on the side, a lost attitude, or
+the autopilot's own report. A dive that the motors end has none of them.
 """
 
 from collections.abc import Sequence
@@ -53,7 +53,7 @@ MAX_LANDING_LEAN = np.radians(25.0)
 """Lean, rad, above which a vehicle near the ground is not landing."""
 
 CLIMB_STICK = 0.65
-"""Travel of the throttle stick from which on the pilot asks for a climb; ArduPilot's middle is 0.5 ± 0.1."""
+"""Travel of the throttle stick from which on the pilot commands a climb; ArduPilot's middle is 0.5 ± 0.1."""
 
 LANDING_DESCENT = 0.3
 """Height, m, that a vehicle which lands loses in the last 3 s before it touches the ground: autopilots land at 0.3 m/s
@@ -132,7 +132,7 @@ class _Contact:
         return ContactSearch(self.sensors, self._flight_start, self.loss)
 
     def event(self) -> Fact | None:
-        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or goes on.
+        """Returns the contact as a fact; None if the flight ended in an ordinary landing, or continues.
 
         1. The end of the search is when the vehicle rests; otherwise the end of the record, if that is soon after the
            loss or the flight; otherwise some seconds after the loss of attitude.
@@ -166,7 +166,7 @@ class _Contact:
             record_end: time of the last attitude of the boot, s since boot.
 
         Returns:
-            The end, s since boot; None if the flight goes on.
+            The end, s since boot; None if the flight continues.
         """
         if rest is not None:
             return rest.time
@@ -230,7 +230,7 @@ class _Contact:
         return self.sensors.rest_after(earliest, latest=earliest + 3 * SEARCH_SECONDS)
 
     def _flight_end(self) -> float:
-        """Returns the end of the flight, s; that of the record if it goes on until then."""
+        """Returns the end of the flight, s; that of the record if it continues until then."""
         _, flight_end = self.flight_interval
         return float(min(flight_end, self.error.time[-1]))
 
@@ -460,11 +460,11 @@ class _Contact:
         fall_speed: float | None,
         throttle_closing: Fact | None,
     ) -> bool:
-        """Returns whether a vehicle that toppled was about to land: low, slow, level, and not asked to climb.
+        """Returns whether a vehicle that toppled was about to land: low, slow, level, and without a command to climb.
 
         If the pilot closed the throttle before the contact, the vehicle was dropped on purpose, and the limits of
-        height and speed are higher. If the pilot closed it afterwards, a landing was intended too, but those limits
-        stay.
+        height and speed are higher. If the pilot closed it afterwards, a landing was intended too, but the limits are
+        the usual ones.
 
         Args:
             time: time when it touched the ground, s since boot.
@@ -484,12 +484,12 @@ class _Contact:
         if resting_height is not None:
             if resting_height > LANDING_STEP:
                 return False
-            # The lower of both heights counts: above the take-off, or above the place where it came to rest.
+            # The lower of two heights is used: above the take-off, and above the place where it came to rest.
             height = min(height, height - resting_height)
         if (
             height > max_height
             or self._leans(time_before)
-            or self._asks_for_climb((time_before, time))
+            or self._commands_climb((time_before, time))
         ):
             return False
         return throttle_closing is not None or self._is_descending(time)
@@ -507,7 +507,7 @@ class _Contact:
         return height_before - height > LANDING_DESCENT
 
     def _leans(self, time: float) -> bool:
-        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, whatever the setpoint was.
+        """Returns whether roll or pitch exceeded ``MAX_LANDING_LEAN`` at a time, s, with any setpoint.
 
         Args:
             time: the time, s since boot.
@@ -519,8 +519,8 @@ class _Contact:
                     return True
         return False
 
-    def _asks_for_climb(self, interval: TimeInterval) -> bool:
-        """Returns whether the pilot's throttle asked for a climb at any time of an interval."""
+    def _commands_climb(self, interval: TimeInterval) -> bool:
+        """Returns whether the pilot's throttle commanded a climb at any time of an interval."""
         stick = self.sensors.stick
         if stick is None:
             return False

@@ -33,7 +33,7 @@ MIN_FALSE_CLIMB = 0.5
 """Speed, m/s, of the estimate in the other direction."""
 
 SINK_STICK = 0.35
-"""Travel of the throttle stick below which the pilot asks for a descent: as far below the middle as ``CLIMB_STICK`` is
+"""Travel of the throttle stick below which the pilot commands a descent: as far below the middle as ``CLIMB_STICK`` is
 above."""
 
 MAX_FORCE_ERROR = 0.4

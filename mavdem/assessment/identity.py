@@ -26,7 +26,7 @@ CALIBRATION_PARAMETERS = {
     Basis.ACCELEROMETER: ("INS_ACCOFFS_{} INS_ACCSCAL_{}", "CAL_ACC0_{}OFF CAL_ACC0_{}SCALE"),
     Basis.COMPASS: ("COMPASS_OFS_{}", "CAL_MAG0_{}OFF"),
 }
-"""Parameters of the calibration of a vehicle's own sensors, for ArduPilot and PX4; {} stands for X, Y and Z.
+"""Parameters of the calibration of a vehicle's own sensors, for ArduPilot and PX4; {} is replaced by X, Y and Z.
 
 The most lasting calibration comes first: a compass is calibrated again in the field. Gyroscopes, which are calibrated
 at each start, identify no vehicle.
@@ -347,9 +347,9 @@ def _dated(unix_time: float, basis: DateBasis) -> _DateWithBasis:
 
 
 def day_in_file_name(name: str) -> date | None:
-    """Returns the day that the name of a log's file has, such as "2026-03-09 11-02-35.bin"; None without one.
+    """Returns the day in the name of a log's file, such as "2026-03-09 11-02-35.bin"; None if there is none.
 
-    People name and copy files, so that the day may be wrong: it is only shown, as that of the file's name.
+    People rename and copy files, so that the day may be wrong. It is only shown, as the day in the file's name.
 
     Args:
         name: name of the file.

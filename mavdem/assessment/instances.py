@@ -9,7 +9,7 @@ import numpy as np
 from mavdem.arrays import Array
 from mavdem.assessment.battery_levels import batteries_worst_first
 from mavdem.assessment.evidence import Evidence
-from mavdem.assessment.lights.estimator import (
+from mavdem.assessment.innovations import (
     INNOVATION_LIMIT,
     INNOVATIONS,
     failsafe_limit_of,
@@ -53,7 +53,7 @@ from mavdem.witnesses.sensors import (
 )
 
 LARGEST_QUANTILE = 0.95
-"""Quantile that stands for the largest difference of two altitudes, without single damaged samples."""
+"""Quantile that is used as the largest difference of two altitudes, without single damaged samples."""
 
 MAX_ERROR_RATE = 1.0
 """Errors per second of a speed controller in flight above which it is to be watched; a choice."""
@@ -72,7 +72,7 @@ class Instance(ImmutableResult):
     unit: str
     """Unit of ``low`` and ``high``."""
     low: float
-    """Lowest value in flight; in the whole log where there was no flight."""
+    """Lowest value in flight; in the whole log if there was no flight."""
     high: float
     """Highest value then."""
     state: Fact
@@ -185,7 +185,7 @@ def _batteries(evidence: Evidence) -> Iterator[Instance]:
 def _estimators(evidence: Evidence) -> Iterator[Instance]:
     """Yields the instances of the estimator with their innovation ratios and the share of the time that each was used.
 
-    At each sample the largest ratio of all innovations is taken, relative to the limit of the estimator's own test. An
+    At each sample the largest ratio of all innovations is used, relative to the limit of the estimator's own test. An
     innovation is a measurement minus its prediction.
 
     Args:
@@ -510,7 +510,7 @@ def _speed_controllers(evidence: Evidence) -> Iterator[Instance]:
 
 
 def _errors_in_flight(evidence: Evidence, controller: SpeedController) -> int:
-    """Returns how many errors a controller counted in all flights; 0 where it reports none."""
+    """Returns how many errors a controller counted in all flights; 0 if it reports none."""
     count = 0.0
     for flight in evidence.in_flight(controller.error_count):
         count += flight.values[-1] - flight.values[0]
@@ -518,7 +518,7 @@ def _errors_in_flight(evidence: Evidence, controller: SpeedController) -> int:
 
 
 def _name_with_motor(evidence: Evidence, controller: SpeedController) -> str:
-    """Returns the name of a controller with its motor: "ESC 2 (motor 1)"; without it where that is not known."""
+    """Returns the name of a controller with its motor: "ESC 2 (motor 1)"; without the motor if that is not known."""
     motors = evidence.signals.motors
     motor = None if motors is None else controller.motor_index(motors.geometry)
     if motors is None or motor is None:

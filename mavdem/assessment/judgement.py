@@ -26,7 +26,7 @@ from mavdem.facts.loops import LoopAction
 from mavdem.immutable import ImmutableResult, ReadOnlyDict
 
 LIGHTS_OF_FLIGHT = (Light.MOTORS, Light.VIBRATION, Light.TRACKING, Light.MARGINS, Light.WIND)
-"""Lights that judge a vehicle in the air, and so are unknown where it never was."""
+"""Lights that judge a vehicle in the air, and so are unknown if it never was."""
 
 URGENT_EVENTS = (
     MotionEvent.HIT,
@@ -43,7 +43,7 @@ URGENT_EVENTS = (
     ReportedEvent.FLIGHT_TERMINATED,
     ReportedEvent.CRASH_DETECTED,
 )
-"""Losses, failsafes, restarts and impacts, the most important first. Even where they are only to be watched, they rank
+"""Losses, failsafes, restarts and impacts, the most important first. Even if their level is only "watch", they rank
 above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
 below a light that is bad."""
 
@@ -82,9 +82,9 @@ LIGHTS_BY_EVENTS: dict[Light, tuple[Code, ...]] = {
         ReportedEvent.GPS_LOST,
     ),
 }
-"""The light that shows an event in the headline, where no light of the vehicle is as bad as that.
+"""The light that shows an event in the headline, if no light of the vehicle is as bad as that.
 
-Tracking is the light of vehicles that did not do as they were commanded, for whatever reason."""
+Tracking is the light of vehicles that did not do as they were commanded, for any reason."""
 
 MIN_CHECKED_LIGHTS = 3
 """Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
@@ -260,7 +260,7 @@ def with_action_on_loops(light: Fact, decisions: DecisionsByAxis) -> Fact:
 
 
 def unjudged(refusal: Fact) -> Judgement:
-    """Returns the judgement where there is no evidence: everything is unknown because of the ``refusal``."""
+    """Returns the judgement if there is no evidence: everything is unknown because of the ``refusal``."""
     next_step = Fact(NextStep.DO_AS_ADVISED, because=refusal)
     unknown_light = Fact(Unjudged.NOT_JUDGED, because=refusal)
     return Judgement(refusal, next_step, {str(light.name): unknown_light for light in REGISTRY})

@@ -1,6 +1,6 @@
 """How much stronger or weaker the magnetic field at a compass is in flight than on the ground before it.
 
-The earth's field has one strength wherever the vehicle points. Currents of the motors add a field of their own, which a
+The earth's field has the same strength in all attitudes of the vehicle. Currents of the motors add a field, which a
 compass mounted too near to them feels.
 """
 

@@ -1,7 +1,7 @@
-"""Events that attitude, height and accelerometers show of a flight that went wrong, whatever the autopilot reports.
+"""Events of a flight that went wrong, by attitude, height and accelerometers, without the reports of the autopilot.
 
-Whether the vehicle flew at all is asked first. Each event then states its witnesses for and against
-(:mod:`mavdem.witnesses`); one without a second witness is only to be watched.
+First it is decided whether the vehicle flew. Each event then states its witnesses for and against
+(:mod:`mavdem.witnesses`); the level of an event without a second witness is only "watch".
 """
 
 from collections.abc import Iterator, Sequence

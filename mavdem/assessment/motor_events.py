@@ -57,7 +57,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
         gap: shortest time between two runs, s, that separates intervals.
 
     Returns:
-        (start, end) of each interval, s; infinite where the condition holds at the first or the last sample.
+        (start, end) of each interval, s; infinite if the condition holds at the first or the last sample.
     """
     runs = true_intervals(time, is_true)
     # A run lasts until the sample after its last one, or until the end of the record.
@@ -80,7 +80,7 @@ def lasting_runs(time: Array, is_true: Flags, gap: float) -> Intervals:
 
 
 class _MotorCondition(NamedTuple):
-    """A condition of the motors that is an event where it lasts."""
+    """A condition of the motors that is an event if it lasts."""
 
     code: MotionEvent
     """The kind of the event."""

@@ -1,8 +1,9 @@
 """What the speeds that controllers (ESCs) measure show of motors: one that stands still, or turns as it is commanded.
 
-A motor that is commanded to turn and does not is lost, whatever the reason. But a controller that no longer reports may
-send a speed of 0, so that the motor counts as lost only with a second witness: the vehicle leans, the command rises to
-make up for it, or the autopilot reports the motor. Where a motor lost thrust but turns as before, its propeller did.
+A motor that is commanded to turn and does not turn is lost. But a controller that no longer reports may send a speed of
+0, so that the motor counts as lost only with a second witness: the vehicle leans, the command rises to compensate, or
+the autopilot reports the motor. If a motor lost thrust but turns as before, its propeller is the
+cause.
 """
 
 from bisect import insort
@@ -43,7 +44,7 @@ MIN_LEAN_ERROR = np.radians(5.0)
 """Error of the attitude, rad, that shows that a motor does not hold the vehicle; sound ones stay below 3°."""
 
 HIGHEST_COMMAND_QUANTILE = 0.95
-"""Quantile of a motor's commands that is taken for the highest one, so that single peaks do not count; a choice."""
+"""Quantile of a motor's commands that is used as the highest one, so that single peaks have no effect; a choice."""
 
 MIN_COMMAND_RISE = 0.1
 """Rise of a motor's command, as a share of the range, that makes up for lost thrust; 99 % of trims vary less."""

@@ -105,7 +105,7 @@ def _rise_of_command(signals: Signals, loss: Fact, interval: TimeInterval) -> Fa
 def _loss_of_attitude(signals: Signals, boot: int, interval: TimeInterval) -> Facts:
     """Returns how far the attitude left its setpoint, which supports that a motor was lost.
 
-    If it did not, that proves nothing, since other motors may hold the attitude. Where no setpoint was recorded, only a
+    If it did not, that proves nothing, since other motors may hold the attitude. If no setpoint was recorded, only a
     share of the lean counts as error (:func:`mavdem.assessment.attitude_error.attitude_error`), but the fact states the
     whole lean.
 

@@ -104,7 +104,7 @@ def _spectrum_fact(spectrum: Spectrum) -> Fact:
 
 
 def _line_fact(line: SpectralLine) -> Fact:
-    """Returns the fact of a spectral line; its code says where the line comes from, such as a motor or the frame.
+    """Returns the fact of a spectral line; its code says what causes the line, such as a motor or the frame.
 
     Args:
         line: a peak of a spectrum.

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 
 class NoLoop(NamedTuple):
-    """Stands in the place of the control loops of an axis that are not known."""
+    """Placeholder for the control loops of an axis that are not known."""
 
     refusal: Fact
     """Why they are not known."""

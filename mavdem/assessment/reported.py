@@ -69,7 +69,7 @@ CONFIRMING_STATES = {
 }
 """By the code of a text: the codes of recorded states, one of which holds if the text is true.
 
-Texts are left out where the recorded state may be that of another sensor or input, such as those on the radio."""
+Texts are left out if the recorded state may be that of another sensor or input, such as those on the radio."""
 
 CONFIRMATION_SECONDS = 5.0
 """Seconds around a text within which its state is recorded: the slowest such stream, BATTERY_STATUS of PX4, comes every
@@ -86,7 +86,7 @@ class CountingField(NamedTuple):
     code: ReportedEvent
     """Code of the event."""
     subject: str
-    """Subject of the event; ``{}`` stands for the new value."""
+    """Subject of the event; ``{}`` is replaced by the new value."""
 
 
 COUNTING_FIELDS = (
@@ -402,7 +402,7 @@ def _is_high(signals: Signals, boot: int, flight_interval: TimeInterval) -> bool
 
 
 def _mode_changes(signals: Signals, span: Segment) -> Iterator[Fact]:
-    """Yields changes of the flight mode in one boot, with ArduPilot's reason where the log has it.
+    """Yields changes of the flight mode in one boot, with ArduPilot's reason if the log contains it.
 
     The level of an event is that of its reason: a mode that the pilot chose is good, one of a failsafe is to be
     watched. Reasons are in the field ``Rsn`` of DataFlash's messages MODE, which are translated to CURRENT_MODE.

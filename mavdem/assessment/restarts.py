@@ -66,7 +66,7 @@ _INTERNAL_ERROR_TEXT = re.compile(r"internal errors?\W+0x([0-9a-f]+)\b", re.IGNO
 """Texts that report internal errors; the group is the mask of the errors, in hexadecimal."""
 
 WATCHDOG_ERROR = 0x800
-"""Bit of ArduPilot's internal errors that stands for a watchdog reset."""
+"""Bit of ArduPilot's internal errors that means a watchdog reset."""
 
 
 def restarts(signals: Signals, span: Segment) -> Iterator[Fact]:

@@ -1,4 +1,4 @@
-"""Motors that lost thrust, suddenly or slowly: they saturate in flight, and the vehicle leans or sinks all the same.
+"""Motors that lost thrust, suddenly or slowly: they saturate in flight, and the vehicle still leans or sinks.
 
 A controller gives a motor that lost thrust a higher command. At its limit that is no longer enough: the vehicle leans
 to the side of that motor, or sinks, while the other motors have thrust left. A loss that takes a minute hides in the
@@ -44,7 +44,7 @@ A motor that was farther above the others all along did not change: its load is 
 """
 
 FORMER_QUANTILE = 0.25
-"""Quantile of the flight before that stands for the sound motor: its thrust may have gone for most of that time."""
+"""Quantile of the flight before that is used for the sound motor, which may have lost thrust for most of that time."""
 
 MIN_LEAN_ERROR = np.radians(5.0)
 """Error of the attitude, rad, towards the motor, that shows that it does not hold the vehicle."""

@@ -31,14 +31,14 @@ REASONS_OF_STOP = (
     ReportedEvent.FAILSAFE,
     ReportedEvent.ESTIMATOR_DIVERGED,
 )
-"""Reports of the autopilot that explain why it stopped all motors, whatever the pilot did.
+"""Reports of the autopilot that explain why it stopped all motors, independently of the pilot.
 
-A warning of a low battery comes again and again, so that it explains a stop only where the pilot did not close the
+A warning of a low battery comes again and again, so that it explains a stop only if the pilot did not close the
 throttle.
 """
 
 BATTERY_ALARMS = (ReportedEvent.BATTERY_ALARMED, ReportedEvent.BATTERY_SPENT)
-"""Reports of an empty battery. As a mere state of the battery they say nothing of the motors."""
+"""Reports of an empty battery. They describe the state of the battery, which does not affect the motors by itself."""
 
 
 def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: Fact) -> Fact:
@@ -89,8 +89,8 @@ def reason_of_stop(signals: Signals, events: Sequence[Fact], boot: int, cause: F
 def _is_reported_in(event: Fact, interval: TimeInterval) -> bool:
     """Returns whether the autopilot reported an event in an interval.
 
-    A report counts by its start, except a lost radio: since the failsafe acts only seconds after the loss, any part of
-    that may be in the interval.
+    The start of the report must be in the interval. For a lost radio, any part of the loss may be in it, since the
+    failsafe acts only seconds after the loss begins.
 
     Args:
         event: event that the autopilot reported.

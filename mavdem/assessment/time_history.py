@@ -253,7 +253,7 @@ def _axis_history(signals: Signals, segment: Segment) -> AxisHistory | None:
     if attitude is None:
         return None
     rate, rate_setpoint = signals.rate_and_setpoint or (attitude.rate_series, None)
-    # Rates in messages of their own may be in °/s, which the ratio of their scatter to that of the attitude's rates
+    # Rates in separate messages may be in °/s, which the ratio of their scatter to that of the attitude's rates
     # shows: these are always in rad/s.
     is_in_degrees = np.nanstd(rate.values) > MIN_DEGREES_RATIO * np.nanstd(attitude.rate)
     rate_unit = "°/s" if is_in_degrees else "rad/s"

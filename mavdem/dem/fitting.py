@@ -94,7 +94,7 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
 
 
 def _noise_smoothness(settings: CompleteSettings, dt: float) -> float:
-    """Returns the kernel width s of the noises, in seconds: that of the settings or, unless given, the step ``dt``."""
+    """Returns the kernel width s of the noises, in seconds: that of the settings or, if it is None, the step ``dt``."""
     return dt if settings.smoothness is None else settings.smoothness
 
 

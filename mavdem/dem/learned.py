@@ -458,7 +458,7 @@ class Learned(ImmutableResult, ForecasterBase):
         return half_width(simulate_response(physical, self.record, inputs).variance, level)
 
     def require_physical(self) -> Physical:
-        """Returns :attr:`physical`; raises ``NotLearnable``, with the reason, where there are no such parameters."""
+        """Returns :attr:`physical`; raises ``NotLearnable``, with the reason, if there are no such parameters."""
         from mavdem.plant import NotIdentifiable
 
         if isinstance(self._physical_fit, NotIdentifiable):
@@ -498,6 +498,9 @@ class Learned(ImmutableResult, ForecasterBase):
         """Estimates the process noise w = x′ − A x − B v: the wind and everything else outside the model.
 
         The states x, their rates x′ and the inputs v are DEM's posterior means at each sample.
+
+        Returns:
+            The noise (T′, n) in the units of the states' rates, at the samples :attr:`window_center_samples`.
         """
         n, r = self.model.B.shape
         A, B, _ = unpack(self.theta, n, r + self.scaling.constant, len(self.model.C))

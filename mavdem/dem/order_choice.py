@@ -217,7 +217,7 @@ class FreeEnergyOfFlights(NamedTuple):
     """Results of :func:`free_energy_by_order` by name of the flight."""
 
     refusals: dict[str, NotLearnable]
-    """By name of each other flight, why it has none."""
+    """The reason why each other flight has none, by its name."""
 
 
 def free_energy_of_flights(

@@ -168,7 +168,7 @@ class BlackBoxData:
 
     @property
     def smoothness(self) -> float:
-        """Kernel width of the noise after the filter, s; before the filter it is taken to be one sampling step."""
+        """Kernel width of the noise after the filter, s; before the filter it is assumed to be one sampling step."""
         return np.hypot(self.dt, self.kernel_width)
 
     @property

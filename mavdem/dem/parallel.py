@@ -46,13 +46,13 @@ LOW_PRIORITY = 10
 """Niceness, 0 to 19, of a process that learns while samples arrive: the samples do not wait for a core."""
 
 PAUSE, RESUME = b"\1", b"\0"
-"""What a process that learns receives: whether it is to pause, or to go on."""
+"""Messages to a process that learns: whether it must pause or continue."""
 
 PAUSE_SIGNAL = signal.SIGINT
 """Signal whose handler pauses the process that learns. A worker takes no Ctrl-C itself, so that it is free for this."""
 
 PAUSE_CHECK_INTERVAL = 0.05
-"""s between two looks of a paused process at whether it may go on: learning, which takes seconds, waits no longer."""
+"""Time, s, after which a paused process checks again whether it may continue; learning takes seconds."""
 
 _pool_start_lock = Lock()
 """Held while a pool starts, so that the processes that appear meanwhile are its own."""
@@ -139,7 +139,7 @@ def _map_on_executor(
 
 
 def _work_unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
-    """Does a job in a worker, unless nobody waits for its result any more: the worker then ends soon."""
+    """Does a job in a worker, or raises an error if its result is no longer wanted; the worker then ends soon."""
     # The parent sends nothing, so that the pipe is readable only after the parent has closed its end.
     if _stop_pipe is not None and _stop_pipe.poll():
         raise CancelledError
@@ -287,7 +287,7 @@ class LearningProcess(Executor):
             return self._pool.submit(job, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Kills the process, whatever it computes; the arguments of ``concurrent.futures.Executor`` do not matter."""
+        """Kills the process in any state; the arguments of ``concurrent.futures.Executor`` are not used."""
         for process in self._pool.processes:
             process.kill()
         self._exits.close()
@@ -320,7 +320,7 @@ class LearningProcess(Executor):
 
 
 class ForkedCall(Generic[Result]):
-    """A function that runs in a second process, a copy of this one, while this one goes on.
+    """A function that runs in a second process, a copy of this one, while this one continues.
 
     The function may be any: the copy has all that this process has. Only its result is pickled. Where the second
     process fails or is ended, :meth:`result` is None, and the caller does the work itself.
@@ -444,7 +444,7 @@ def blocked_signals(*numbers: signal.Signals) -> Iterator[None]:
 def _is_fork_safe() -> bool:
     """Returns whether this process may be forked: only on Linux, and while it has no thread that could hold a lock.
 
-    OpenBLAS ends its threads before a fork by itself. The libraries of macOS do not survive one.
+    OpenBLAS itself ends its threads before a fork. The libraries of macOS do not survive one.
     """
     return sys.platform == "linux" and active_count() == 1
 
@@ -518,7 +518,7 @@ def _receive_pauses(pause_receiver: "Connection[Any, Any]") -> None:
 
 def _wait_while_paused(*_: object) -> None:
     """Handler of ``PAUSE_SIGNAL``: keeps the main thread from computing as long as the process is paused."""
-    # A lock or an event could be held by this very thread, where a second pause comes while the first one ends.
+    # A lock or an event could be held by this same thread, if a second pause comes while the first one ends.
     while _is_paused:
         time.sleep(PAUSE_CHECK_INTERVAL)
 

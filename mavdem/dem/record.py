@@ -42,7 +42,7 @@ STEP_TOLERANCE = 1e-6
 """Relative difference that the sampling steps of segments may have: rounding only."""
 
 MIN_MOTORS = 3
-"""Fewest inputs that are taken for the motors of a multirotor."""
+"""Fewest inputs that are assumed to be the motors of a multirotor."""
 
 LABEL_FIELDS = ("input_names", "output_names", "input_units", "output_units")
 """Attributes of a flight and fields of a record with one string for each column."""
@@ -131,7 +131,7 @@ class Record:
         outputs: (T, m) measured motion: angle (rad) and rate (rad/s), or the rate only.
         dt: Sampling step, s.
         lengths: Number of samples of each segment; their sum is T.
-        effect_directions: (r,) relative effect of each motor on the axis, where the mixer geometry is known.
+        effect_directions: (r,) relative effect of each motor on the axis, if the mixer geometry is known.
         begins: Time of each segment's first sample on the flight's clock, s; empty if the flight has no clock.
         input_names, output_names: Name of each column; may be empty.
         input_units, output_units: Unit of each column; may be empty.
@@ -201,7 +201,7 @@ class Record:
         flights = train if isinstance(train, Sequence) else [train]
         if not flights:
             raise ValueError("train must hold at least one segment")
-        # Each segment is checked by itself, and then against the others.
+        # Each segment is checked alone, and then compared with the others.
         samples = [_checked_samples(flight) for flight in flights]
         inputs = [segment.inputs for segment in samples]
         outputs = [segment.outputs for segment in samples]
@@ -393,7 +393,7 @@ def _require_same_columns(tables: Sequence[Array], name: str) -> None:
 
 
 def _common_step(steps: Sequence[float]) -> float:
-    """Returns the sampling step of all segments, s; raises ``ValueError`` where they differ by more than rounding."""
+    """Returns the sampling step of all segments, s; raises ``ValueError`` if they differ by more than rounding."""
     if np.ptp(steps) > STEP_TOLERANCE * steps[0]:
         raise ValueError(
             f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s"

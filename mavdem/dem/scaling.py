@@ -1,4 +1,4 @@
-"""The engine's units: outputs and inputs are centred and scaled, and a constant input stands for the trim."""
+"""The engine's units: outputs and inputs are centred and scaled, and a constant input represents the trim."""
 
 from __future__ import annotations
 

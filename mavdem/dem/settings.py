@@ -75,7 +75,7 @@ class Gaussian:
 
         Args:
             mean: Means, (k,).
-            precision: Precision matrix, (k, k); its diagonal, (k,), where it has no other entries; or one number for
+            precision: Precision matrix, (k, k); its diagonal, (k,), if it has no other entries; or one number for
                 all of the diagonal.
 
         Raises:
@@ -150,7 +150,7 @@ class Settings:
     Attributes:
         smoothness: Width s of the noise's Gaussian autocorrelation kernel, seconds; ``None``: one sampling step.
         correlation: Treatment of the highest derivative of the process noise. "sampled": it is left out, since samples
-            do not show it. "continuous": the state's next derivative is taken to be zero, and the resulting noise is
+            do not show it. "continuous": the state's next derivative is assumed to be zero, and the resulting noise is
             counted as evidence, as the paper's D does.
 
     **Priors**, in the units of ``scaling``
@@ -177,7 +177,7 @@ class Settings:
 
     Attributes:
         horizon: Length, s, of the segments of the simulation-error fit that refines θ after DEM, where inputs are known
-            and the prior is not "uniform" (``mavdem.dem.forecast.simulation_error``); it is shorter where the training
+            and the prior is not "uniform" (``mavdem.dem.forecast.simulation_error``); it is shorter if the training
             data are too short. ``None``: no such fit.
         forecasts: "joint": by the joint model of outputs and motors, in which the motors measure the motion
             (``mavdem.dem.forecast.joint``). "plant": by A, B and C alone, with the motors as causes, as in the paper.
@@ -252,7 +252,7 @@ class Settings:
 
     @property
     def last_derivative_zero(self) -> bool:
-        """Whether the state's derivative above the highest order is taken to be zero and counted as evidence.
+        """Whether the state's derivative above the highest order is assumed to be zero and counted as evidence.
 
         Otherwise the highest derivative of the process noise is left out (setting ``correlation``).
         """
@@ -308,6 +308,9 @@ class Settings:
 
         Args:
             text: The text, as :meth:`to_json` returns it.
+
+        Returns:
+            The settings.
 
         Raises:
             ValueError: The text is not a JSON object of settings; the message names the wrong key or value.

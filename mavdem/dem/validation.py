@@ -22,7 +22,7 @@ MAX_ABS_VALUE = 1e50
 """Largest size of a sample, in its unit, and of a setting. The squares of larger ones could overflow."""
 
 MAX_COUNT = 1_000_000_000
-"""Largest count that is accepted unless a caller has a limit of its own; a choice."""
+"""Largest count that is accepted unless a caller gives another limit; a choice."""
 
 STRICT = ConfigDict(strict=True, allow_inf_nan=False)
 """How pydantic reads values: no text for a number, no ``True`` for 1, no infinity and no NaN."""

@@ -74,7 +74,7 @@ class Advice(ImmutableResult):
     rating: Fact
     """Whether the loops of the flight have these margins."""
     refusals: Facts
-    """Why no gains are advised; empty where they are."""
+    """Why no gains are advised; empty if they are."""
     before: Loop
     """The loops with the gains of the log."""
     after: Loop
@@ -88,15 +88,15 @@ class Advice(ImmutableResult):
     stage: Stage | None
     """Which gains change; ``None`` if none do."""
     design: Parameters
-    """Gains at the end of the stage, as this flight shows them; empty where no gains change."""
+    """Gains at the end of the stage, as this flight shows them; empty if no gains change."""
     flights: int
-    """Number of steps, with a flight after each, until the design is set; 0 where no gains change."""
+    """Number of steps, with a flight after each, until the design is set; 0 if no gains change."""
     notes: Facts
     """What of the gains is unusual, and why: the ratios of the rate controller's gains."""
 
     @property
     def parameters(self) -> Parameters:
-        """The gains to set, by the autopilot's name, where they change."""
+        """The gains to set, by the autopilot's name, if they change."""
         return {name: gain.set for name, gain in self.gains.items() if gain.set != gain.now}
 
     @property
@@ -253,7 +253,7 @@ def reasons_for_no_gains(loop: Loop, *, for_higher_gains: bool = False) -> Facts
 
     Only the first reason is returned: changed gains, motors at their limits, an unstable loop, a loop that the measured
     response contradicts, or, if gains are to be raised, a motor lag that the flight does not show. A biased control
-    effectiveness is no reason: the draws of the plant are spread by as much as it may be wrong, and gains must have
+    effectiveness is no reason: the spread of the plant's draws includes its possible error, and gains must have
     their margins in nearly all of them.
 
     Args:
@@ -316,7 +316,7 @@ def gain_reduction_advice(oscillation: Oscillation, parameters: Parameters) -> F
     for cycle in (oscillation, *oscillation.other_axes):
         # Without a known controller of the axis, no gains are named.
         with suppress(NotLearnable):
-            # The mixer does not matter, since only the gains are used: that of a single motor will do.
+            # Only the gains are used, so the mixer has no effect, and that of a single motor is given.
             controller = controller_from_parameters(parameters, cycle.axis, (1.0,))
             for field in _gains_behind_oscillation(controller, cycle.frequency):
                 name = controller.parameter_names[field]

@@ -50,11 +50,11 @@ MAX_GYRO_RATE_EXPONENT = 3.0
 MIN_CENTER_PER_BANDWIDTH = 0.52
 """Least centre of a harmonic notch over its bandwidth (``bandwidth_limit`` in ``HarmonicNotchFilter::init``)."""
 MULTI_SOURCE_OPTION = 1 << 1
-"""Bit of ``INS_HNTCH_OPTS``: each motor, or each peak of the spectrum, has notches of its own."""
+"""Bit of ``INS_HNTCH_OPTS``: each motor, or each peak of the spectrum, has its own notches."""
 SPECTRUM_PEAKS = 3
 """Peaks of the in-flight FFT that a multi-source notch follows."""
 MAX_HARMONICS = 16
-"""Bits of the masks ``INS_HNTCH_HMNCS`` and ``FILTn_NOTCH_HMNC`` that stand for multiples of the centre."""
+"""Bits of the masks ``INS_HNTCH_HMNCS`` and ``FILTn_NOTCH_HMNC`` that mean multiples of the centre."""
 MIN_PID_NOTCH_QUALITY = 0.5
 """``AP_NotchFilter_params`` switches a notch off whose ``FILTn_NOTCH_Q`` is not above this."""
 
@@ -186,7 +186,7 @@ def _spin_range(parameters: Parameters, *, before_34: bool) -> tuple[float, floa
         NotLearnable: a parameter is missing, or the frame is not a quadrotor.
     """
     if before_34:
-        # This firmware had no FRAME_CLASS: quadrotors had a build of their own. THR_MIN is in thousandths.
+        # This firmware had no FRAME_CLASS: there was a separate build for quadrotors. THR_MIN is in thousandths.
         throttle_min, spin_max = required_parameters(parameters, "THR_MIN", "MOT_THST_MAX")
         return throttle_min / 1000, spin_max
     spin_min, spin_max = required_parameters(parameters, "MOT_SPIN_MIN", "MOT_SPIN_MAX")

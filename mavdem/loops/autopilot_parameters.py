@@ -17,7 +17,7 @@ MAX_LOOP_RATE = 1000.0
 LOOP_RATE_PARAMETERS = {"px4": "IMU_GYRO_RATEMAX", "ardupilot": "SCHED_LOOP_RATE"}
 """Name of the parameter with the rate of the rate loop, Hz, by autopilot."""
 DEFAULT_LOOP_RATES = {"px4": 250.0, "ardupilot": 400.0}
-"""Rate of the rate loop where the parameter is not known, Hz: PX4's in its simulators, ArduCopter's by default."""
+"""Rate of the rate loop if the parameter is not known, Hz: PX4's in its simulators, ArduCopter's by default."""
 
 
 class Notch(NamedTuple):

@@ -90,7 +90,7 @@ class Loop(Margins):
     cautions: Facts = ()
     """Known errors that the intervals of the figures do not allow for."""
     measured: MeasuredResponse | None = None
-    """The response of the rate in flight, where the log has setpoints."""
+    """The response of the rate in flight, if the log has setpoints."""
     grid: FrequencyGrid = FINE_GRID
     """Frequencies of the responses."""
     shared_plant_response: PlantResponse | None = None
@@ -336,7 +336,7 @@ def margin_scores(target: MarginTarget, *loops: OpenLoop) -> Array:
         loops: open loops of the same N plants, such as the rate loop and the attitude loop.
 
     Returns:
-        Scores (N,), one for each plant. At 1 or more, every loop has every margin. The score is minus infinity where a
+        Scores (N,), one for each plant. At 1 or more, every loop has every margin. The score is minus infinity if a
         loop is unstable, since margins mean nothing then.
     """
     least_ratios = []

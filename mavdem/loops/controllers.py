@@ -76,7 +76,7 @@ UNMODELLED_PARAMETERS = {
     "MC_BAT_SCALE_EN": ControllerFact.DEMAND_BY_VOLTAGE,
     "IMU_GYRO_DNF_EN": ControllerFact.NOTCHES_UNMODELLED,
 }
-"""Parameters that switch on what is not modelled where they are not 0, each with its caution.
+"""Parameters that enable something that is not modelled if they are not 0, each with its caution.
 
 A name without an underscore is the ending of a parameter that each axis has, as in ``ATC_RAT_RLL_SMAX``.
 """
@@ -99,7 +99,7 @@ class GyroPath(NamedTuple):
 class Controller(ImmutableResult):
     """The rate and the attitude controller of one axis, and its part of the mixer.
 
-    Cut-offs of filters are in Hz, 0 where there is no filter. Low-passes named ``target_``, ``error_``, ``derivative_``
+    Cut-offs of filters are in Hz, 0 if there is no filter. Low-passes named ``target_``, ``error_``, ``derivative_``
     and ``output_filter`` are of first order.
 
     Raises:

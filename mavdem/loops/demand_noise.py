@@ -1,4 +1,4 @@
-"""Noise of the gyro that a rate controller passes on to the demand, which makes the motors busy and hot."""
+"""Noise of the gyro in the demand of a rate controller, which heats the motors."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class GyroNoise(NamedTuple):
     density: Array
     """Spectral density (F,) of the rate behind the gyro's filters, (rad/s)²/Hz."""
     is_measured: bool
-    """Whether the log shows the noise; where it is too slow for that, white noise is assumed."""
+    """Whether the log shows the noise; if it is too slow for that, white noise is assumed."""
 
 
 def gyro_noise(loop: Loop) -> GyroNoise:
@@ -70,7 +70,7 @@ def gyro_noise(loop: Loop) -> GyroNoise:
     record = loop.record
     highest = MAX_FREQUENCY_RATIO / record.dt
     lowest = MIN_NOISE_FREQUENCY
-    # The crossover is NaN where the gain of the loop is below 1 everywhere.
+    # The crossover is NaN if the gain of the loop is below 1 at all frequencies.
     if isfinite(loop.rate.crossover):
         lowest = max(MIN_NOISE_CROSSOVER_RATIO * loop.rate.crossover, lowest)
     reaches_an_octave = 2 * lowest < highest

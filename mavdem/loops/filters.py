@@ -30,7 +30,7 @@ class GyroFilters(NamedTuple):
     """The gyro's filters, and what they cost."""
 
     low_pass: float
-    """Cut-off of the second-order low-pass, Hz; 0 where there is none."""
+    """Cut-off of the second-order low-pass, Hz; 0 if there is none."""
     notches: tuple[Notch, ...]
     """The notch filters."""
     phase_lag: float

@@ -1,9 +1,9 @@
-"""Gains that a tuner would load: rate P and D first and together, the angle's gain last, in small steps.
+"""Choice of new gains, in the order of manual tuning: first P and D of the rate, then the angle's gain, in small steps.
 
 Stage 1 chooses P and D of the rate controller; I follows P in a fixed ratio. For each ratio of D to P that is near the
-autopilot's own, the largest P is taken with which the rate loop keeps its margins. Of these designs the one with the
-highest bandwidth wins, and of designs nearly as fast the one that wind leans least. Stage 2 takes the largest gain of
-the attitude controller with which the attitude loop keeps its margins. One flight goes one bounded step.
+autopilot's own, the largest P is chosen with which the rate loop keeps its margins. Of the designs whose
+bandwidth is nearly the highest, the one that leans least in wind is chosen. Stage 2 chooses the largest gain of the
+attitude controller with which the attitude loop keeps its margins. The change from flight to flight is bounded.
 
 ArduPilot's manual tuning, QuickTune and AutoTune (https://ardupilot.org/copter/docs/tuning.html) and PX4's guide
 (https://docs.px4.io/main/en/config_mc/pid_tuning_guide_multicopter.html) proceed in the same order.
@@ -43,7 +43,7 @@ class GainRatios(NamedTuple):
     integral: float
     """I over P, 1/s."""
     derivative: float
-    """D over P, s; 0 where the autopilot's default has no D."""
+    """D divided by P, s; 0 if the autopilot's default has no D."""
 
 
 class AxisDefaults(NamedTuple):
@@ -102,7 +102,7 @@ MAX_NOISE_RATIO = 1.25
 NEARLY_AS_FAST = 0.9
 """Fraction of the highest bandwidth from which on wind decides between designs."""
 MIN_BANDWIDTH_RATIO = 0.8
-"""Least bandwidth of a design relative to that of the log where the logged gains have the margins already."""
+"""Least bandwidth of a design relative to that of the log, if the logged gains already have the margins."""
 MIN_BANDWIDTH_GAIN = 1.1
 """Factor by which a design must raise the rate bandwidth for a loop with enough margin to leave stage 2 for stage 1."""
 
@@ -126,7 +126,7 @@ MIN_SCORE = -1.0
 
 
 class GainStep(NamedTuple):
-    """Gains of one stage for the next flight, and where they lead to."""
+    """Gains of one stage for the next flight, and the design that they approach."""
 
     stage: Stage
     gains: Parameters
@@ -134,7 +134,7 @@ class GainStep(NamedTuple):
     design: Parameters
     """Gains at the end of the stage, as this flight shows them."""
     flights: int
-    """Number of steps, with a flight after each, until the design is set; 0 where no gain changes."""
+    """Number of steps, with a flight after each, until the design is set; 0 if no gain changes."""
     notes: Facts
     """What of the gains is unusual, and why."""
 
@@ -153,7 +153,7 @@ class _RateDesign(NamedTuple):
     bandwidth: float
     """Bandwidth of the rate loop by the estimated plant, Hz."""
     lean: float
-    """Lean in the flight's wind with the logged gain of the angle, degrees; infinite where that loop is unstable."""
+    """Lean in the flight's wind with the logged gain of the angle, degrees; infinite if that loop is unstable."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class GainSearch:
         They are the first half of the posterior's draws. The second half is used to judge the result, which would look
         better than it is with the plants that it was chosen for.
         """
-        # The first row is the estimated plant and no draw; ``with_draws`` adds it by itself.
+        # The first row is the estimated plant and no draw; ``with_draws`` always adds it.
         draws = slice(1, len(self.loop.effectiveness) // 2)
         return self.loop.with_draws(draws, EFFECTIVENESS_FACTORS, SEARCH_GRID)
 
@@ -570,7 +570,7 @@ def round_gain(value: float) -> float:
 
 
 def bandwidth_of_estimate(open_loop: OpenLoop) -> float:
-    """Returns the bandwidth of a loop by the estimated plant, Hz; the end of all frequencies where it is beyond."""
+    """Returns the bandwidth of a loop by the estimated plant, Hz; the highest frequency if it is above all of them."""
     bandwidth = open_loop.bandwidth
     return float(open_loop.frequency[-1]) if isnan(bandwidth) else bandwidth
 

@@ -54,7 +54,7 @@ DELAY_PER_EFFECT = 0.2
 At high frequencies ω the response of the torque is nearly effect / (lag jω). So an effect that is too large comes with
 a lag that is too long by the same ratio, which leaves that gain as it is. The longer lag turns the phase −atan(ω lag)
 back by ω lag / (1 + (ω lag)²) per unit of its logarithm. A delay that is shorter by lag / (1 + (ω lag)²) turns it forth
-by as much: by 0.2 lags for ω = 2 / lag. Chosen as the deviations above.
+by the same amount, which is 0.2 lags for ω = 2 / lag. Chosen as the deviations above.
 """
 LAG_COMPENSATION = 0.5
 """Errors that come with an error of the lag alone, relative to it: of the effect (relative) and of the delay (in lags).

@@ -18,7 +18,7 @@ from mavdem.loops.step_figures import IntervalEstimate, rise_times, with_interva
 FREQUENCY_STEP = 0.05
 """Step of the integral over a predicted frequency response, Hz."""
 MAX_UNEXPLAINED_OUTPUT = 0.05
-"""Largest share of the output besides the logged controller's with which its response to setpoints is trusted.
+"""Largest share of the output that the controller does not explain, with which its response to setpoints is trusted.
 
 A wrong controller shows there. Of the flights 0 to 15 of ``tools/validation/step_response.py`` at 100 Hz, seven fly the
 controller of their parameters and have 0.010 to 0.034. Nine fly another, of which eight have 0.097 to 0.22.

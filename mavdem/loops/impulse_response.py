@@ -4,9 +4,9 @@ The response of a signal p to its setpoint r is p(t) = ∫ h(τ) r(t − τ) dτ
 is 0 at τ = 0 and before, and at the end of its duration. Otherwise it is linear between nodes, which are closest where
 it rises. The values at the nodes are fitted by generalised least squares: residuals are whitened by an autoregression,
 and windows with more wind count less, which is what weights by coherence do. Their prior is a smooth, decaying Gaussian
-process, averaged over variances, lengths and decays by their evidence. It tells resonances from noise without smoothing
-them, and shows in the covariance what the setpoint did not excite (G. Pillonetto and G. De Nicolao, A new kernel-based
-approach for linear system identification, Automatica 46(1), 2010).
+process, averaged over variances, lengths and decays by their evidence. It distinguishes resonances from noise without
+smoothing them, and shows in the covariance what the setpoint did not excite (G. Pillonetto and G. De Nicolao, A new
+kernel-based approach for linear system identification, Automatica 46(1), 2010).
 
 Wind moves a rate's setpoint r as well, by the attitude controller: r = x − G φ, of gain G and angle φ. So the
 instrument is not r itself but the part of r that follows x, what pilot or navigation ask for: x / (1 + G T / s), x = r
@@ -44,12 +44,12 @@ INITIAL_DECAY = 5.0
 """Decay of the response that the first pass begins with, as exponent over the duration of the response: a choice."""
 
 NODE_SPACING_RATIO = 0.02
-"""Spacing of the nodes, relative to their lag: late, a response is slower than where it rises. A choice."""
+"""Spacing of the nodes, relative to their lag, since a response changes fastest at short lags. A choice."""
 
 PRIOR_LENGTHS = 0.01, 0.03, 0.1
 """Length scales of the prior that are averaged over, relative to the duration of the response.
 
-Values within a length are alike. Of the rate loop these are 5 to 50 ms, of the attitude loop 20 to 200 ms.
+Values within a length are similar. Of the rate loop these are 5 to 50 ms, of the attitude loop 20 to 200 ms.
 """
 PRIOR_DECAYS = np.geomspace(0.06, 2.0, 6)
 """Decay times of the prior's amplitude that are averaged over, relative to the duration of the response."""

@@ -1,8 +1,8 @@
 """Limit cycles: oscillations that a vehicle's own controller sustains, as lines in the spectra of rate and motors.
 
 Wind spreads over all frequencies. A loop without stability margin oscillates at one: nearly all that the body rate and
-the motors do is then in one narrow band of their spectra. What tells a limit cycle from a gust that rings is that
-motors reach their limits, that the amplitude grows, or that it lasts.
+the motors do is then in one narrow band of their spectra. What distinguishes a limit cycle from a gust that rings is
+that motors reach their limits, that the amplitude grows, or that it lasts.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ MIN_LINE_SHARE = 0.6
 In two successive windows of sound flights it is at most 0.55.
 """
 SURE_LINE_SHARE = 0.8
-"""The same share where there are fewer than three windows, or fewer than twice ``MIN_PERIODS`` in each."""
+"""The same share if there are fewer than three windows, or fewer than twice ``MIN_PERIODS`` in each."""
 MIN_DURATION = 6.0
 """Shortest duration of a limit cycle, s: a choice."""
 MIN_RATE = 2.0

@@ -255,8 +255,8 @@ def at_limit_share(record: Record, controller: Controller) -> float:
 def inputs_per_demand(controller: Controller, record: Record) -> Array:
     """Returns the linearised mixer of one axis: how much each input of the plant changes per unit of demand.
 
-    For a motor, it is its element of the mixer over the slope of the thrust curve at the motor's mean output. If the
-    plant has the demand itself, from -1 to 1, as its only input, it is 1.
+    For a motor, this is its element of the mixer divided by the slope of the thrust curve at the motor's mean output.
+    If the only input of the plant is the demand itself, from -1 to 1, it is 1.
 
     Args:
         controller: controller of the axis, with its mixer and thrust curve.

@@ -35,7 +35,7 @@ class FrequencyGrid(NamedTuple):
     lowest: float
     """Hz."""
     highest: float
-    """Hz; where the loop runs at less than 2.2 times that, the grid ends at ``MAX_FREQUENCY_RATIO`` of its rate."""
+    """Hz; if the loop runs at less than 2.2 times that, the grid ends at ``MAX_FREQUENCY_RATIO`` of its rate."""
     points: int
     """How many frequencies there are."""
 
@@ -47,7 +47,7 @@ MAX_FREQUENCY_RATIO = 0.45
 HALF_POWER_GAIN = 2**-0.5
 """Gain at which a response has half of the power, −3 dB: the end of the bandwidth."""
 SIGNED_MARGINS = ("phase_margin", "gain_margin", "delay_margin")
-"""Figures that are negative where a loop is unstable."""
+"""Figures that are negative if a loop is unstable."""
 DECIBELS_PER_NEPER = 20 / np.log(10)
 """What natural logarithms of a gain are multiplied by for decibels."""
 
@@ -96,7 +96,7 @@ class Margins(ImmutableResult):
     """Gain crossover: the highest frequency at which |L| = 1, Hz."""
     crossover_interval = FigureInterval("crossover")
     phase_margin = FigureEstimate("phase_margin")
-    """Phase margin, degrees; negative where the loop is unstable."""
+    """Phase margin, degrees; negative if the loop is unstable."""
     phase_margin_interval = FigureInterval("phase_margin")
     gain_margin = FigureEstimate("gain_margin")
     """Gain margin, dB; infinite where L does not cross the negative real axis."""

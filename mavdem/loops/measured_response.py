@@ -30,7 +30,7 @@ MIN_RESPONSE_FIT = 80.0
 """Fit, 100 (1 − NRMSE) %, from which on prediction and measurement agree: a choice."""
 
 MIN_DEMAND_COHERENCE = 0.9
-"""Least coherence of logged and expected demand at the frequencies from which their ratio is taken: a choice."""
+"""Least coherence of logged and expected demand at the frequencies from which their ratio is computed: a choice."""
 MIN_DEMAND_FREQUENCIES = 6
 """Least number of such frequencies: a choice."""
 MAX_DEMAND_FREQUENCY_RATIO = 0.25
@@ -49,7 +49,7 @@ class MeasuredResponse(NamedTuple):
     agreement: float
     """The same fit to that part of the rate that the setpoint explains: what it lacks to 100 % is the loop's error."""
     controller_gain: float
-    """Gain of the logged demand over the one that the parameters give; NaN where it is not known."""
+    """Gain of the logged demand divided by that of the parameters; NaN if it is not known."""
     reason: Fact | None
     """Why the two do not agree; ``None`` if they do."""
 
@@ -322,7 +322,7 @@ def interpolated_setpoint(setpoint: Array) -> Array:
     """Interpolates a setpoint linearly between its messages.
 
     A record holds the value of the last message, so that the setpoint has steps, while the true one moved smoothly.
-    Each change of the value is taken as a message. If the value is constant for longer than the usual time between
+    Each change of the value is assumed to be a message. If the value is constant for longer than the usual time between
     messages, the setpoint did not move: such a plateau ends one usual step before the next change.
 
     Args:

@@ -24,7 +24,7 @@ from mavdem.loops.autopilot_parameters import (
 )
 
 UNSET_LOOP_RATE = 400.0
-"""Rate of the rate loop where the log lacks ``IMU_GYRO_RATEMAX``, Hz: that parameter's default."""
+"""Rate of the rate loop if the log lacks ``IMU_GYRO_RATEMAX``, Hz: that parameter's default."""
 GYRO_FILTER_RATE = 8000.0
 """Rate at which the gyro is filtered, Hz: its drivers filter every sample of the sensor's own buffer."""
 GYRO_NOTCH_PARAMETERS = (

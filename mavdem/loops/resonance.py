@@ -32,7 +32,7 @@ MAX_FREQUENCY_RATIO = 0.8
 """Highest frequency, relative to half the sampling rate: above, interpolation has lost a fifth of the power."""
 
 DEFAULT_ANGLE_GAIN = 4.5
-"""Gain of the attitude controller where the log has none, 1/s: ArduCopter's default. PX4's is 6.5."""
+"""Gain of the attitude controller if the log has none, 1/s: ArduCopter's default. PX4's is 6.5."""
 MIN_RESPONSE_FREQUENCY = 1.0
 """Lowest frequency of the response, Hz: below it, the vehicle is moved from place to place."""
 MIN_BAND_RATIO = 2.0

@@ -558,7 +558,7 @@ def _step_response_with_figures(
 
 
 def _coherence_where_driven(spectra: WelchSpectra) -> Array:
-    """Returns the coherence of setpoint and response, with 0 where the setpoint has hardly any power.
+    """Returns the coherence of setpoint and response, with 0 if the setpoint has hardly any power.
 
     At such frequencies, errors of interpolation in both signals may be coherent without being a response.
 

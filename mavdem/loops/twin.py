@@ -82,7 +82,7 @@ class Twin(ImmutableResult):
     noise: float
     """Standard deviation of a measured rate, rad/s."""
     drag: Drag
-    """Drag of the vehicle; that of typical vehicles where the flight does not show it, as its ``source`` states."""
+    """Drag of the vehicle; that of typical vehicles if the flight does not show it, as its ``source`` states."""
     wind_speed: float | None
     """Speed of the mean wind in the flight, m/s; ``None`` if it is not known."""
     wind_direction: float | None
@@ -94,7 +94,7 @@ class Twin(ImmutableResult):
 
     @property
     def command(self) -> float:
-        """Command u of the thrust curve in hover: 0 where thrust begins, 1 where it ends."""
+        """Command u of the thrust curve in hover: 0 at the beginning of the thrust range, 1 at its end."""
         spin_min, spin_max = self.spin
         return (self.hover - spin_min) / (spin_max - spin_min)
 

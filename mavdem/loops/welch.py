@@ -1,8 +1,8 @@
 """Welch's method: cross-spectra of several signals, averaged over half-overlapping windows of a flight.
 
-Each window is taken about its mean through Hann's window. With coherence γ², the gain of a response that is averaged
-over n windows has the relative error √((1 − γ²) / (2 γ² n)) (J. S. Bendat and A. G. Piersol, Random Data, 4th ed.,
-sec. 9.2).
+The mean of each window is subtracted, and Hann's window applied. With coherence γ², the gain of a response that is
+averaged over n windows has the relative error √((1 − γ²) / (2 γ² n)) (J. S. Bendat and A. G. Piersol, Random Data, 4th
+ed., sec. 9.2).
 """
 
 from collections.abc import Sequence

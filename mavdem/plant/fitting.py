@@ -33,7 +33,7 @@ They are turbulence, turbulence with smooth gusts, and two kinds of smooth gusts
 START_WIND_FACTORS = (1.0, 7.0, 50.0, 400.0)
 """Factors on the prior mean size of the wind torque, from which a fit may start: up to 200 rad/s².
 
-A choice. Where the model explains little of a rate, the wind torque explains the rest, and is that large.
+A choice. If the model explains little of a rate, the wind torque explains the rest, and is that large.
 """
 
 START_LAG_FACTORS = (1.0, 0.1)
@@ -49,7 +49,7 @@ It is for a mixer that is known or recognised: a choice, as motors and propeller
 """
 
 UNKNOWN_MIXER_SD = 1.0
-"""Prior standard deviation of a motor's effect where the mixer is neither known nor recognised."""
+"""Prior standard deviation of a motor's effect if the mixer is neither known nor recognised."""
 
 MIN_RELATIVE_NOISE = 0.01
 """Least white noise of the rate, relative to its standard deviation.
@@ -288,7 +288,7 @@ def best_start(model: GrayBoxModel, start: Array, windows: FlightWindows) -> Arr
         windows: the data.
 
     Returns:
-        θ (k,); ``start`` where no point has a finite posterior.
+        θ (k,); ``start`` if no point has a finite posterior.
     """
     objective = LogPosterior(model, windows)
     points = []

@@ -90,7 +90,7 @@ class OmissionErrors:
     """Error common to the effects of all motors, relative to the effect."""
 
     motor = 0.015
-    """Error of the effect of each motor by itself, relative to the effect."""
+    """Separate error of the effect of each motor, relative to the effect."""
 
     damping = 0.3
     """Error of the damping, 1/s."""
@@ -136,13 +136,13 @@ class OmissionErrors:
     """Likely bias of an effect with much wind torque, relative to the effect; its error is as large."""
 
     lag_bias = 0.1
-    """Likely bias of an effect where the lag is not resolved, relative to the effect; its error is as large.
+    """Probable bias of an effect if the lag is not resolved, relative to the effect; its error is as large.
 
-    What delays the rate, such as a gyro filter, is then taken for motor lag.
+    A delay of the rate, such as that of a gyro filter, is then estimated as motor lag.
     """
 
     unresolved_lag_damping = 1.2
-    """Error of the damping where the lag is not resolved, 1/s."""
+    """Error of the damping if the lag is not resolved, 1/s."""
 
     between_flights = 0.1
     """Change of the effect from flight to flight by battery voltage and load, relative to the effect."""
@@ -155,13 +155,13 @@ class OmissionErrors:
 
 
 class NotIdentifiable(NamedTuple):
-    """The result where a flight has no physical parameters at all."""
+    """The result for a flight that has no physical parameters."""
 
     reason: Fact
     """Reason why there are no physical parameters."""
 
     refusal: Fact | None = None
-    """Reason why there are none of the plant in its closed loop either, where these were requested."""
+    """Reason why there are also none of the plant in its closed loop, if these were requested."""
 
 
 class IdentifiabilityFigures(NamedTuple):
@@ -192,7 +192,7 @@ class IdentifiabilityFigures(NamedTuple):
     """Share of the commands' variance that the samples before do not predict."""
 
     thrust_curve: float = 0.0
-    """Relative change of the effect for one standard deviation of the inputs; 0 where the model has none."""
+    """Relative change of the effect for one standard deviation of the inputs; 0 if the model has none."""
 
     @property
     def lag_unresolved(self) -> bool:
@@ -201,7 +201,7 @@ class IdentifiabilityFigures(NamedTuple):
 
     @property
     def thrust_curve_damping_error(self) -> float:
-        """Error of the damping by the change of the effect with the command, 1/s; negative where the effect falls."""
+        """Error of the damping by the change of the effect with the command, 1/s; negative if the effect falls."""
         return OmissionErrors.thrust_curve_damping * self.thrust_curve
 
 

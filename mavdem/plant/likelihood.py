@@ -8,8 +8,8 @@ with effects b_i of the inputs u_i, damping d, motor lag τ, delay θ, the hold 
 noise v: wind torque through the damped rate, and white measurement noise. The gains of the controller are not used, so
 the inputs count as known. The prediction errors are y − P Σ b u over the minimum-phase factor of the density of v.
 Maximising their likelihood is consistent in closed loop as far as the spectrum of the wind torque is right (Ljung,
-System Identification, 2nd ed., secs. 8.4 and 13.4). Each window has a constant of its own, which balances its trim, and
-a level of wind torque and noise of its own; both are solved for. All other parameters are the same in all windows.
+System Identification, 2nd ed., secs. 8.4 and 13.4). Each window has its own constant, which balances its trim, and
+its own level of wind torque and noise; both are solved for. All other parameters are the same in all windows.
 """
 
 from __future__ import annotations
@@ -435,7 +435,7 @@ def _prediction_errors(
     of a constant acceleration, which is no error.
 
     Args:
-        residual: transforms of the rate less that of the motors (b, W, F), rad/s.
+        residual: transforms of the rate minus that of the motors (b, W, F), rad/s.
         factor: minimum-phase factors of the noise's density (b, F).
         windows: the W windows, of N samples.
 

@@ -58,7 +58,7 @@ FILTER_SECONDS = 1.0
 """Length of samples, beside the delay, over which the filter converges to the state, s: a choice."""
 
 NO_TORQUE = EstimateWithHalfWidth(np.nan, half_width=np.nan)
-"""Torque and half width where there is no estimate."""
+"""Torque and half width if there is no estimate."""
 
 
 class WindTorqueSmoother(NamedTuple):
@@ -77,7 +77,7 @@ class WindTorqueSmoother(NamedTuple):
     """Mean inputs (r,) of the samples that were fitted."""
 
     constant: float
-    """Mean torque per inertia that acts besides the motors, rad/s²."""
+    """Mean torque per inertia that the motors do not cause, rad/s²."""
 
     trim_torque_gradient: Array
     """Derivatives (r,) by each input's effect of the torque that the trim balances, in units of the inputs."""

@@ -94,7 +94,7 @@ class Physical(NamedTuple):
             spectra of the wind torque, and nonlinear effects.
         status: status of "effect", "damping" and "lag", by name.
         reasons: reason why each of these is biased, not identifiable or known from elsewhere; otherwise ``None``.
-        bias: likely relative error of the effect, negative where the estimate is too low; 0 unless it is biased.
+        bias: likely relative error of the effect, negative if the estimate is too low; 0 unless it is biased.
         wind_share: share of the wind torque in the variance of its sum with the motors' torque, in the band of the
             motion.
         components: components of the wind torque.
@@ -103,9 +103,9 @@ class Physical(NamedTuple):
             (docs/physical.md).
         windows: number of windows of the flight that were fitted.
         filtered: whether the lag includes that of the gyro's filters; the delay always does.
-        refusal: why these are not the parameters of the plant in its closed loop, where that was asked for.
-        unexplained_output: standard deviation of what the output does besides the logged controller, relative to that
-            of the output; NaN where the plant was identified without its controller.
+        refusal: why these are not the parameters of the plant in its closed loop, if these were requested.
+        unexplained_output: standard deviation of the part of the output that the logged controller does not explain,
+            relative to that of the output; NaN if the plant was identified without its controller.
         model: model that the parameters were estimated with, "gray-box" or "closed loop".
     """
 
@@ -326,7 +326,7 @@ def combined_with_earlier_flight(plant: Physical, prior: Physical) -> Physical:
 
 
 def _reasons_of_earlier_flight(prior: Physical) -> dict[str, Fact | None]:
-    """Returns the reasons of parameters that are taken over from an earlier flight.
+    """Returns the reasons for parameters that are those of an earlier flight.
 
     Args:
         prior: physical parameters by the earlier flight.

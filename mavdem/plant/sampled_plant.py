@@ -5,7 +5,7 @@ In continuous time, with the body rate p, the motors' torque T and the wind torq
     dp/dt = −d p + T + c + w            d rate damping, 1/s; c constant torque
     dT/dt = (b u(t − θ) − T) / τ        b effect, θ delay, τ motor time constant
 
-The wind torque is a sum of stationary coloured noises, each with a state-space form of its own.
+The wind torque is a sum of stationary coloured noises, each with its own state-space form.
 """
 
 from collections.abc import Sequence

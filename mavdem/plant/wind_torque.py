@@ -60,7 +60,7 @@ MIN_WIND_SECONDS = 10.0
 MIN_STEP_SHARPNESS = 0.75
 """Least change of the level within ``STEP_EDGE_SECONDS`` on either side of a step, relative to the step's size.
 
-See ``MIN_STEP_VARIANCE_SHARE`` for where it comes from.
+See ``MIN_STEP_VARIANCE_SHARE`` for its origin.
 """
 
 
@@ -90,7 +90,7 @@ class WindTorque(ImmutableResult):
         sd: standard deviation of the wind torque, between changes of the vehicle; larger than that of ``torque``, since
             smoothing shrinks it.
         scale_error: relative standard error of ``sd``, by effect, damping, lag and delay, and by what the model leaves
-            out. Large where the motors' effect is not identifiable: motors that do more balance more.
+            out. It is large if the motors' effect is not identifiable, since a larger effect balances more torque.
         step: sample at which the level changes at once and stays, and by how much, rad/s²: a load that moved, a motor,
             or a front of the wind; ``None`` without one. ``sd`` is that on either side.
         gusts: the gusts in order of time; none if the wind torque is not resolved.
@@ -98,7 +98,7 @@ class WindTorque(ImmutableResult):
         false_gusts_per_minute: number of false gusts to expect of Gaussian turbulence with the same spectrum.
         spectrum: spectral densities of the estimate and of the model.
         resolved: whether its variance is larger than that of its errors, apart from a common error of its size.
-        reason: why it is not to be taken for the wind's; ``None`` if it is resolved.
+        reason: why it cannot be assumed to be the wind's; ``None`` if it is resolved.
         left_out: time that is left out because a motor had lost thrust, s.
     """
 
@@ -173,7 +173,7 @@ def estimate_wind_torque(
     if not has_wind:
         # The figures are then computed for the whole flight; the reason says that they are not those of the wind.
         is_wind = np.ones(len(torque), bool)
-    # A new part begins where the vehicle changed, and where a motor lost or regained thrust.
+    # A new part begins at each change of the vehicle, and whenever a motor lost or regained thrust.
     part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
     step = None
     # In a course with gaps the gaps already separate its levels, so no step is searched for.
@@ -266,7 +266,7 @@ def resolved_wind_torque(
 ) -> WindTorque | None:
     """Returns the estimated wind torque if it may be shown as that of the wind.
 
-    The wind torque is the total torque less the torque of the motors. So the effectiveness of the motors must be
+    The wind torque is the total torque minus the torque of the motors. So the effectiveness of the motors must be
     identifiable, and the remainder larger than its errors.
 
     Args:
@@ -523,7 +523,7 @@ def _spectrum(torque: Array, is_wind: Flags, record: Record, physical: Physical)
     cuts = np.union1d(record.segment_starts[1:], _first_samples_after_changes(is_wind))
     parts = []
     for part, part_is_wind in zip(np.split(torque, cuts), np.split(is_wind, cuts), strict=True):
-        # The cuts are where the flag changes, so that it is the same at all samples of a part.
+        # The cuts are at the changes of the flag, so that it is the same at all samples of a part.
         if part_is_wind[0]:
             parts.append(part)
     length = min(round(SPECTRUM_SECONDS / record.dt), max(map(len, parts)))

@@ -58,8 +58,8 @@ THRUST_CURVE: the relative change of the effect for one standard deviation of th
 MAX_JUMP_ADVANCE = 0.5
 """Largest time by which a jump comes before the middle of a step, as a fraction of the step: it is then at its start.
 
-The least is 0. Commands that answer the sample at the end of a step act later, but they have a channel of their own. A
-fit that asks for late jumps has commands with noise that lasts for less than a step; on simulated flights it took the
+The least is 0. Commands that answer the sample at the end of a step act later, but they have a separate channel. A
+fit with late jumps has commands with noise that lasts for less than a step; on simulated flights it took the
 delay for 0 and the lag for too long (docs/evidence/parameters.md).
 """
 

@@ -26,7 +26,7 @@ WIND_SD = 5.0
 DEGREES_OF_FREEDOM = 8.0
 """Degrees of freedom of Student's t distribution of the innovations: a choice.
 
-A reset of the position estimate, or contact with the ground, then counts little, and is not taken for wind.
+A reset of the position estimate, or contact with the ground, then has little weight, and is not attributed to wind.
 """
 
 MIN_SPEED_SQUARE = 1e-4

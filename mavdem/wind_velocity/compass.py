@@ -34,7 +34,7 @@ FLOW_ARROWS = "↓↙←↖↑↗→↘"
 """Arrows along the flow of wind from north, north-east and so on, 45° apart."""
 
 ANY_DIRECTION = 180.0
-"""Half width of the direction, degrees, where the wind may come from anywhere."""
+"""Half width of the direction, degrees, if the wind may come from any direction."""
 
 MIN_DIVISOR = 1e-9
 """Speed, m/s, by which a velocity is divided at least: it only avoids a division by zero in still air."""
@@ -53,7 +53,7 @@ class PolarWind(NamedTuple):
     """Half width of the speed's band (T,), m/s."""
 
     direction_half_width: Array
-    """Half width of the direction's band (T,), degrees; 180 where the wind may come from anywhere."""
+    """Half width of the direction's band (T,), degrees; 180 if the wind may come from anywhere."""
 
 
 def meteorological_direction(north: float, east: float) -> float:
@@ -98,9 +98,9 @@ def speed_and_direction(velocity: Array, band: Array, near_direction: float = 18
             to 360°.
 
     Returns:
-        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is taken as an ellipse
-        with its axes north and east. Its half width along the wind is that of the speed. Its half width across the
-        wind, seen at the distance of the speed, is the angle by which the direction is uncertain.
+        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is assumed to be an
+        ellipse with its axes north and east. Its half width along the wind is that of the speed. Its half width across
+        the wind, seen at the distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
     # Unit vectors along the flow.

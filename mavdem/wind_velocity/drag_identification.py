@@ -126,7 +126,7 @@ A choice: around a maximum that the search has found, it changes by 1 or 2 nats.
 """
 
 WIND_DRAWS = 64
-"""Number of posterior samples of the scaled parameters, each with a wind of its own: a choice."""
+"""Number of posterior samples of the scaled parameters, each with its own wind: a choice."""
 
 WEIGHTING_ITERATIONS = 5
 """Number of iterations in which the weight of a known wind's errors is found: a choice."""

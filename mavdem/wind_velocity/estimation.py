@@ -76,7 +76,7 @@ MIN_SPEED = 1e-9
 """Least speed, m/s, or square of a speed, in a denominator: it only avoids a division by 0."""
 
 COURSE_FIELDS = ("time", "velocity", "band", "minutes", "profile")
-"""Fields of ``WindVelocity`` with courses, which are empty where the speed is not identifiable."""
+"""Fields of ``WindVelocity`` with courses, which are empty if the speed is not identifiable."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -85,7 +85,7 @@ class WindVelocity(ImmutableResult):
 
     Attributes:
         speed: speed of the mean wind vector, m/s.
-        speed_interval: ends of its 90 % interval, m/s; the lower one is 0 where still air is likely as well.
+        speed_interval: ends of its 90 % interval, m/s; the lower one is 0 if still air is likely as well.
         direction: that the wind comes from, degrees clockwise from the yaw's north, 0 to 360.
         direction_interval: half width of its 90 % interval, degrees.
         gust: largest mean speed over ``gust_seconds``, m/s.
@@ -101,7 +101,7 @@ class WindVelocity(ImmutableResult):
         drag: drag of the vehicle, by its prior and this flight.
         status: status of "speed", "direction" and "drag", by name.
         reasons: reason why any of these is not reported, by name.
-        boot: number of the log's boot on whose clock ``time`` is; 0 where arrays were given.
+        boot: number of the log's boot on whose clock ``time`` is; 0 if arrays were given.
     """
 
     speed: float
@@ -144,7 +144,7 @@ class WindVelocity(ImmutableResult):
         """Whether part of the lean may be caused by a load or a misaligned autopilot instead of the wind.
 
         Then the speed may be biased. A speed that is uncertain only because of the drag is no such doubt: the lean
-        against the wind is known whatever the drag is.
+        against the wind is known for any drag.
         """
         reason = self.reasons.get("speed")
         return reason is not None and not reason.figures["by_drag"] and not self.calm
@@ -219,7 +219,7 @@ class _Doubt(NamedTuple):
 
 
 def lower_speed_bound(low: float, high: float) -> float:
-    """Returns the lower end of a speed's interval, m/s, or 0 where still air is likely as well."""
+    """Returns the lower end of a speed's interval, m/s, or 0 if still air is likely as well."""
     if low < min(CALM_SPEED, high / 3):
         return 0.0
     return low

@@ -99,7 +99,7 @@ POSITION_RESET = ResetLimit(offset=1.0, rate=2.0)
 """Limit for the change of a position beyond what its velocity covers, m and m/s."""
 
 MIN_FLIGHT_HEIGHT = 1.5
-"""Height above the lowest one, m, from which on the vehicle flies, where neither motors nor landed state are known."""
+"""Height above the lowest one, m, from which on the vehicle flies, if neither motors nor landed state are known."""
 
 MAX_GROUND_SPEED = 70.0
 """Horizontal speed, m/s, that no multirotor that is analysed here flies: beyond it the estimate has run away."""
@@ -351,8 +351,8 @@ def _ground_motion(telemetry: Telemetry) -> TimeSeries | None:
         telemetry: messages of the vehicle.
 
     Returns:
-        Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 where it is not known; or (N, 6) with
-        the position north and east, m, where the message has it. ``None`` without such a message.
+        Samples (N, 4) of the velocity north, east and down, m/s, and height, m, 0 if it is not known; or (N, 6) with
+        the position north and east, m, if the message contains it. ``None`` if there is no such message.
     """
     for name, factor in VELOCITY_MESSAGES.items():
         columns = telemetry.messages.get(name, {})

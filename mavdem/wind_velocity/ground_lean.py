@@ -81,7 +81,7 @@ def lean_on_ground(
 
     Returns:
         Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common;
-        ``None`` where the log shows neither.
+        ``None`` if the log shows neither.
     """
     airborne = airborne_intervals(signals, boot)
     take_offs = [start for start, end in airborne if start <= flight[0] <= end]
@@ -114,7 +114,7 @@ def _lean_of_stand(angles: Sequence[Attitude], boot: int, stand: TimeInterval) -
         stand: start and end of the time in which it may stand, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²; ``None`` where it was not recorded, or the vehicle does not stand.
+        Force (2,) along body x and y, m/s²; ``None`` if it was not recorded, or the vehicle does not stand.
     """
     medians = []
     for angle in angles:

@@ -63,7 +63,8 @@ MIN_VELOCITY_RESPONSE = 0.3
 """Least acceleration per tilt times gravity: in free flight it is 0.7 to 1.5."""
 
 INDEPENDENT_STEPS = 8
-"""Number of steps in a block whose sum is taken for independent of the next: a change of means spans three steps."""
+"""Number of steps in a block whose sum is assumed to be independent of the next: a change of means spans three
+steps."""
 
 
 class MotionGrid(NamedTuple):
@@ -76,7 +77,7 @@ class MotionGrid(NamedTuple):
     """Unit vectors of body x and y in north, east and down (T, 2, 3)."""
 
     velocity: Array
-    """Velocity north, east and down (T, 3), m/s, over ground, or relative to the air where the wind is known."""
+    """Velocity north, east and down (T, 3), m/s, over ground, or relative to the air if the wind is known."""
 
     force: Array
     """Specific force along body x and y (T, 2), m/s²."""

@@ -210,13 +210,13 @@ class Drag(ImmutableResult):
         """Checks a drag that a caller has passed, and replaces None by the drag of the population.
 
         Args:
-            drag: drag of the vehicle, as of an earlier flight; ``None`` if it is not known.
+            drag: drag of the vehicle, for example from an earlier flight; ``None`` if it is not known.
 
         Returns:
-            The drag itself, or that of the population: typical multirotors.
+            The drag itself, or that of the population of typical multirotors.
 
         Raises:
-            ValueError: it is no ``Drag``, or no vehicle can have it.
+            ValueError: it is not a ``Drag``, or its values are impossible.
         """
         if drag is None:
             return cls.from_parameters()

@@ -34,15 +34,15 @@ MIN_PEAK_RATE = 20.0
 """Rate, Hz, from which on an accelerometer shows a knock; slower ones miss most of them."""
 
 PEAK_ABOVE_REST = 18.0
-"""Specific force above gravity, m/s², of a knock: no manoeuvre of 240 real flights felt as much. A value of 14 found
+"""Specific force above gravity, m/s², of a knock: no manoeuvre of 240 real flights reached it. A value of 14 found
 one impact too many, one of 25 missed one."""
 
 MIN_SAMPLES = 3
-"""Number of samples from which a median is taken for the force at rest; a choice: the least that bear an outlier."""
+"""Number of samples whose median is the force at rest; a choice: the smallest number that tolerates an outlier."""
 
 
 SELECTED_IMU = 0
-"""Number that stands for the IMU that PX4 selects at each time, where several were logged."""
+"""Number of the series of the IMU that PX4 selects at each time, if several IMUs were logged."""
 
 USE_PARAMETERS = {1: "INS_USE", 2: "INS_USE2", 3: "INS_USE3"}
 """ArduPilot's parameters that say whether each IMU is used, 0 or 1, by its number."""
@@ -133,7 +133,7 @@ def accelerometer_records(signals: Signals, boot: int) -> tuple[AccelerometerRec
     forces = dict(further_specific_forces(signals))
     first = specific_force(signals)
     if first is not None:
-        # PX4 logs all IMUs by number, and besides them the one that it selects at each time.
+        # PX4 logs all IMUs by number, and also the one that it selects at each time.
         number = SELECTED_IMU if 1 in forces else 1
         forces[number] = first
     records = []
@@ -212,7 +212,7 @@ def _measured_accelerometer(
 def accelerometer_in_use(signals: Signals, boot: int) -> AccelerometerRecord | None:
     """Returns the accelerometer that is used for a boot.
 
-    It is that of the estimator's primary core, where the log names it; otherwise the first one that the parameters do
+    It is that of the estimator's primary core, if the log names it; otherwise the first one that the parameters do
     not exclude, or the first of all if they exclude each.
 
     Args:

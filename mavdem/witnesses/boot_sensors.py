@@ -309,7 +309,7 @@ class BootSensors:
 
         After an impact the estimate often diverges. A barometer shows that (:meth:`sink_rate` compares the two). Where
         none was recorded, samples are left out at which the estimated height is more than ``MAX_GROUND_HEIGHT`` below
-        the take-off, where the vehicle cannot be.
+        the take-off, at which the vehicle cannot be.
         """
         climb_rate = series_of_boot(self.signals.climb_rate, self.boot)
         height = series_of_boot(self.signals.height, self.boot)
@@ -542,7 +542,7 @@ def _rest_record(signals: Signals, boot: int) -> _RestRecord | None:
     """Judges in each window of a boot whether the vehicle rests on the ground, and how far it is from upright.
 
     A still vehicle rests if the outputs of its motors are too low to carry it. If it is tilted by more than
-    ``SIDE_ANGLE`` it rests whatever the motors do, since nothing hovers on its side.
+    ``SIDE_ANGLE`` it rests even if the motors run, since no vehicle hovers on its side.
 
     Args:
         signals: signals of the vehicle.
@@ -574,7 +574,7 @@ def _angle_from_upright(signals: Signals, boot: int, time: Array) -> Array:
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        time: (W,) s since boot. The angle means something only where the vehicle is still.
+        time: (W,) s since boot. The angle is meaningful only while the vehicle is still.
 
     Returns:
         The angle (W,), rad; NaN if neither was recorded.

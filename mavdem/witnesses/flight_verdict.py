@@ -27,7 +27,7 @@ from mavdem.witnesses.statements import (
 )
 
 MIN_RISE = 1.0
-"""Rise, m, of the height that speaks for a flight. Prop wash lifts the barometer by as much, so it is not enough."""
+"""Rise, m, of the height that supports a flight. Prop wash raises the barometer as much, so it is not enough alone."""
 
 MIN_CERTAIN_RISE = 3.0
 """Rise, m, that no bench, gust or prop wash makes."""
@@ -45,7 +45,7 @@ MEAN_SECONDS = 1.0
 """Seconds over which heights are averaged."""
 
 TOP_QUANTILE = 0.95
-"""Quantile of the heights under power that stands for the top of a flight, without single damaged samples; a choice."""
+"""Quantile of the heights under power that is used as the top of a flight, without single damaged samples; a choice."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ def _rise_statements(rise: float | None, source: str) -> Facts:
         source: "barometer" or "estimate".
 
     Returns:
-        One statement; none if the rise is not known, or is neither large nor small.
+        One statement; empty if the rise is not known, or is neither large nor small.
     """
     if rise is None:
         return ()

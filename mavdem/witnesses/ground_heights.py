@@ -1,4 +1,4 @@
-"""Heights on the ground before a flight and after it: barometer and satellites, where the vehicle lies still.
+"""Heights on the ground before a flight and after it: barometer and satellites, while the vehicle lies still.
 
 An estimator follows its barometer, so that a barometer that drifts looks sound in flight. On the ground it shows: the
 vehicle is back where it took off, and the barometer reads another height than before. The altitude by satellites tells
@@ -37,7 +37,7 @@ MAX_WAIT_SECONDS = 30.0
 flight's rest; a choice."""
 
 MIN_SAMPLES = 2
-"""Number of readings whose mean is taken for a height: those of a second at 2 Hz."""
+"""Number of readings whose mean is used as a height: those of a second at 2 Hz."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def ground_heights(
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        flight_interval: start and end of the flight, s since boot; infinite where the record has no take-off or
+        flight_interval: start and end of the flight, s since boot; infinite if the record has no take-off or
             landing.
 
     Returns:

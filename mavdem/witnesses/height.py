@@ -258,7 +258,7 @@ def trusted_height(signals: Signals, boot: int, take_off: float) -> TrustedHeigh
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Then the height is
+        take_off: time of the take-off, s since boot; minus infinity if the log begins in the air. Then the height is
             that above the autopilot's home, by the estimate alone.
 
     Returns:
@@ -291,7 +291,7 @@ def _trusted_source(signals: Signals, boot: int, take_off: float) -> HeightSourc
     Args:
         signals: signals of the vehicle.
         boot: number of the boot.
-        take_off: time of the take-off, s since boot; minus infinity where the log begins in the air. Both heights are
+        take_off: time of the take-off, s since boot; minus infinity if the log begins in the air. Both heights are
             compared above the take-off, so that then only the estimate, which is above home, can be used.
 
     Returns:

@@ -70,7 +70,7 @@ USUAL_PULSE_RANGE = (1000.0, 2000.0)
 """Pulse widths, µs, of a closed and an open throttle, where RCn_MIN and RCn_MAX are not known."""
 
 FULL_STICK = 0.9
-"""Travel of the throttle stick from which on the pilot asks for all thrust; a choice."""
+"""Travel of the throttle stick from which on the pilot commands all thrust; a choice."""
 
 
 @cached_per_vehicle()
@@ -81,7 +81,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
 
     1. The barometer that the autopilot uses (``primary_barometer``). An altitude that the autopilot logged with the
        pressure is preferred to that of the pressure in the International Standard Atmosphere (ISO 2533).
-    2. The other barometers, likewise.
+    2. The other barometers, in the same order.
     3. The pressure altitude in HIGHRES_IMU.
 
     Args:
@@ -102,7 +102,7 @@ def barometer_altitude(signals: Signals) -> TimeSeries | None:
 
 
 def primary_barometer(telemetry: Telemetry) -> int:
-    """Returns the index in ``BAROMETERS`` of the barometer that is used; 0 where the parameters do not say it."""
+    """Returns the index in ``BAROMETERS`` of the barometer that is used; 0 if the parameters do not say it."""
     number = int(telemetry.parameters.get(BAROMETER_PARAMETER, 0))
     return number if 0 <= number < len(BAROMETERS) else 0
 
@@ -192,7 +192,7 @@ def specific_force(signals: Signals) -> TimeSeries | None:
 
 @cached_per_vehicle()
 def further_specific_forces(signals: Signals) -> dict[int, TimeSeries]:
-    """Returns the specific force of the accelerometers besides the first one.
+    """Returns the specific force of all accelerometers except the first one.
 
     PX4 logs all IMUs, so number 1 is among them: its first accelerometer is that of the selected IMU.
 

@@ -39,7 +39,7 @@ class SensorTrust:
     is_multirotor: bool
     """Whether the vehicle may be a multirotor: of others the outputs do not show when the motors carry them."""
     powered: Intervals
-    """When the motors could carry the vehicle, s since boot; empty too where they were not recorded."""
+    """When the motors could carry the vehicle, s since boot; also empty if they were not recorded."""
     height: HeightComparison
     """Barometer and estimated climb, and when they contradict each other."""
     accelerometers: tuple[AccelerometerRecord, ...]
@@ -74,12 +74,12 @@ class SensorTrust:
 
     @property
     def contradiction_seconds(self) -> float:
-        """Time in which barometer and estimated climb contradict each other, s; under power, where that is known."""
+        """Time in which barometer and estimated climb contradict each other, s; under power, if that is known."""
         return float(sum(end - start for start, end in self._contradictions))
 
     @property
     def _contradictions(self) -> Intervals:
-        """When barometer and estimated climb contradict each other, s since boot; under power, where that is known."""
+        """When barometer and estimated climb contradict each other, s since boot; under power, if that is known."""
         if not self.powered:
             return self.height.contradictions
         return intersection(self.height.contradictions, self.powered)

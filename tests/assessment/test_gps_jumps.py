@@ -5,7 +5,8 @@ from hover import Hover, changed, columns, evidence_of
 from pytest import approx, mark
 
 from mavdem.assessment.gps_jumps import MIN_JUMP, position_jumps
-from mavdem.assessment.lights.estimator import INNOVATION_FIELDS, estimator_light
+from mavdem.assessment.innovations import INNOVATION_FIELDS
+from mavdem.assessment.lights.estimator import estimator_light
 from mavdem.dataset.signals import EARTH_RADIUS, Signals
 from mavdem.facts.estimator import EstimatorLight
 

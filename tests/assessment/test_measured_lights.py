@@ -10,14 +10,13 @@ from recorded_flights import recorded
 
 from mavdem.assessment import Assessment
 from mavdem.assessment.battery_levels import CELL_VOLTAGE_LIMITS, FULL_CELL_VOLTAGES
-from mavdem.assessment.lights.estimator import (
+from mavdem.assessment.innovations import (
     ARDUPILOT_FAILSAFE_LIMIT,
     FAILSAFE_SECONDS,
     INNOVATION_FIELDS,
     INNOVATION_LIMIT,
-    MAX_FIELD_CHANGE,
-    estimator_light,
 )
+from mavdem.assessment.lights.estimator import MAX_FIELD_CHANGE, estimator_light
 from mavdem.assessment.lights.log import (
     MAX_CUT_BYTES,
     MAX_GAP,

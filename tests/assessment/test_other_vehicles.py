@@ -5,7 +5,7 @@ from hover import Hover, changed, columns, disarmed, log_of
 from pytest import approx, fixture, mark
 
 from mavdem.assessment.assess import assess
-from mavdem.assessment.lights.estimator import INNOVATION_FIELDS
+from mavdem.assessment.innovations import INNOVATION_FIELDS
 from mavdem.dataset.flight_states import airborne_intervals
 from mavdem.dataset.signals import Signals
 from mavdem.facts.assessment import Headline, NextStep

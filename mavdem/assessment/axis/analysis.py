@@ -360,8 +360,9 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     """Returns the alarms on motors that a live session would have raised, boot by boot.
 
     The samples of settled flight are passed one by one to the detector that live sessions use. A live session detects
-    the end of the climb-out half a second late, and a landing only after it, so that its times differ by as much. An
-    interval of settled flight without such an alarm is also searched as a whole for a motor that lost thrust slowly.
+    the end of the climb-out half a second late, and a landing only after it, so that its times differ by the same
+    amount. An interval of settled flight without such an alarm is also searched as a whole for a motor that lost thrust
+    slowly.
 
     Args:
         signals: signals of the vehicle.
@@ -388,7 +389,7 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
         changes = lasting_changes(detector.alarms)
-        # Headings are NaN while the attitude does not follow its setpoint. For whatever reason that is, the balance of
+        # Headings are NaN while the attitude does not follow its setpoint. In this case the balance of
         # the motors then does not show which of them lost thrust.
         tracked = commands.select(np.isfinite(headings))
         alarms += changes + _gradual_losses(motors, tracked, boot, settled, changes)

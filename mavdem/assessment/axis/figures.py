@@ -46,7 +46,7 @@ from mavdem.plant import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.plant.wind_torque import estimate_wind_torque, resolved_wind_torque
 
 ALL_AXES = "all"
-"""Name that stands for roll, pitch and yaw together, where the name of one axis is expected."""
+"""Name for roll, pitch and yaw together, in place of the name of one axis."""
 
 
 class AxisEstimates(NamedTuple):
@@ -68,7 +68,7 @@ class AxisEstimates(NamedTuple):
 
 
 class MotorChanges(NamedTuple):
-    """Where in T samples of flight the motors changed, and with them the vehicle."""
+    """Samples of T samples of flight at which the motors, and with them the vehicle, changed."""
 
     samples: list[int]
     """Samples at which a motor lost thrust or recovered, ascending."""
@@ -347,7 +347,7 @@ def physical_parameters(signals: Signals, flights: Flights) -> Physical | NotIde
     """Returns the physical parameters of one axis: control effectiveness, damping, motor time constant and delay.
 
     There are two estimates. The open-loop one uses only inputs and outputs. It distinguishes the motors and has
-    narrower intervals, but it may be biased where the controller reacts to the wind. The closed-loop one models the
+    narrower intervals, but it may be biased if the controller reacts to the wind. The closed-loop one models the
     controller too, so it needs flights with one known set of gains, and setpoints that excite the axis.
 
     The open-loop estimate is returned if it is identifiable and unbiased, and the closed-loop one does not doubt the
@@ -382,7 +382,7 @@ def estimates_of_axis(
 ) -> AxisEstimates:
     """Estimates physical parameters and wind torque of the axis of ``signals``, without learning a model.
 
-    The wind torque is the total torque less the torque of the motors, so it needs the parameters.
+    The wind torque is the total torque minus the torque of the motors, so it needs the parameters.
 
     Args:
         signals: signals of the vehicle and axis.

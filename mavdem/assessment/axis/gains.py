@@ -118,7 +118,7 @@ def parts_with_one_gain_set(signals: Signals, flights: Flights) -> OneGainSetPar
 
 
 def _parts_by_gains(signals: Signals, flights: Flights) -> dict[GainValues, list[Flight]]:
-    """Cuts flights where the gains of the axis change, and groups the parts by their gains.
+    """Cuts flights at each change of the gains of the axis, and groups the parts by their gains.
 
     Args:
         signals: signals of the vehicle and axis.

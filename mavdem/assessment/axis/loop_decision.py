@@ -408,7 +408,7 @@ def _advice_to_lower_gains(observations: LoopObservations, loop_name: str) -> Fa
     changes = []
     # If the controller is not known, ``changes`` stays empty, and the sentence says "P and D" instead of names.
     with suppress(NotLearnable):
-        # The mixer does not matter, since only the names of the gains are used: that of a single motor will do.
+        # Only the names of the gains are used, so the mixer has no effect, and that of a single motor is given.
         controller = controller_from_parameters(observations.parameters, axis, (1.0,))
         for field in CONTROLLER_GAINS[loop_name]:
             name = controller.parameter_names[field]

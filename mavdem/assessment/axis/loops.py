@@ -37,7 +37,7 @@ class LogLoops(NamedTuple):
     autotune: list[Fact]
     """A fact for each axis that AutoTune tuned, with the gains before and after as figures.
 
-    It has a rating of both sets of gains by their margins, or none where the loop is not known.
+    It has a rating of both sets of gains by their margins, or none if the loop is not known.
     """
 
 
@@ -181,7 +181,7 @@ def _plant(signals: Signals, flights: Flights, gray_box_fit: Physical | None) ->
 
     Identification in the closed loop uses the logged controller and setpoints. If these are not known, the plant is
     that of the gray-box fit, which uses inputs and outputs alone. Its ``refusal`` then says why the closed loop could
-    not be used. Where the closed loop was identified, but too poorly for margins, there is no result: margins by the
+    not be used. If the closed loop was identified, but too poorly for margins, there is no result: margins by the
     gray-box fit would be even worse.
 
     Args:

@@ -149,7 +149,7 @@ def axes_with_doubtful_loop(
 def _contradiction(loop: Loop | Fact | None, signals: Signals, segments: Segments) -> Fact | None:
     """Returns the fact that the measured response of the rate differs from the one that a loop predicts.
 
-    The two are compared here only where the comparison over all frequencies (:attr:`Loop.agrees`) was undecided.
+    The two are compared here only if the comparison over all frequencies (:attr:`Loop.agrees`) was undecided.
 
     Args:
         loop: the identified loop of the axis, or why it is not known.
@@ -191,7 +191,7 @@ def response_comparison(
         closed_loop: (F,) predicted frequency response of the closed loop.
 
     Returns:
-        The fact; None if it says nothing about the loop.
+        The fact; None if it contains nothing about the loop.
     """
     comparison = measured.comparison(frequency, closed_loop)
     if loop.agrees is not None:

@@ -1,4 +1,4 @@
-"""Overrides: what makes a flight itself doubtful, whatever a model of it is good for."""
+"""Overrides: facts that make a flight itself doubtful, even if its model is good."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from mavdem.motors.saturation import ALIKE_RATIO, most_limited_motors
 
 
 class LimitedMotors(NamedTuple):
-    """Motors that are at their upper limit in the hover: one that stands out, or several alike."""
+    """Motors that are at their upper limit in the hover: one that stands out, or several that are similar."""
 
     names: Names
     share: float
@@ -25,7 +25,7 @@ class LimitedMotors(NamedTuple):
 
     @property
     def subject(self) -> str:
-        """Name of the motor that stands out; empty if several are alike, of which none is suspect."""
+        """Name of the motor that stands out; empty if several are similar, so that none is suspect."""
         return self.names[0] if len(self.names) == 1 and not self.equally_loaded else ""
 
     def fact(self, code: Code) -> Fact:

@@ -152,14 +152,14 @@ def input_directions(learned: Learned) -> Array:
 def command_weights(directions: Array) -> Array:
     """Returns the weights with which the inputs sum to the command of an axis.
 
-    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, less that of the
+    The command is the weighted mean of the inputs that turn the vehicle in the positive direction, minus that of the
     inputs that turn it in the negative one. So its unit is that of the inputs, however many there are.
 
     Args:
         directions: (r,) how each of r inputs turns the vehicle, positive or negative, in any unit.
 
     Returns:
-        (r,) weights; the positive ones sum to 1, and the negative ones to -1, where there are such inputs.
+        (r,) weights; the positive ones sum to 1, and the negative ones to -1, if there are such inputs.
     """
     weights = np.zeros(len(directions))
     for sign in (1, -1):

@@ -169,7 +169,7 @@ def _compared_response(
 
     Returns:
         The measured response with its prediction. There is no prediction without a measured response, nor by an
-        unstable loop, which has none.
+        unstable loop, which has no response.
     """
     if isinstance(measured, Fact) or not open_loop.is_stable:
         return LoopResponse(measured)

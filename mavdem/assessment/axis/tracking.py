@@ -1,6 +1,6 @@
 """How an axis follows its setpoint in settled flight: the error without the delay, the delay, and the overshoot.
 
-The overshoot is that of the measured step response. Where the flight shows none, a response that is larger than its
+The overshoot is that of the measured step response. If the flight shows none, a response that is larger than its
 setpoint at some frequency is called what it is, and not an overshoot.
 """
 
@@ -58,7 +58,7 @@ Control Engineering).
 MIN_PEAK_DRIVER_SHARE = 0.01
 """Least power of the setpoint where its response counts, over its largest power: a choice.
 
-Where the setpoint hardly moves, wind and noise decide the ratio. Power at 0 Hz, which is that of trends, does not
+If the setpoint hardly moves, wind and noise determine the ratio. Power at 0 Hz, which is that of trends, does not
 count.
 """
 
@@ -73,7 +73,7 @@ YAW_JUMP = np.radians(20.0)
 """Change of yaw's setpoint from one sample to the next, rad, that is a new destination and no course to follow.
 
 Autopilots that let the setpoint turn with the vehicle change it by at most 60° (ATC_SLEW_YAW) in a second. Older ones
-set the heading of the next leg of a mission at once, and the vehicle turns there at a rate of its own.
+set the heading of the next leg of a mission at once, and the vehicle turns there at its own rate.
 """
 
 SLOWEST_TURN = np.radians(10.0)
@@ -99,7 +99,7 @@ class ResponsePeak(NamedTuple):
     ratio: float
     """Amplitude of the angle over that of the setpoint."""
     frequency: float
-    """Where it is, Hz."""
+    """Its frequency, Hz."""
     coherence: float
     """Coherence of angle and setpoint there, from ``MIN_COMPARED_COHERENCE`` to 1."""
     windows: int
@@ -303,7 +303,7 @@ def _segments_without_turns(setpoint: TimeSeries, segments: Segments) -> Segment
         is_jump = changes > YAW_JUMP
         turn_starts = time[is_jump]
         turn_ends = turn_starts + changes[is_jump] / SLOWEST_TURN + TURN_MARGIN_SECONDS
-        # Turns overlap where the heading is set again during a turn.
+        # Turns overlap if the heading is set again during a turn.
         turns = list(zip(turn_starts.tolist(), turn_ends.tolist(), strict=True))
         for start, end in intersection([(segment.start, segment.end)], complement(turns)):
             segments_without_turns.append(Segment(segment.boot, start, end))

@@ -143,9 +143,9 @@ def slow_motion_refusal(held_out: HeldOut) -> Fact | None:
 
 
 def flights_after_start(segments: Flights, start: float) -> Flights:
-    """Returns the flights that remain if training begins some time after the start, as the option ``--start`` asks.
+    """Returns the flights that remain if training begins some time after the start (option ``--start``).
 
-    Only the boot of the longest segment counts: other boots have clocks that cannot be compared.
+    Only the boot of the longest segment is used, since the clocks of different boots cannot be compared.
 
     Args:
         segments: flights of all boots.
@@ -191,7 +191,7 @@ def training_and_test(
         train, test: lengths of the two; None for the default.
 
     Returns:
-        Training data, and test data that begin where these end.
+        Training data, and test data that begin at their end.
 
     Raises:
         TooFewSamples: the flight is too short.

@@ -37,7 +37,7 @@ class Tuning(NamedTuple):
     """Gains to set for a vehicle."""
 
     axes: AdviceByAxis
-    """The advice on each axis that was asked for, or why there is none."""
+    """The advice on each requested axis, or why there is none."""
     advice: Sequence[Advice]
     """The advice on axes whose loops are known, at least one."""
     parameters: Parameters
@@ -45,7 +45,7 @@ class Tuning(NamedTuple):
     notch_parameters: Parameters
     """The parameters of these that set a notch filter; empty without one."""
     notch: Fact | None
-    """The notch filter to set, or why there is none; None if it was not asked for."""
+    """The notch filter to set, or why there is none; None if it was not requested."""
     judgement: Judgement
     """The judgement of the flight. Its next step is to load the gains, unless something else is bad."""
     doubtful_axes: frozenset[str] = frozenset()
@@ -62,7 +62,7 @@ class Tuning(NamedTuple):
         """Returns the parameter files for ground stations, a pair for each stage of tuning.
 
         The gains of a stage are loaded and flown before those of the next. A notch filter is in the first file, or in
-        one of its own if the gains are kept.
+        a separate one if the gains are kept.
 
         Args:
             vehicle: vehicle that they are for.
@@ -320,7 +320,7 @@ def _advises_to_tune(next_step: Fact) -> bool:
 def _step_without_gains(
     advice_on_loops: Sequence[Advice], other_axes: Sequence[str], arguments: Sequence[str]
 ) -> Fact:
-    """Returns the next step where no gains of the requested axes change, although a loop lacks something.
+    """Returns the next step if no gains of the requested axes change, although a loop lacks something.
 
     Args:
         advice_on_loops: advice on the requested axes, at least one, none of which has new gains.
@@ -424,7 +424,7 @@ def _doubts_on_vehicle(evidence: Evidence, judgement: Judgement) -> Facts:
 
 
 def _measured_loops(assessment: Assessment) -> dict[str, Fact]:
-    """Returns what an injected signal showed of the loop of each axis, where there was one."""
+    """Returns what an injected signal showed of the loop of each axis, if there was such a signal."""
     return {margins.axis: margins.facts[0] for margins in assessment.margins if margins.injected}
 
 

@@ -24,7 +24,7 @@ class SensorParameters(NamedTuple):
     kind: str
     """What it is."""
     identifier: str
-    """The parameter with its device id, 0 where there is none."""
+    """The parameter with its device id, 0 if there is none."""
     offsets: str
     """The beginning of the parameters with its offsets, which are all 0 before it is calibrated."""
     use: str
@@ -46,12 +46,12 @@ ARDUPILOT_SENSORS = (
         "COMPASS_ENABLE",
     ),
 )
-"""ArduPilot's sensors that are calibrated before the first flight. ``AP_Arming`` refuses to arm where one that is used
+"""ArduPilot's sensors that are calibrated before the first flight. ``AP_Arming`` refuses to arm if one that is used
 has no offsets ("3D Accel calibration needed", "Compass not calibrated")."""
 
 PX4_SENSORS = {"accelerometer": "CAL_ACC{}", "gyro": "CAL_GYRO{}", "compass": "CAL_MAG{}"}
 """Beginnings of the parameters of PX4's sensors: with _ID, the device that was calibrated, 0 for none; with _PRIO, its
-priority, 0 where it is switched off."""
+priority, 0 if it is switched off."""
 
 
 class CalibratedSensor(NamedTuple):
@@ -60,7 +60,7 @@ class CalibratedSensor(NamedTuple):
     name: str
     """Its kind and number, from 1: "compass 2"."""
     bus: str
-    """The bus it is on: "SPI 1"; empty where that is not known."""
+    """The bus it is on: "SPI 1"; empty if that is not known."""
     is_used: bool
     """Whether the autopilot uses it."""
     is_calibrated: bool

@@ -68,7 +68,7 @@ def motor_correlation(evidence: Evidence, field: TimeSeries) -> float | None:
         field: magnetic field (N, 3) at a compass.
 
     Returns:
-        The correlation, -1 to 1; None with less than ``MIN_SECONDS`` of flight, or where one of the two never changes.
+        The correlation, -1 to 1; None with less than ``MIN_SECONDS`` of flight, or if one of the two never changes.
     """
     history = evidence.time_history
     if history is None or history.motors is None or history.motors.outputs is None:

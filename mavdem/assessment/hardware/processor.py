@@ -71,7 +71,7 @@ def processor_fact(evidence: Evidence) -> Fact | None:
 
 
 def _exceeds(value: float | None, limit: float | None) -> bool:
-    """Returns whether a value reaches a limit that is positive; not where one of them is not known."""
+    """Returns whether a value reaches a limit that is positive; False if one of them is not known."""
     return value is not None and limit is not None and 0 < limit <= value
 
 

@@ -18,17 +18,17 @@ from mavdem.facts.hardware import HardwareFact, ReceiverDoubt
 from mavdem.ingest.telemetry import Telemetry
 
 TYPICAL_SHARE = 0.95
-"""Share of the flight for which a figure holds that stands for it: single bad samples pass."""
+"""Share of the flight for which the reported figure is not exceeded, so that single bad samples have no effect."""
 
 MAX_JAMMING = 80.0
 """Jamming indicator from which on "the setup must be inspected"
 (https://docs.px4.io/main/en/log/flight_review.html, "GPS Noise & Jamming"); about 40 and less is usual."""
 
 MAX_ACCURACY_PX4 = 3.0
-"""Horizontal accuracy, m, that PX4's filter asks for before it uses a receiver: the default of EKF2_REQ_EPH."""
+"""Horizontal accuracy, m, that PX4's filter requires before it uses a receiver: the default of EKF2_REQ_EPH."""
 
 MAX_ACCURACY_ARDUPILOT = 5.0
-"""Horizontal accuracy, m, that ArduPilot's filter asks for before it uses a receiver (AP_NavEKF3_VehicleStatus.cpp)."""
+"""Horizontal accuracy, m, that ArduPilot's filter requires before it uses a receiver (AP_NavEKF3_VehicleStatus.cpp)."""
 
 
 def receiver_fact(evidence: Evidence) -> Fact | None:
@@ -96,7 +96,7 @@ QUANTITIES = {
 
 
 def _accuracy_limit(telemetry: Telemetry) -> float:
-    """Returns the horizontal accuracy, m, that the autopilot's filter asks for before it uses a receiver."""
+    """Returns the horizontal accuracy, m, that the autopilot's filter requires before it uses a receiver."""
     if telemetry.autopilot == "PX4":
         return telemetry.parameters.get("EKF2_REQ_EPH", MAX_ACCURACY_PX4)
     return MAX_ACCURACY_ARDUPILOT

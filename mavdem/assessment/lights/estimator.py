@@ -1,21 +1,28 @@
 """Status light of the estimator: innovations in flight against what the filter accepts, GPS quality, the compass."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from mavdem.arrays import Array
 from mavdem.assessment.evidence import Evidence
 from mavdem.assessment.gps_jumps import position_jumps
+from mavdem.assessment.innovations import (
+    FAILSAFE_SECONDS,
+    GLITCH_COLUMN,
+    INNOVATIONS,
+    failsafe_limit_of,
+    innovation_ratios,
+    instance_name,
+    is_low_passed,
+    rejection_in,
+)
 from mavdem.assessment.limits import worst_fact
 from mavdem.assessment.magnetic_field import field_change
 from mavdem.dataset.flight_states import SURFACE_VEHICLES
 from mavdem.dataset.intervals import (
     intersection,
     longest_true_duration,
-    total_duration,
     true_intervals,
 )
 from mavdem.dataset.position_fix import (
@@ -31,7 +38,6 @@ from mavdem.dataset.segments import recorded_spans
 from mavdem.dataset.time_series import (
     TimeSeries,
     clean_series,
-    float_column,
     float_columns,
     recorded_series,
 )
@@ -39,50 +45,13 @@ from mavdem.facts import Code, Fact, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.estimator import EstimatorLight
 from mavdem.facts.events import ReportedEvent
-from mavdem.ingest.mavlink.dialect import mavlink_constant
-from mavdem.ingest.px4_instances import RATIO_FIELDS, UNFILTERED_ENDING
-from mavdem.ingest.telemetry import Telemetry, firmware_version
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import INSTANCES_MESSAGE, EstimatorRatio
 from mavdem.witnesses.position import position_fix, position_validity
 from mavdem.witnesses.sensors import compass_fields, is_compass_used
 
-INNOVATIONS = tuple(EstimatorRatio)
-"""The innovations that are judged, in the order of the columns of :func:`innovation_ratios`."""
-
-GLITCH_COLUMN = len(INNOVATIONS)
-"""Index of the column of :func:`innovation_ratios` with the filter's flag for a glitch of GPS, after the ratios."""
-
-INNOVATION_FIELDS = {
-    "EKF_STATUS_REPORT": (
-        "velocity_variance",
-        "pos_horiz_variance",
-        "pos_vert_variance",
-        "compass_variance",
-    ),
-    "ESTIMATOR_STATUS": ("vel_ratio", "pos_horiz_ratio", "pos_vert_ratio", "mag_ratio"),
-}
-"""Messages with the ``INNOVATIONS``, each as a ratio to what the filter accepts."""
-
-GLITCH_FLAGS = {
-    "EKF_STATUS_REPORT": mavlink_constant("EKF_GPS_GLITCHING"),
-    "ESTIMATOR_STATUS": mavlink_constant("ESTIMATOR_GPS_GLITCH"),
-}
-"""Bits of the ``flags`` of these messages by which the filter says that it does not agree with GPS ("glitch")."""
-
-INNOVATION_LIMIT = 1.0
-"""Innovation ratio at which the filters of PX4 and ArduPilot reject a measurement."""
-
-ARDUPILOT_FAILSAFE_LIMIT = 0.8
-"""Innovation ratio from which ArduCopter's ``ekf_check.cpp`` doubts the filter: the default of FS_EKF_THRESH."""
-
 WATCHED_RATIO = 2.0
 """Innovation ratio that is to be watched however short it is: ArduCopter's ``ekf_check.cpp`` counts it twice."""
-
-FAILSAFE_SECONDS = 1.0
-"""Time, s, for which ArduCopter's ``ekf_check.cpp`` doubts the filter before its failsafe."""
-
-FIRST_FILTERING_VERSION = (1, 15)
-"""First version of PX4 whose estimator_status has low-passed ratios (``test_ratio_filtered`` of the aiding sources)."""
 
 
 MAX_DILUTION = 2.5
@@ -159,101 +128,6 @@ def estimator_light(evidence: Evidence) -> Fact:
     return worst_fact(facts)
 
 
-@dataclass(frozen=True)
-class Rejection:
-    """Which innovation of a filter exceeded its limit longest in one flight, or was the largest.
-
-    It is one that ArduCopter's failsafe checks where that would have acted.
-    """
-
-    name: EstimatorRatio
-    """The innovation."""
-    ratio: float
-    """Its largest value, as a ratio to the ``INNOVATION_LIMIT``."""
-    time: float
-    """When it was that large, s."""
-    duration: float
-    """For how long, s, it exceeded the limit without a break."""
-    total_duration: float
-    """For how long, s, it exceeded the limit in all; single accepted samples, as after a reset, part the times."""
-    failsafe_duration: float
-    """For how long, s, ArduCopter's failsafe would have counted without a break."""
-
-    @property
-    def is_doubted(self) -> bool:
-        """Whether the innovation exceeded its limit for ``FAILSAFE_SECONDS``."""
-        return self.duration >= FAILSAFE_SECONDS
-
-    @property
-    def is_bad(self) -> bool:
-        """Whether ArduCopter's failsafe would have acted."""
-        return self.failsafe_duration >= FAILSAFE_SECONDS
-
-
-def rejection_in(time: Array, ratios: Array, failsafe_limit: float) -> Rejection:
-    """Finds the innovation that exceeded its limit longest, or the largest one if none did.
-
-    An innovation is a measurement minus its prediction by the filter, here divided by the limit of the filter's test.
-    ArduCopter's failsafe (``ekf_check.cpp``) has another limit: it acts if two of the innovations of velocity, position
-    and compass exceed it; a velocity of twice the limit counts as two. It does not check the height.
-
-    Args:
-        time: (N,) times of the samples, s since boot.
-        ratios: (N, 4) innovations over the limit of the filter's own test, one column for each of the ``INNOVATIONS``.
-        failsafe_limit: ratio from which on ArduCopter's failsafe counts an innovation (:func:`failsafe_limit_of`).
-
-    Returns:
-        The innovation with its largest ratio, the time of that, s since boot, and how long it exceeded its limit
-        without a break and in all, s; and how long the failsafe's condition held, s.
-    """
-    velocity_ratio, position_ratio, _, compass_ratio = ratios.T
-    # How many of the three exceed the failsafe's limit, at each sample; a very large velocity innovation counts twice.
-    exceeding_count = np.zeros(len(time))
-    exceeding_count += velocity_ratio >= failsafe_limit
-    exceeding_count += velocity_ratio >= 2 * failsafe_limit
-    exceeding_count += position_ratio >= failsafe_limit
-    exceeding_count += compass_ratio >= failsafe_limit
-    # For each of the four innovations the longest time, s, for which it exceeded the filter's own limit.
-    is_rejected = ratios >= INNOVATION_LIMIT
-    durations = [longest_true_duration(time, is_true) for is_true in is_rejected.T]
-    largest_ratios = ratios.max(axis=0)
-    failsafe_duration = longest_true_duration(time, exceeding_count >= 2)
-    # If the failsafe would have acted, the worst innovation must be one that it checks.
-    candidates = [
-        column
-        for column, name in enumerate(INNOVATIONS)
-        if name is not EstimatorRatio.HEIGHT or failsafe_duration < FAILSAFE_SECONDS
-    ]
-    # Of innovations that exceeded the limit equally long, or not at all, the largest is the worst.
-    worst = max(candidates, key=lambda column: (durations[column], largest_ratios[column]))
-    rejected_intervals = true_intervals(time, is_rejected[:, worst])
-    return Rejection(
-        INNOVATIONS[worst],
-        ratio=float(largest_ratios[worst] / INNOVATION_LIMIT),
-        time=float(time[ratios[:, worst].argmax()]),
-        duration=durations[worst],
-        total_duration=total_duration(intersection(rejected_intervals, [(time[0], time[-1])])),
-        failsafe_duration=failsafe_duration,
-    )
-
-
-def failsafe_limit_of(telemetry: Telemetry) -> float:
-    """Looks up the innovation ratio from which on the autopilot's failsafe counts an innovation.
-
-    It is the limit of the filter's own test for PX4, and the parameter FS_EKF_THRESH for ArduPilot. If that was not
-    logged, or is 0, which disables the failsafe, its default is used.
-
-    Args:
-        telemetry: autopilot and parameters of the vehicle.
-
-    Returns:
-        The ratio, without unit.
-    """
-    if telemetry.autopilot == "PX4":
-        return INNOVATION_LIMIT
-    return telemetry.parameters.get("FS_EKF_THRESH", 0.0) or ARDUPILOT_FAILSAFE_LIMIT
-
-
 def _filter_facts(evidence: Evidence) -> Iterator[Fact]:
     """Yields a fact for each flight on how large the innovations were, of the estimator instance that was in use.
 
@@ -312,7 +186,7 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         remarks["is_unchecked"] = True
     if is_spare:
         remarks["is_spare"] = True
-    if _is_filtered(telemetry, rejection.name):
+    if is_low_passed(telemetry, rejection.name):
         remarks["is_filtered"] = True
     return Fact(
         EstimatorLight.FILTER_DOUBTED if is_doubted else EstimatorLight.FILTER_AGREED,
@@ -324,30 +198,6 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
         duration=duration,
         **remarks,
     )
-
-
-def _is_filtered(telemetry: Telemetry, name: EstimatorRatio) -> bool:
-    """Returns whether the ratios of an innovation are low-passed, so that single samples may have been larger.
-
-    Those of PX4 are, from ``FIRST_FILTERING_VERSION`` on, if the log lacks the unfiltered ratios of aiding sources.
-
-    Args:
-        telemetry: autopilot, firmware and messages of the vehicle.
-        name: the innovation.
-    """
-    if telemetry.autopilot != "PX4":
-        return False
-    version = firmware_version(telemetry)
-    if version is None or version < FIRST_FILTERING_VERSION:
-        return False
-    columns = telemetry.messages.get("ESTIMATOR_STATUS", {})
-    is_unfiltered = columns.get(RATIO_FIELDS[name] + UNFILTERED_ENDING)
-    return is_unfiltered is None or not is_unfiltered.any()
-
-
-def instance_name(telemetry: Telemetry, number: int) -> str:
-    """Returns the autopilot's name of an instance of its estimator: "core 1" of ArduPilot, "instance 1" of PX4."""
-    return f"{'instance' if telemetry.autopilot == 'PX4' else 'core'} {number}"
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
@@ -449,34 +299,6 @@ def _glitches(evidence: Evidence) -> Iterator[Fact]:
                 duration=duration,
                 is_recorded=jumps.is_recorded,
             )
-
-
-def innovation_ratios(telemetry: Telemetry) -> TimeSeries | None:
-    """Returns the estimator's innovations divided by the limits of its tests (innovation ratios).
-
-    An innovation is a measurement minus its prediction by the filter. At a ratio of 1 the filter's test just accepts
-    the measurement. The first message with all ratios is used, ArduPilot's or PX4's.
-
-    Args:
-        telemetry: messages of the vehicle.
-
-    Returns:
-        Samples (N, 5): the ratios of the ``INNOVATIONS``, 0 for one that is not known, and the filter's flag for a
-        glitch of GPS, 0 or 1. None if no message has them, or if they are all 0 because the filter does not run.
-    """
-    for message, fields in INNOVATION_FIELDS.items():
-        columns = telemetry.messages.get(message, {})
-        if not all(field in columns for field in fields):
-            continue
-        ratios = np.nan_to_num(float_columns(columns, fields))
-        if not ratios.any():
-            continue
-        flags = np.zeros(len(columns["time"]))
-        if "flags" in columns:
-            flags = np.nan_to_num(float_column(columns, "flags"))
-        is_glitching = flags.astype(np.int64) & GLITCH_FLAGS[message] > 0
-        return clean_series(columns, np.column_stack([ratios, is_glitching]))
-    return None
 
 
 def _poor_fixes(evidence: Evidence) -> Iterator[Fact]:
@@ -604,7 +426,7 @@ def _wrong_accelerometers(evidence: Evidence) -> Iterator[Fact]:
         evidence: signals, events and measurements of the vehicle.
 
     Yields:
-        Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject where there are several.
+        Facts with the ``acceleration`` at rest, m/s², and the name of the IMU as subject if there are several.
     """
     for trust in evidence.trust:
         if not _has_flown_in(evidence, trust.boot):

@@ -29,7 +29,7 @@ SIH_AIRFRAMES = range(10040, 10050)
 """Values of SYS_AUTOSTART for PX4's own simulators (ROMFS/px4fmu_common/init.d-posix/airframes)."""
 
 SIMULATED_SENSOR_BUS = 4
-"""Type of the bus in the lower three bits of PX4's device ids that stands for simulation
+"""Type of the bus in the lower three bits of PX4's device ids that means simulation
 (src/lib/drivers/device/Device.hpp)."""
 
 DEVICE_BUS_TYPES = 8
@@ -136,7 +136,7 @@ def _damage(telemetry: Telemetry) -> Fact | None:
         telemetry: repairs of the file that the vehicle was read from.
 
     Returns:
-        The fact, with the number of bytes and of damaged frames, and the time, s, that they held, where it is known.
+        The fact, with the number of bytes and of damaged frames, and the time, s, that they contained, if it is known.
     """
     byte_count = 0
     frame_count = 0
@@ -237,7 +237,7 @@ def simulation_fact(signals: Signals) -> Fact | None:
 def _names_simulator(telemetry: Telemetry) -> bool:
     """Returns whether a log names a simulator as its source, so that its figures are of no real vehicle.
 
-    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has airframes of its own, and
+    ArduPilot's simulator has parameters SIM_… and "SITL" in the name of its board. PX4's has its own airframes, and
     sensors on a bus for simulation; the type of the bus is in the lowest bits of a sensor's id.
 
     Args:

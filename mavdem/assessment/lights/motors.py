@@ -77,7 +77,7 @@ def motors_light(evidence: Evidence) -> Fact:
 
 
 def _has_full_throttle(evidence: Evidence) -> bool:
-    """Returns whether the flight had full throttle for a known reason, so that limits say nothing about the motors.
+    """Returns whether the flight had full throttle for a known reason, so that limits are no sign of weak motors.
 
     The reasons are a diverged height estimate, which the height controller may follow at full throttle, and the
     recovery from a dive.
@@ -96,7 +96,7 @@ def _has_full_throttle(evidence: Evidence) -> bool:
 def _is_limited_together(evidence: Evidence, hover: HoverFigures) -> bool:
     """Returns whether motors were at their limit mostly while all of them gave nearly full throttle.
 
-    If the vehicle hovers well below full throttle, it only climbed hard for a moment, which says nothing about single
+    If the vehicle hovers well below full throttle, it only climbed hard for a moment, which is no sign of single
     motors. If its hover is near full throttle too, it always lacks thrust: then the result is False.
 
     Args:

@@ -352,7 +352,7 @@ def _board_voltages(evidence: Evidence) -> Iterator[TimeSeries]:
 
 
 def _constant_board_voltage(evidence: Evidence) -> float | None:
-    """Returns the voltage of the board's supply, V, where the log has the same throughout; None otherwise."""
+    """Returns the voltage of the board's supply, V, if it is the same throughout the log; None otherwise."""
     for volts in _board_voltages(evidence):
         if np.ptp(volts.values) == 0:
             return float(volts.values[0])

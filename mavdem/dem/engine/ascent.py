@@ -330,14 +330,14 @@ def _after_d_step(posterior: Posterior) -> Posterior:
 
 
 def _bounded_m_step(posterior: Posterior) -> Array:
-    """Returns λ (g,) of the M step; raises ``LinAlgError`` where a noise precision vanishes or diverges."""
+    """Returns λ (g,) of the M step; raises ``LinAlgError`` if a noise precision vanishes or diverges."""
     lambda_ = steps.m_step(posterior)
     _require_bounded(lambda_)
     return lambda_
 
 
 def _require_bounded(lambda_: Array) -> None:
-    """Raises ``LinAlgError`` where a log noise precision of λ (g,) is beyond ``MAX_ABS_LAMBDA``, or NaN."""
+    """Raises ``LinAlgError`` if a log noise precision of λ (g,) is beyond ``MAX_ABS_LAMBDA``, or NaN."""
     if not abs(lambda_).max() < MAX_ABS_LAMBDA:
         raise LinAlgError("a noise precision diverges")
 

@@ -64,7 +64,7 @@ class Objective(Protocol):
         """Returns the value at a point (f,); NaN where the function is not defined."""
 
     def expand(self, point: Array, /) -> QuadraticExpansion:
-        """Returns the second-order expansion about a point (f,); may raise LinAlgError where there is none."""
+        """Returns the second-order expansion about a point (f,); may raise LinAlgError if there is none."""
 
 
 class Damping(NamedTuple):
@@ -80,7 +80,7 @@ class Damping(NamedTuple):
     """Largest number of attempts, each damped more, at one step."""
 
     limit_step: Callable[[Array], Array] = np.asarray
-    """Shortens a step (f,) to a length at which the expansion can be trusted; leaves it as it is unless given."""
+    """Shortens a step (f,) to a length at which the expansion can be trusted; by default the step is not changed."""
 
     def after_step(self, damping: float, gain: float, predicted_gain: float) -> float:
         """Returns the damping of the next step, by how well the expansion predicted the gain of the last one.
@@ -108,7 +108,7 @@ class CurvatureCorrection:
     """Correction of a function's curvature, learned from how its gradient changed with the steps.
 
     The curvature of an expansion is mostly a Fisher information, which lacks the second derivatives of the residuals.
-    Where residuals are large, because no model of this kind is right, each step then goes only a part of the way. The
+    If residuals are large, because no model of this kind is right, each step then covers only a part of the way. The
     secant update of Dennis, Gay and Welsch adds what is missing (NL2SOL, ACM Trans. Math. Software 7(3), 1981).
     """
 

@@ -21,7 +21,7 @@ from threadpoolctl import ThreadpoolController
 from mavdem.arrays import SMALLEST_POSITIVE, Array, ArrayPair
 
 ROUNDING_TOLERANCE = 1e-9
-"""Relative size, to the largest number of the same kind, below which a difference is taken for rounding.
+"""Relative size, to the largest number of the same kind, below which a difference is assumed to be rounding.
 
 A choice: rounding of a float is 2e-16, and the computations here lose up to six digits.
 """
@@ -205,7 +205,7 @@ def one_thread(*, wait: bool = True) -> Iterator[bool]:
 
 
 def _renew_lock_after_fork() -> None:
-    """Gives a forked process a lock of its own: the parent's thread that may hold the lock does not exist in it."""
+    """Gives a forked process a new lock, since the parent's thread that may hold the old one does not exist in it."""
     global _blas_lock
     _blas_lock = RLock()
 
@@ -228,6 +228,6 @@ def load_libraries() -> None:
 @cache
 def _blas_controller() -> ThreadpoolController:
     """Returns the controller of the loaded BLAS libraries; finding these takes longer than a fit, so it is kept."""
-    # SciPy has a BLAS of its own, which is found only where it is loaded.
+    # SciPy has its own BLAS, which is found only if it is loaded.
     import_module("scipy.linalg")
     return ThreadpoolController()

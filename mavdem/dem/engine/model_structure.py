@@ -23,11 +23,11 @@ class ErrorRows(NamedTuple):
     """D x̃ − Ã x̃ − B̃ ṽ."""
 
     state_prior: slice
-    """x itself, where x has a prior about 0; empty where it has none."""
+    """x itself, if x has a prior about 0; empty if it has none."""
 
 
 class OperatorStructure(NamedTuple):
-    """Where the parameters stand in the error operator E: P entries of it are −θ, all others are constants."""
+    """Positions of the parameters in the error operator E: P entries of it are −θ, all others are constants."""
 
     constant: Array
     """E at θ = 0."""
@@ -43,7 +43,7 @@ class OperatorStructure(NamedTuple):
 
 
 class RegressorLayout(NamedTuple):
-    """Where the regressors of [A B] and of C, with their derivatives, stand in the joint vector [ỹ; η̃; X]."""
+    """Positions of the regressors of [A B] and of C, with their derivatives, in the joint vector [ỹ; η̃; X]."""
 
     state_columns: Indices
     """(q + 1, n + r) columns of [x; v] by order; one past the last column for derivatives that inputs do not have."""

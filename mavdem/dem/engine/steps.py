@@ -95,7 +95,7 @@ def e_step(posterior: Posterior) -> Array:
     F̄ is quadratic in θ, so that one Newton step from any θ reaches the maximum.
 
     Args:
-        posterior: the posterior; its θ is where the step starts.
+        posterior: the posterior, at whose θ the step starts.
 
     Returns:
         θ (k,) at the maximum.
@@ -166,7 +166,7 @@ def m_step(posterior: Posterior) -> Array:
     ``MAX_LAMBDA_STEP``, and a step that decreases F̄ is halved. The search ends with a step below ``MIN_LAMBDA_STEP``.
 
     Args:
-        posterior: the posterior; its λ is where the search starts.
+        posterior: the posterior, at whose λ the search starts.
 
     Returns:
         λ (g,) at the maximum.

@@ -7,7 +7,7 @@ one generative model of vehicle, wind and autopilot, z = [outputs, motors combin
 
 Its hidden states, such as the lagging torque, the wind and what the controller remembers, are what the past of z shows
 of them. The model is linear in its parameters and Gaussian, so that DEM's steps have closed forms and F̄ is the log
-evidence. F̄ selects L, the prior's precision and, where the mixer is not known, the combination of the motors:
+evidence. F̄ selects L, the prior's precision and, if the mixer is not known, the combination of the motors:
 docs/how_it_works.md.
 """
 
@@ -33,7 +33,7 @@ RIDGE_CANDIDATES = (1e-4, 1e-3, 1e-2)
 """Prior precisions of the first lag's coefficients, of channels of variance 1, from which F̄ selects."""
 
 MIXER_LAGS = 10
-"""Number of lags with which the motors' effects are estimated where the mixer is not known."""
+"""Number of lags with which the motors' effects are estimated if the mixer is not known."""
 
 MIXER_RIDGE = 1e-3
 """Prior precision of the first lag's coefficients in that estimate."""
@@ -47,7 +47,8 @@ On each axis two motors turn the vehicle one way and two the other.
 MIXER_NOISE = 1e-5
 """Variance added to that of the innovations, of channels of variance 1, where F̄ compares combinations of the motors.
 
-Without it the angle, which follows from its rate almost exactly, would dominate F̄, and it says nothing of the motors.
+Without it the angle, which follows from its rate almost exactly, would dominate F̄, and it contains no information on
+the motors.
 """
 
 MIN_STUDENT_FREEDOM = 3.0

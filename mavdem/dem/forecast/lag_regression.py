@@ -25,7 +25,7 @@ CONSTANT_RIDGE = 1e-8
 """Prior precision of the offset, which the prior leaves practically free, in units of Σ⁻¹."""
 
 MIN_RESIDUAL_FREEDOM = 1.0
-"""Fewest degrees of freedom with which Σ is estimated, where there are hardly more samples than coefficients."""
+"""Fewest degrees of freedom with which Σ is estimated, if there are hardly more samples than coefficients."""
 
 
 class ChannelScaling(NamedTuple):

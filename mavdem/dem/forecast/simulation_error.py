@@ -40,7 +40,7 @@ FREE_PARAMETER_PRECISION = 1e-5
 NON_TURNING_PRECISION = 0.1
 """Prior precision, in the engine's units, of the effect of a motor combination that should not turn the vehicle.
 
-Its standard deviation is about 3, since rotors are not quite alike and loads not quite centred.
+Its standard deviation is about 3, since rotors are not exactly equal and loads not exactly centred.
 """
 
 MIN_SAMPLES_PER_PARAMETER = 2.0
@@ -220,7 +220,7 @@ def simulation_horizon(
         record: the training data.
 
     Returns:
-        The number; 0 where even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be no
+        The number; 0 if even ``MIN_HORIZON_SECONDS`` is too long for the record; ``None`` if there is to be no
         fit, since the settings ask for none, the inputs are unknown, the prior is the paper's, or no parameter is free.
     """
     n, r, m = model.sizes

@@ -25,7 +25,7 @@ give hundreds, by errors that are not those of the model that follows it.
 class ErrorBands:
     """Half widths of the 90 % bands of online predictions: of a sample from those before it, and at each horizon.
 
-    An error is kept for a fixed time, whatever its size: bands recover as soon as the predictions have.
+    Large and small errors are kept for the same time, so bands recover as soon as the predictions have.
 
     Attributes:
         half_widths: (1 + H, m) half widths in the units of the outputs: row 0 of the prediction of a sample from those

@@ -28,7 +28,7 @@ class SurpriseMark(NamedTuple):
 
 
 class Estimate(NamedTuple):
-    """All estimates as of one sample; NaN, or ``None``, where there is none yet.
+    """All estimates at one sample; those that do not exist yet are NaN or ``None``.
 
     The shapes have H horizons and m outputs; all numbers are in physical units.
 
@@ -46,7 +46,7 @@ class Estimate(NamedTuple):
         free_energy: F(t), nats, by the current model: the same function whose sum over the model's training samples is
             ``free_energy_action``.
         free_energy_terms: (10,) terms of F(t), nats, in the order of ``mavdem.dem.engine.free_energy.Term``; ``None``
-            where there is no F(t).
+            if there is no F(t).
         free_energy_action: F̄ of the current model, nats: that of the learning run on the samples up to ``until``.
         surprise: Standardised drop of F(t) below the median of its last 10 s. The unit is the distance of its 5 %
             quantile: above 1 in about one of 20 samples without a change, tens to thousands with a failing motor.

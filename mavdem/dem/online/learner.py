@@ -59,7 +59,7 @@ NEW_SAMPLE_SHARE = 1.0
 """Samples since the last call of ``learn``, as a share of those it had, with which it is called again; a choice.
 
 Samples double from call to call, until the memory is full and each call has new samples only. Half as many new samples
-would cost nearly twice the processor time. Predictions do not depend on it: they come from a forecaster of its own,
+would cost nearly twice the processor time. Predictions do not depend on it: they come from a separate forecaster,
 which learns from every block.
 """
 
@@ -77,7 +77,7 @@ MAX_STEP_DEVIATION = 0.5
 """Deviation of a step from ``dt``, in units of ``dt``, beyond which there is a gap."""
 
 MAX_GAPS = 5
-"""Gaps from sample to sample in a row, from which on ``dt`` is taken to be wrong, in place of missing samples."""
+"""Gaps from sample to sample in a row, from which on ``dt`` is assumed to be wrong, instead of missing samples."""
 
 TOO_FEW_SAMPLES = Fact(OnlineFact.TOO_FEW_SAMPLES_YET)
 """Reason of no model: there are fewer samples than a fit needs."""
@@ -108,7 +108,7 @@ def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> F
         end_time: Time of the last sample of the record, s.
 
     Returns:
-        The monitor, which contains the model. If the executor has processes of its own, the monitor is pickled.
+        The monitor, which contains the model. If the executor uses other processes, the monitor is pickled.
 
     Raises:
         ValueError: The samples do not support a model.
@@ -120,14 +120,14 @@ def _learn_and_monitor(record: Record, settings: Settings, end_time: float) -> F
 
 
 class OnlineLearner:
-    """Learns a model from samples as they come, whatever their source, and returns estimates for each of them.
+    """Learns a model from samples as they arrive, from any source, and returns estimates for each of them.
 
     Attributes:
         horizons: Steps ahead of ``Estimate.ahead``.
         learned: The model in use, the result of the last call of ``learn``; None before.
         until: Time of the last sample that it was learned from, s; NaN before.
         refits: Whether the model is fitted again when that is due; a caller under load may put that off.
-        fits_physical: Whether the physical parameters are, likewise.
+        fits_physical: Whether the physical parameters are fitted again as well.
         follows_torque: Whether samples are used for the wind torque, too: those of a climb after take-off are not.
         obstacle: Why there is no model, or no newer one; ``None`` without a reason.
     """
@@ -147,7 +147,7 @@ class OnlineLearner:
         """Begins without samples.
 
         Args:
-            settings: Settings of the fit; ``Settings()`` unless given.
+            settings: Settings of the fit; None for ``Settings()``.
             dt: Sampling step, s.
             n_inputs: Number of inputs, r.
             n_outputs: Number of outputs, m.
@@ -155,7 +155,7 @@ class OnlineLearner:
             horizons: Steps ahead to predict, increasing.
             executor: Executor of processes where ``learn`` runs. Unless given, it runs inside an update, which then
                 takes as long. With an executor of threads an update may wait for them.
-            effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
+            effect_directions: (r,) relative effect of each input on the axis, if the mixer geometry is known.
             prior: Physical parameters of the vehicle as of an earlier flight, such as ``Learned.physical``.
 
         Raises:

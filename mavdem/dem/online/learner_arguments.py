@@ -1,4 +1,4 @@
-"""Checks of what the online learner is given: horizons, samples and mixers."""
+"""Checks of the arguments of the online learner: horizons, samples and mixers."""
 
 from __future__ import annotations
 

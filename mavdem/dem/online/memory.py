@@ -81,7 +81,7 @@ class SampleMemory:
         blocks: Complete blocks in the order of time. The last block of a segment may be shorter than the others.
         dt: Sampling step, s.
         block_size: Number of samples of a full block.
-        effect_directions: (r,) relative effect of each input on the axis, where it is known.
+        effect_directions: (r,) relative effect of each input on the axis, if it is known.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class SampleMemory:
             dt: Sampling step, s.
             block_size: Number of samples of a full block.
             max_blocks: Number of blocks that are kept.
-            effect_directions: (r,) relative effect of each input on the axis, where it is known.
+            effect_directions: (r,) relative effect of each input on the axis, if it is known.
         """
         self.effect_directions = effect_directions
         self.blocks: deque[MemoryBlock] = deque(maxlen=max_blocks)

@@ -34,7 +34,7 @@ SETTLING_SECONDS = 1.0
 """Time before ``CAUSE_SECONDS`` in which the first value of the lagged command decays, s: eight of the longest lags."""
 
 REFERENCE_SECONDS = 10.0
-"""Time before ``CAUSE_SECONDS`` that shows where the command usually is, s: as long as the past of a surprise."""
+"""Time before ``CAUSE_SECONDS`` that shows the usual command, s: as long as the past of a surprise."""
 
 MIN_EXPLAINED_SHARE = 0.6
 """Share of the acceleration that the command explains, below which a surprise is a disturbance.
@@ -43,7 +43,8 @@ Chosen on simulated flights of even numbers (``tools/validation/surprise.py``).
 """
 
 MAX_SUSTAINED_SHARE = 0.8
-"""Share of the command's deviation that is constant, above which a surprise is a disturbance; chosen likewise."""
+"""Share of the command's deviation that is constant, above which a surprise is a disturbance; chosen in the same
+way."""
 
 
 def cause_of_surprise(
@@ -112,7 +113,7 @@ def explained_share(
     sample_count = latest + round(SETTLING_SECONDS / dt) + window - 1
     if settings.p < 1 or len(outputs) < sample_count:
         return None
-    # Both accelerations are smoothed by the window that the measured derivative is taken from.
+    # Both accelerations are smoothed by the window from which the measured derivative is computed.
     center = window // 2
     m = outputs.shape[1]
     # Columns [y; y′; …]: the acceleration is the first derivative of the last output, the body rate.

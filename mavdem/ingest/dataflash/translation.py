@@ -5,7 +5,7 @@ docs/formats.md#dataflash has the table of both vocabularies. Messages of which 
 ``translation.toml``.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from typing import Any, NamedTuple
 
@@ -37,6 +37,7 @@ from mavdem.ingest.dataflash.estimators import (
     core_message_names,
     flown_estimates,
 )
+from mavdem.ingest.dataflash.outputs import servo_outputs
 from mavdem.ingest.dataflash.position_targets import (
     POSITION_CONTROLLER_MESSAGES,
     position_targets,
@@ -55,20 +56,18 @@ from mavdem.ingest.dataflash.states import states_of
 from mavdem.ingest.dataflash.tables import (
     continuous_time,
     field_texts,
-    float_table,
     message_count,
     messages_with_fields,
     resampled,
     rows_of_instance,
     with_stamps,
 )
-from mavdem.ingest.mavlink.dialect import definitions_by_name, mavlink_constant
-from mavdem.ingest.motors import PORT_OUTPUTS
+from mavdem.ingest.dataflash.vibrations import vibration
+from mavdem.ingest.mavlink.dialect import mavlink_constant
 from mavdem.ingest.telemetry import (
     Columns,
     Parameters,
     Tables,
-    concatenated_columns,
     fields_by_rule,
     last_values,
     repair_facts,
@@ -223,14 +222,14 @@ def mavlink_messages(
     armed_states, landed_states = states_of(tables, vehicle_type)
     messages = {
         "ATTITUDE": attitude_message,
-        "SERVO_OUTPUT_RAW": _servo_outputs(tables),
+        "SERVO_OUTPUT_RAW": servo_outputs(tables),
         "ACTUATOR_CONTROL_TARGET": NamedMessage("RATE", demands),
         "ATTITUDE_TARGET": attitude_targets(tables, units_per_degree),
         "PID_TUNING": NamedMessage("RATE", tuning),
         "D_TERM": NamedMessage("/".join(RATE_CONTROLLER_MESSAGES), derivative_terms(tables)),
         "SYS_STATUS": sys_status(tables),
         "BATTERY_STATUS": battery_status(tables),
-        "VIBRATION": NamedMessage("VIBE", _vibration(tables)),
+        "VIBRATION": NamedMessage("VIBE", vibration(tables)),
         "SYSTEM_TIME": NamedMessage("GPS", _calendar_time(tables)),
         "GPS_RAW_INT": gps_fixes(tables, 0),
         "GPS2_RAW": gps_fixes(tables, 1),
@@ -399,187 +398,6 @@ RATIO_FIELDS = {
     EstimatorRatio.COMPASS: "compass_variance",
 }
 """Fields of EKF_STATUS_REPORT with the test ratios of the filter's innovations."""
-
-
-OUTPUT_MESSAGES = {"RCOU": range(1, 17), "RCO2": range(15, 19), "RCO3": range(19, 33)}
-"""Messages with the outputs, and the numbers of those that each may have.
-
-RCOU has 14 outputs where there is RCO2, and up to 16 in versions of ArduPilot that had no more outputs.
-"""
-
-OUTPUT_NAMES = ("C{}", "Ch{}", "Chan{}")
-"""Names that the fields of RCOU have had, the newest first; where a log has several of them, the last counts."""
-
-
-def _servo_outputs(tables: Tables) -> NamedMessage:
-    """Makes SERVO_OUTPUT_RAW: the pulse widths of outputs 1 to 32, µs, 16 on each port.
-
-    ArduPilot logs them in up to three messages, one after the other in one step of its loop. A port has the stamps of
-    the most frequent of its messages, with the latest values of the others. Outputs that were not logged are 0, which
-    means no pulses.
-
-    Args:
-        tables: DataFlash's messages by name.
-
-    Returns:
-        Columns (N,), port 0 before port 1, with the names of the messages of the log that have a pulse; port 1 is there
-        only where it has one.
-    """
-    ports: list[Columns] = []
-    names: dict[str, None] = {}
-    for port in range(OUTPUT_PORTS):
-        messages_of_port = {}
-        for name in OUTPUT_MESSAGES:
-            pulse_widths = _pulse_widths_of_port(tables, name, port)
-            if pulse_widths:
-                messages_of_port[name] = pulse_widths
-        # Port 0 is made where there is RCOU, with pulses or not.
-        if not messages_of_port and (port > 0 or not tables.get("RCOU")):
-            continue
-        names |= dict.fromkeys(messages_of_port)
-        ports.append(_servo_output_port(tables, port, messages_of_port))
-    if not ports:
-        return NamedMessage("RCOU", {})
-    return NamedMessage("/".join(names) or "RCOU", concatenated_columns(ports))
-
-
-OUTPUT_PORTS = 2
-"""Number of ports of SERVO_OUTPUT_RAW: ArduPilot has 32 outputs."""
-
-
-def _pulse_widths_of_port(tables: Tables, name: str, port: int) -> dict[int, Array]:
-    """Returns the pulse widths of the outputs of one port in one message that the log has.
-
-    Args:
-        tables: DataFlash's messages by name.
-        name: RCOU, RCO2 or RCO3.
-        port: Number of the port, 0 or 1.
-
-    Returns:
-        Pulse widths (N,), µs, by the number of the output on the port, 1 to 16. Damaged values are clipped to the 16
-        bits of the field. Empty if no output has a pulse.
-    """
-    logged_columns = tables.get(name, {})
-    first_output = 1 + PORT_OUTPUTS * port
-    pulse_widths = {}
-    for output in OUTPUT_MESSAGES[name]:
-        if not first_output <= output < first_output + PORT_OUTPUTS:
-            continue
-        for pattern in OUTPUT_NAMES:
-            if pattern.format(output) in logged_columns:
-                values = np.nan_to_num(logged_columns[pattern.format(output)].astype(np.float64))
-                clipped_widths = np.clip(values, 0, np.iinfo(np.uint16).max)
-                pulse_widths[output - PORT_OUTPUTS * port] = clipped_widths
-    has_pulse = any(widths.any() for widths in pulse_widths.values())
-    return pulse_widths if has_pulse else {}
-
-
-def _servo_output_port(
-    tables: Tables, port: int, messages_of_port: Mapping[str, Mapping[int, Array]]
-) -> Columns:
-    """Makes SERVO_OUTPUT_RAW of one port.
-
-    Args:
-        tables: DataFlash's messages by name.
-        port: Number of the port.
-        messages_of_port: Pulse widths (n,), µs, by name of the message and number of the output on the port. If it is
-            empty, all outputs are 0 at the stamps of RCOU.
-
-    Returns:
-        Columns (n,): the port, and the pulse width of each output as servo1_raw and so on.
-    """
-    main_message = max(
-        messages_of_port, key=lambda name: message_count(tables[name]), default="RCOU"
-    )
-    logged_columns = tables[main_message]
-    count = message_count(logged_columns)
-    fields = {"port": np.full(count, port, np.uint8)}
-    for output in range(1, PORT_OUTPUTS + 1):
-        fields[f"servo{output}_raw"] = np.zeros(count, np.uint16)
-    for name, pulse_widths in messages_of_port.items():
-        for output, widths in pulse_widths.items():
-            if name != main_message:
-                # RCO2 and RCO3 follow RCOU in the same step, with the same stamp or a later one.
-                widths = last_values(
-                    continuous_time(logged_columns), continuous_time(tables[name]), widths
-                )
-            fields[f"servo{output}_raw"] = widths.astype(np.uint16)
-    return with_stamps(logged_columns, fields)
-
-
-VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
-"""Fields of VIBE with the standard deviations of an IMU's acceleration, m/s²."""
-
-MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"].fields)
-"""Number of IMUs: VIBRATION has a counter of clips for each."""
-
-
-def _vibration(tables: Tables) -> Columns:
-    """Makes VIBRATION from VIBE, which is logged as one message per IMU, or of the first IMU alone in older versions.
-
-    Row i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU, the
-    others are cut to its length.
-
-    Args:
-        tables: DataFlash's messages by name.
-
-    Returns:
-        Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
-        clips, the samples beyond the range of the accelerometer. Beside the message's fields there is ``levels`` (N, 3
-        k), the deviations of all k IMUs. Empty if VIBE was not logged.
-    """
-    logged_columns = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
-    if not logged_columns:
-        return {}
-    imus = _vibration_by_imu(logged_columns)
-    levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
-    fields = {
-        "vibration_x": levels[:, 0],
-        "vibration_y": levels[:, 1],
-        "vibration_z": levels[:, 2],
-    }
-    for number in range(MAX_IMUS):
-        fields[f"clipping_{number}"] = _clip_counter(imus, number)
-    return with_stamps(imus[0], {**fields, "levels": levels})
-
-
-def _vibration_by_imu(vibe: Columns) -> list[Columns]:
-    """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
-
-    Args:
-        vibe: all rows of VIBE; without a field ``IMU``, as in older versions, all are those of the first IMU.
-
-    Returns:
-        The rows of each IMU, in the order of their numbers; row i of each was logged at the same time.
-    """
-    possible_imus = MAX_IMUS if "IMU" in vibe else 1
-    imus = []
-    for number in range(possible_imus):
-        imu = rows_of_instance(vibe, "IMU", number)
-        if imu:
-            imus.append(imu)
-    count = min(map(message_count, imus))
-    return [selected_rows(imu, np.arange(count)) for imu in imus]
-
-
-def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
-    """Returns the counter (N,) of the clips of one IMU; zeros if there is none.
-
-    Args:
-        imus: the rows of VIBE by IMU, N of each.
-        number: number of the IMU, from 0.
-
-    Returns:
-        The number of clips so far (N,), for each row of the first IMU.
-    """
-    if "Clip" in imus[0]:
-        # Each IMU's messages have its own counter.
-        if number < len(imus):
-            return imus[number]["Clip"]
-    elif f"Clip{number}" in imus[0]:
-        # In older versions of ArduPilot one message has the counters of all IMUs.
-        return imus[0][f"Clip{number}"]
-    return np.zeros(message_count(imus[0]))
 
 
 GPS_EPOCH = datetime(1980, 1, 6, tzinfo=UTC).timestamp()

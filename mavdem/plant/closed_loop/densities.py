@@ -3,7 +3,7 @@
 All sources of the loop (see :mod:`~mavdem.plant.closed_loop.response`) are Gaussian and stationary: the reference,
 white noise before and behind the gyro filters and of the angle, a share of the output's own density for what the output
 does besides the control law, and wind torque of three spectra. The larger that share, the more the output counts as a
-known input. Because the loop is closed in the model, noise that goes round it is not taken for wind.
+known input. Because the loop is closed in the model, noise that the loop feeds back is not attributed to wind.
 
 Sampled at the message rate f_s, a quantity has at each frequency f the sum of all that folds onto it from f + k f_s
 (Brillinger, Time Series, sec. 7.6):
@@ -127,7 +127,7 @@ class DensityModel:
         self._cycle_time = controller.cycle_time
         self._message_rate = spectra.message_rate
         self.surplus_interval = max(1 / spectra.message_rate - controller.cycle_time, 0.0)
-        """Time between two messages beyond one cycle of the controller, s; 0 where every cycle is logged."""
+        """Time between two messages beyond one cycle of the controller, s; 0 if every cycle is logged."""
 
         self._set_frequencies(spectra)
         self._set_controller(controller)
@@ -137,7 +137,7 @@ class DensityModel:
     def _set_frequencies(self, spectra: CrossSpectra) -> None:
         """Sets the frequencies f + k f_s that sampling at the message rate f_s maps (aliases) to those of the spectra.
 
-        All k, negative ones too, are taken for which |f + k f_s| is below half of the controller's rate (or
+        All k, including negative ones, are used for which |f + k f_s| is below half of the controller's rate (or
         ``MAX_MODELLED_FREQUENCY``, if that is lower). Frequencies and flags have the shape (J, F): a row for each
         frequency f of the spectra, a column for each k.
 

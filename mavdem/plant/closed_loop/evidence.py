@@ -319,7 +319,7 @@ class LoopPosterior:
             at: logarithms of the parameters (k,).
 
         Returns:
-            The log posterior density; NaN where the loop is unstable.
+            The log posterior density; NaN if the loop is unstable.
         """
         try:
             likelihoods = self.likelihoods(at[None])

@@ -11,7 +11,7 @@ and the innovations e of covariance F, the log likelihood is
 
     −½ Σ ln |2πR| + ½ Σ (ln |R| − ln |F|) − ½ Σ vᵀ R⁻¹ v − ½ Σ ωᵀ ω,
 
-the noises' entropy, the entropy of the states after the measurement less that before it, and two prediction errors.
+the noises' entropy, the entropy of the states after the measurement minus that before it, and two prediction errors.
 """
 
 from __future__ import annotations

@@ -55,10 +55,10 @@ INITIAL_STEPS = 8
 """Steps of each ascent before the best of them are chosen."""
 
 CONTINUED_ASCENTS = 2
-"""Number of ascents, those with the highest posterior, that go on to convergence."""
+"""Number of ascents, those with the highest posterior, that continue to convergence."""
 
 LOG_STEP_TIME_ODDS = (-4.0, 0.0, 4.0)
-"""Logarithms of ``step_time_odds`` from which each of these ascents goes on, where messages do not come every cycle.
+"""Logarithms of ``step_time_odds`` from which each of these ascents continues, if messages do not come every cycle.
 
 The posterior may have a mode with another plant near each of them. With one ascent only, one flight in five of those at
 50 Hz in half of ``tools/validation/loops.py`` ended 3 nats below the highest mode.
@@ -168,7 +168,7 @@ def identify_axis(posterior: AxisPosterior) -> IdentifiedAxis:
         Mean and covariance of the parameters over all modes, and the main mode.
 
     Raises:
-        numpy.linalg.LinAlgError: no ascent ends where the posterior is finite.
+        numpy.linalg.LinAlgError: no ascent ends at a finite posterior.
     """
     first_ascents = []
     for initial in INITIAL_PLANTS:
@@ -254,7 +254,7 @@ def _mixture_of_modes(
     """
     finite_ascents = [ascent for ascent in ascents if np.isfinite(ascent.value)]
     if not finite_ascents:
-        raise np.linalg.LinAlgError("nothing has a likelihood")
+        raise np.linalg.LinAlgError("no ascent has a finite value")
     # Ascents that end at the same rounded step time found the same mode, of which the highest is kept: it comes last.
     mode_by_step_time = dict[int, QuadraticExpansion]()
     for ascent in sorted(finite_ascents, key=lambda ascent: ascent.value):
@@ -315,7 +315,7 @@ def with_quicker_pole_as_lag(theta: Array) -> Array:
         A copy of θ (k,) in which 1/τ is the larger pole; with the same values if it is already.
     """
     effect, damping, lag, _ = PLANT
-    # ln(τ d) is positive where the poles must be exchanged. The new values are d' = 1/τ = d / (τ d), τ' = 1/d = τ /
+    # ln(τ d) is positive if the poles must be exchanged. The new values are d' = 1/τ = d / (τ d), τ' = 1/d = τ /
     # (τ d) and b' = b / (τ d): ln(τ d) is subtracted from each logarithm.
     log_pole_ratio = max(theta[damping] + theta[lag], 0.0)
     exchanged_theta = theta.copy()

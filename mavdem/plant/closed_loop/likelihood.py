@@ -40,13 +40,13 @@ class WhitenedSpectra(NamedTuple):
     """Estimated spectra whitened by a model: C⁻¹ I C⁻ᴴ, with the Cholesky factor Φ = C Cᴴ of the model's density."""
 
     log_likelihood: float
-    """Log likelihood of the model, up to a constant; minus infinity where its density is not positive definite."""
+    """Log likelihood of the model, up to a constant; minus infinity if its density is not positive definite."""
 
     whitener: ComplexArray
     """Inverse Cholesky factors C⁻¹ (J, C, C); NaN without a likelihood."""
 
     spectra: ComplexArray
-    """Whitened spectra (J, C, C), identity where the model is right; NaN without a likelihood."""
+    """Whitened spectra (J, C, C), identity if the model is right; NaN without a likelihood."""
 
 
 class AxisPosterior:
@@ -96,7 +96,7 @@ class AxisPosterior:
         self._counts = spectra.effective_samples * windows / VALUES_PER_INDEPENDENT_ONE
 
     def value(self, at: Array) -> float:
-        """Returns the log posterior density of θ = ``at`` (k,); minus infinity where the model has no likelihood."""
+        """Returns the log posterior density of θ = ``at`` (k,); minus infinity if the model has no likelihood."""
         whitened_density = self._whiten(self.densities.density(at))
         return whitened_density.log_likelihood + self._log_prior(at)
 

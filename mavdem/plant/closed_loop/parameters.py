@@ -67,7 +67,8 @@ class LoopParameters(NamedTuple):
     """Standard deviation of white noise of the estimated angle, rad."""
 
     actuation: float
-    """Standard deviation of what the output does besides the control law, relative to that of the whole output."""
+    """Standard deviation of the part of the output that does not follow the control law, relative to the whole
+    output."""
 
     @classmethod
     def from_logarithms(cls, theta: Array) -> LoopParameters:

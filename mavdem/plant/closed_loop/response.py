@@ -57,7 +57,8 @@ class Source(IntEnum):
     """Noise n of the gyro rate."""
 
     ACTUATION = 2
-    """Actuation noise a: what the output does besides the control law, by limits or the mixer's other axes."""
+    """Actuation noise a: changes of the output that do not follow the control law, by limits or the mixer's other
+    axes."""
 
     WIND = 3
     """Wind torque w per moment of inertia, rad/s²."""

@@ -50,7 +50,7 @@ MAX_COUNTED_GAP = 1.0
 """Longest time between two messages that counts in the message rate, s: a longer gap is a loss of the link."""
 
 MAX_SAMPLE_WEIGHT = 2.5
-"""Largest time that one sample stands for in a transform, in median steps: samples beside a gap do not replace it."""
+"""Largest weight of one sample in a transform, in median steps, so that samples next to a gap do not replace it."""
 
 MAX_STRIDE = 4
 """Largest stride with which messages are thinned in the search for even steps: every fourth message."""

@@ -36,7 +36,7 @@ GYRO_CYCLE = 0.0025
 """Time for which one value of the gyro noise lasts, s: ArduPilot's default loop period."""
 
 ACTUATION_TIME = 0.01
-"""Correlation time of what moves the motors besides the control law, s: a choice."""
+"""Correlation time of motor commands that do not follow the control law, s: a choice."""
 
 CHANNELS = 3
 """Number of measured channels: angle, gyro rate and the motors' combination."""
@@ -70,7 +70,7 @@ class State(IntEnum):
     SETPOINT_SLOPE = 11
     """Its derivative, rad/s."""
     ACTUATION = 12
-    """What moves the motors besides the control law, relative to its standard deviation."""
+    """Part of the motor commands that does not follow the control law, relative to its standard deviation."""
     DRIFT = 13
     """Slow first-order wind torque, relative to its standard deviation."""
     EDDY = 14
@@ -108,7 +108,7 @@ class LoopController(NamedTuple):
     """Whether the derivative is that of the error, as in ArduPilot, or of the rate alone, as in PX4."""
 
     setpoint_slope_gain: float
-    """f: 1 where the setpoint's derivative is added to the rate setpoint, as in ArduPilot; else 0."""
+    """f: 1 if the setpoint's derivative is added to the rate setpoint, as in ArduPilot; else 0."""
 
     gyro_cutoff: float
     """Cut-off of the gyro's low-pass, Hz."""
@@ -124,13 +124,13 @@ class LoopController(NamedTuple):
 
 
 UNKNOWN_GYRO_CUTOFF = 40.0
-"""Cut-off of the gyro's low-pass where the controller is not known, Hz: twice ArduPilot's default, PX4's own."""
+"""Cut-off of the gyro's low-pass if the controller is not known, Hz: twice ArduPilot's default, PX4's own."""
 
 UNKNOWN_DERIVATIVE_CUTOFF = 20.0
-"""Cut-off of the derivative's low-pass where the controller is not known, Hz: ArduPilot's default."""
+"""Cut-off of the derivative's low-pass if the controller is not known, Hz: ArduPilot's default."""
 
 UNKNOWN_TARGET_CUTOFF = 50.0
-"""Cut-off of the rate setpoint's low-pass where the controller is not known, Hz: a choice."""
+"""Cut-off of the rate setpoint's low-pass if the controller is not known, Hz: a choice."""
 
 
 def unknown_controller(proportional_gain: float) -> LoopController:
@@ -202,7 +202,7 @@ class GenerativeParameters(NamedTuple):
     gyro_noise: Array
     """Standard deviation of the gyro noise before the filter, one value a ``GYRO_CYCLE``, rad/s."""
     actuation: Array
-    """Standard deviation of what moves the motors besides the control law, in the unit of their combination."""
+    """Standard deviation of the motor commands that do not follow the control law, in the unit of their combination."""
     angle_noise: Array
     """Standard deviation of the measured angle's white noise, rad."""
     filtered_noise: Array

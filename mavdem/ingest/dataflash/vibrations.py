@@ -1,0 +1,91 @@
+"""Vibration of the IMUs and clipped samples in DataFlash logs (VIBE), as VIBRATION."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.dataflash.tables import (
+    float_table,
+    message_count,
+    messages_with_fields,
+    rows_of_instance,
+    with_stamps,
+)
+from mavdem.ingest.mavlink.dialect import definitions_by_name
+from mavdem.ingest.telemetry import Columns, Tables, selected_rows
+
+VIBRATION_FIELDS = ("VibeX", "VibeY", "VibeZ")
+"""Fields of VIBE with the standard deviations of an IMU's acceleration, m/s²."""
+
+MAX_IMUS = sum("clipping" in name for name in definitions_by_name()["VIBRATION"].fields)
+"""Number of IMUs: VIBRATION has a counter of clips for each."""
+
+
+def vibration(tables: Tables) -> Columns:
+    """Makes VIBRATION from VIBE, which is logged as one message per IMU, or of the first IMU alone in older versions.
+
+    Row i of the result joins the i-th messages of all IMUs. If the log ends before the last message of some IMU, the
+    others are cut to its length.
+
+    Args:
+        tables: DataFlash's messages by name.
+
+    Returns:
+        Columns (N,): standard deviations of the first IMU's acceleration on its axes, m/s², and each IMU's counter of
+        clips, the samples beyond the range of the accelerometer. Besides the message's fields there is ``levels`` (N, 3
+        k), the deviations of all k IMUs. Empty if VIBE was not logged.
+    """
+    logged_columns = messages_with_fields(tables, "VIBE", VIBRATION_FIELDS)
+    if not logged_columns:
+        return {}
+    imus = _vibration_by_imu(logged_columns)
+    levels = np.column_stack([float_table(imu, VIBRATION_FIELDS) for imu in imus])
+    fields = {
+        "vibration_x": levels[:, 0],
+        "vibration_y": levels[:, 1],
+        "vibration_z": levels[:, 2],
+    }
+    for number in range(MAX_IMUS):
+        fields[f"clipping_{number}"] = _clip_counter(imus, number)
+    return with_stamps(imus[0], {**fields, "levels": levels})
+
+
+def _vibration_by_imu(vibe: Columns) -> list[Columns]:
+    """Splits VIBE by IMU, with equally many rows of each, and without IMUs that have none.
+
+    Args:
+        vibe: all rows of VIBE; without a field ``IMU``, as in older versions, all are those of the first IMU.
+
+    Returns:
+        The rows of each IMU, in the order of their numbers; row i of each was logged at the same time.
+    """
+    possible_imus = MAX_IMUS if "IMU" in vibe else 1
+    imus = []
+    for number in range(possible_imus):
+        imu = rows_of_instance(vibe, "IMU", number)
+        if imu:
+            imus.append(imu)
+    count = min(map(message_count, imus))
+    return [selected_rows(imu, np.arange(count)) for imu in imus]
+
+
+def _clip_counter(imus: Sequence[Columns], number: int) -> NDArray[Any]:
+    """Returns the counter (N,) of the clips of one IMU; zeros if there is none.
+
+    Args:
+        imus: the rows of VIBE by IMU, N of each.
+        number: number of the IMU, from 0.
+
+    Returns:
+        The number of clips so far (N,), for each row of the first IMU.
+    """
+    if "Clip" in imus[0]:
+        # Each IMU's messages have its own counter.
+        if number < len(imus):
+            return imus[number]["Clip"]
+    elif f"Clip{number}" in imus[0]:
+        # In older versions of ArduPilot one message has the counters of all IMUs.
+        return imus[0][f"Clip{number}"]
+    return np.zeros(message_count(imus[0]))
