@@ -95,7 +95,8 @@ def notch_response(
 def _inverse_quality(notch: Notch, rate: float) -> float:
     """Returns the damping 1/Q of a notch's poles, which determines its width.
 
-    ArduPilot computes it for the analog filter as bandwidth over centre. PX4's notch, which has infinite attenuation,
+    ArduPilot computes it for the analog filter as bandwidth divided by centre. PX4's notch, which has infinite
+    attenuation,
     warps the bandwidth separately: its coefficient is α = tan(π bandwidth / rate), while that of the analog filter
     would be sin(2π centre / rate) / 2Q (``NotchFilter::setParameters``).
 

@@ -218,8 +218,8 @@ class GainSearch:
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
-        The design of a stage are the gains at its end. In each flight, the gains may change by at most one step from
-        the logged gains towards the design.
+        The design of a stage is the set of gains at its end. In each flight, the gains may change by at most one step
+        from the logged gains towards the design.
 
         Args:
             stage: stage of tuning, which decides the gains to choose.

@@ -173,15 +173,7 @@ def estimate_wind_torque(
     if not has_wind:
         # The figures are then computed for the whole flight; the reason says that they are not those of the wind.
         is_wind = np.ones(len(torque), bool)
-    # A new part begins at each change of the vehicle, and whenever a motor lost or regained thrust.
-    part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
-    step = None
-    # In a course with gaps the gaps already separate its levels, so no step is searched for.
-    if is_wind.all():
-        step = _step(_without_part_means(torque, part_starts), record.dt)
-    if step is not None:
-        step_sample, _ = step
-        part_starts = sorted({*part_starts, step_sample})
+    part_starts, step = _parts_of_course(torque, changes, is_wind, record.dt)
     deviation = _without_part_means(torque, part_starts)
     # Mean square of the deviation of the wind torque from its means, (rad/s²)².
     power = float(np.mean(deviation[is_wind] ** 2))
@@ -342,6 +334,33 @@ def _torque_errors(
         proportional @ covariance @ proportional + quadratic**2 + OmissionErrors.wind_sd**2
     )
     return _TorqueErrors(float(variance_without_scale.mean()), float(np.sqrt(scale_variance)))
+
+
+def _parts_of_course(
+    torque: Array, changes: Sequence[int], is_wind: Flags, dt: float
+) -> tuple[list[int], tuple[int, float] | None]:
+    """Divides a course of wind torque into parts in which the vehicle does not change.
+
+    Args:
+        torque: smoothed torque (T,), rad/s².
+        changes: samples at which the vehicle changed.
+        is_wind: whether all motors had their thrust at each sample (T,).
+        dt: time step, s.
+
+    Returns:
+        First samples of the parts, except that of the first part; and the sample and the size, rad/s², of a step of the
+        level, which separates two parts as well. None if there is no step.
+    """
+    # A new part begins at each change of the vehicle, and whenever a motor lost or regained thrust.
+    part_starts = sorted({*changes, *_first_samples_after_changes(is_wind).tolist()})
+    # In a course with gaps the gaps already separate its levels, so no step is searched for.
+    if not is_wind.all():
+        return part_starts, None
+    step = _step(_without_part_means(torque, part_starts), dt)
+    if step is not None:
+        step_sample, _ = step
+        part_starts = sorted({*part_starts, step_sample})
+    return part_starts, step
 
 
 def _without_part_means(values: Array, part_starts: Sequence[int]) -> Array:

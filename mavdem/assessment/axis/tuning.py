@@ -133,12 +133,11 @@ def tuned(
         raises_sound_gains=raises_sound_gains,
     )
     advice_on_loops = [advice for advice in advice_by_axis.values() if isinstance(advice, Advice)]
-    # The axes that were not requested, but whose gains should be changed.
-    other_axes = tuple(
-        axis
-        for axis, decision in judgement.loop_decisions.items()
-        if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
-    )
+    parameters = dict[str, float]()
+    for advice in advice_on_loops:
+        # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
+        if advice.gains:
+            parameters |= {**advice.parameters, **notch_parameters}
     # The command that is advised for other axes repeats these options.
     arguments = (
         *evidence.command_arguments,
@@ -146,29 +145,65 @@ def tuned(
         *(("--more",) if raises_sound_gains else ()),
         *(("--filters",) if filters else ()),
     )
-    parameters = dict[str, float]()
-    for advice in advice_on_loops:
-        # A notch adds phase lag. It is known only for loops with new gains that their phase margin is sufficient.
-        if advice.gains:
-            parameters |= {**advice.parameters, **notch_parameters}
-    if parameters and _gains_come_next(judgement.headline):
-        next_step = _step_with_gains(
-            judgement, advice_on_loops, other_axes, arguments, is_written=is_written
-        )
-        judgement = replace(judgement, next_step=next_step)
-    elif not parameters and _advises_to_tune(judgement.next_step):
-        next_step = _step_without_gains(advice_on_loops, other_axes, arguments)
-        judgement = replace(judgement, next_step=next_step)
     tuning = Tuning(
         advice_by_axis,
         advice_on_loops,
         parameters,
         notch_parameters if parameters else {},
         notch,
-        judgement,
+        _judgement_after_tuning(
+            judgement,
+            axes,
+            advice_on_loops,
+            arguments,
+            has_new_gains=bool(parameters),
+            is_written=is_written,
+        ),
         axes_with_doubtful_loop(assessment.margins, evidence.loops),
     )
     return freeze(tuning)
+
+
+def _judgement_after_tuning(
+    judgement: Judgement,
+    axes: Sequence[str],
+    advice_on_loops: Sequence[Advice],
+    arguments: Sequence[str],
+    *,
+    has_new_gains: bool,
+    is_written: bool,
+) -> Judgement:
+    """Returns the judgement with the next step that follows from the advice on the gains.
+
+    The next step is to set the new gains, if there are any and the headline allows it. If there are none, advice to
+    tune is replaced by the reason or by the advice to tune other axes. Otherwise the judgement is not changed.
+
+    Args:
+        judgement: judgement of the vehicle before tuning.
+        axes: the axes whose gains were requested.
+        advice_on_loops: advice on the loops of these axes.
+        arguments: arguments of ``mavdem tune`` that repeat this run, without its axes.
+        has_new_gains: whether the advice changes any gain.
+        is_written: whether the gains will be written to a file.
+
+    Returns:
+        The judgement.
+    """
+    # The axes that were not requested, but whose gains should be changed.
+    other_axes = tuple(
+        axis
+        for axis, decision in judgement.loop_decisions.items()
+        if axis not in axes and decision.action and decision.action.code in ADVICE_TO_TUNE
+    )
+    if has_new_gains and _gains_come_next(judgement.headline):
+        next_step = _step_with_gains(
+            judgement, advice_on_loops, other_axes, arguments, is_written=is_written
+        )
+        return replace(judgement, next_step=next_step)
+    if not has_new_gains and _advises_to_tune(judgement.next_step):
+        next_step = _step_without_gains(advice_on_loops, other_axes, arguments)
+        return replace(judgement, next_step=next_step)
+    return judgement
 
 
 def _advice_on_axes(

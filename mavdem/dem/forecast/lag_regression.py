@@ -120,7 +120,7 @@ class LagStatistics(NamedTuple):
             lags: number L of lags.
 
         Returns:
-            Number and second moments of the rows of all segments; no rows where every segment has at most L samples.
+            Number and second moments of the rows of all segments; no rows if every segment has at most L samples.
         """
         tables = []
         for channels in segments:
