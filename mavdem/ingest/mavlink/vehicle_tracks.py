@@ -276,7 +276,7 @@ class VehicleTracks:
         )
 
     def _extend_track(self, readings: ReadingColumns) -> None:
-        """Adds readings at once that are all of the vehicle of the latest reading.
+        """Adds several readings at once, all of which are known to extend the track of the latest reading.
 
         Args:
             readings: The readings (n,), at least one.
