@@ -97,8 +97,12 @@ class StatusLines:
             escape_unprintable(sentence.text)
             for sentence in render_section("live_status", status=status)
         ]
+        judgement = status.overall_judgement
+        if status.obstacle is not None and judgement.headline == status.obstacle:
+            # The verdict states it.
+            sentences.pop()
         vehicle_line = escape_unprintable(vehicle_text(status))
-        verdict = escape_unprintable(" ".join(verdict_lines(status.overall_judgement)))
+        verdict = escape_unprintable(" ".join(verdict_lines(judgement)))
         if self._terminal_text is None:
             self._print_new(status, [vehicle_line, *sentences, verdict])
             return

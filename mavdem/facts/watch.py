@@ -30,5 +30,6 @@ class WatchFact(Code):
     WIND_AWAITED = "wind_awaited"
     REFERENCE_SHORT = "reference_short"
     ON_GROUND_NOW = "on_ground_now"
+    NO_ALARM = "no_alarm"
     ALARM_OVER = "alarm_over"
     OTHER_VEHICLE_ALARM = "other_vehicle_alarm"

@@ -295,7 +295,14 @@ class LiveSession:
             )
         else:
             self._learning.is_free = False
-        if status.obstacle != self._obstacle:
+        # The same obstacle with other figures, as rates that vary, is no news.
+        was_same = (
+            status.obstacle is not None
+            and self._obstacle is not None
+            and (status.obstacle.code, status.obstacle.subject)
+            == (self._obstacle.code, self._obstacle.subject)
+        )
+        if status.obstacle != self._obstacle and not was_same:
             # That there is a first model was reported when it came.
             was_first_fit = self._obstacle == FIRST_FIT_RUNNING
             self._obstacle = status.obstacle

@@ -8,7 +8,13 @@ from math import nan
 from typing import NamedTuple
 
 from mavdem.assessment.axis.findings import Findings
-from mavdem.assessment.judgement import Judgement, headline_by_lights, next_step_of, unjudged
+from mavdem.assessment.judgement import (
+    Judgement,
+    headline_by_lights,
+    lights_with_event,
+    next_step_of,
+    unjudged,
+)
 from mavdem.assessment.lights import VEHICLE_LIGHTS
 from mavdem.assessment.limits import worst_fact
 from mavdem.dem import Estimate
@@ -19,6 +25,7 @@ from mavdem.facts.ending import Ending
 from mavdem.facts.lights import Light
 from mavdem.facts.session import LinkFact, RowsFact, SessionFact, VehicleFact
 from mavdem.facts.vibration import VibrationLight
+from mavdem.facts.watch import WatchFact
 from mavdem.immutable import ImmutableResult
 from mavdem.live.history import REPORTED_HORIZON
 from mavdem.live.live_lights import lights_before_model
@@ -214,9 +221,13 @@ class SessionStatus(ImmutableResult):
             headline = headline_by_lights(lights)
             if headline.warns:
                 next_step = next_step_of(headline, lights, None)
+        watched = self._watched_names
+        if headline.code is HeadlineCode.NOTHING_CHECKED and self.is_flying and watched:
+            headline = Fact(WatchFact.NO_ALARM, names=watched)
         if self.loss is not None and headline.code not in Ending:
             # The review of the recording, where there is one, says more of the loss.
             headline = self.loss
+            lights = lights_with_event(lights, headline)
             next_step = next_step_of(headline, lights, None)
         if self.is_over or not self.is_flying:
             return Judgement(headline, next_step, lights)
@@ -232,6 +243,15 @@ class SessionStatus(ImmutableResult):
         elif self.model_judgement is not None or not self._reason_without_model.remedy:
             next_step = Fact(NextStep.FLY_ON, because=None)
         return Judgement(headline, next_step, lights)
+
+    @property
+    def _watched_names(self) -> tuple[str, ...]:
+        """Names of what is watched without a model on the followed vehicle."""
+        return tuple(
+            fact.subject
+            for fact in self.watch_facts
+            if fact.code is WatchFact.WATCHED and "vehicle" not in fact.figures
+        )
 
     @property
     def _weak_motors(self) -> list[Fact]:

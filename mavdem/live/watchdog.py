@@ -291,6 +291,9 @@ class Watchdog:
                 self._judge_motors_of_loss(self.loss)
             if motion is not None:
                 self._add_motion_facts(review, motion)
+            if WatchedQuantity.OSCILLATION in review.facts:
+                # Motors that go from stop to stop are not called sound.
+                self._forget_good_motors()
             if self.loss is not None:
                 for kind in EXPLAINED_BY_LOSS:
                     review.facts.pop(kind, None)
@@ -308,8 +311,13 @@ class Watchdog:
         name = str(Light.MOTORS)
         if loss.subject:
             self.worst_lights[name] = worst_fact([loss, self.worst_lights.get(name, loss)])
-        elif name in self.worst_lights and self.worst_lights[name].is_good:
-            del self.worst_lights[name]
+        self._forget_good_motors()
+
+    def _forget_good_motors(self) -> None:
+        """Removes the light that motors are sound, of a vehicle that lost control or oscillates."""
+        light = self.worst_lights.get(str(Light.MOTORS))
+        if light is not None and light.is_good:
+            del self.worst_lights[str(Light.MOTORS)]
 
     def _signals(
         self,
@@ -511,13 +519,13 @@ class Watchdog:
     def note_motors_watched(self, now: float) -> None:
         """Notes for the light of the motors that their balance is tested, and that no loss of thrust was found yet.
 
-        A loss is an alarm of its own, which outranks this. After a loss of control nothing is noted: motors that fight
-        it are not compared with each other.
+        A loss is an alarm of its own, which outranks this. After a loss of control, or while the vehicle oscillates,
+        nothing is noted: motors that go from stop to stop are not compared with each other.
 
         Args:
             now: present time on the boot clock, s.
         """
-        if self.loss is not None:
+        if self.loss is not None or WatchedQuantity.OSCILLATION in self.active:
             return
         self.worst_lights.setdefault(
             str(Light.MOTORS), Fact(MotorWatchFact.NO_LOSS_FOUND, clock=now)

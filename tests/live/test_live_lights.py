@@ -50,6 +50,14 @@ def test_each_light_has_its_own_reason(slow):
     assert sum("comes at 25 Hz" in sentence for sentence in sentences) == 1, "the log"
 
 
+def test_without_a_light_the_headline_is_that_nothing_has_alarmed(slow):
+    headline = slow.overall_judgement.headline
+    assert str(headline) == str(SLOW)
+    power = {Light.POWER: Fact(Unjudged.NOT_JUDGED, because=None)}
+    checked = replace(slow, worst_lights=power).overall_judgement.headline
+    assert str(checked) == "No alarm so far; oscillation and motor limits are watched."
+
+
 def test_rates_that_suffice_are_a_good_log(slow):
     fast = replace(slow, obstacle=None, rates=dict.fromkeys(RATES, 100.0))
     assert fast.overall_judgement.lights[Light.LOG].is_good

@@ -82,6 +82,7 @@ def test_a_limit_cycle_is_reported_within_two_seconds_and_when_it_ends(hot):
     cycle = alarm.figures["because"]
     assert cycle.subject == "roll" and cycle.figures["frequency"] == approx(23.0, abs=1.1)
     assert cycle.figures["turn_rate"] < np.pi
+    assert not hot.stream.status().worst_lights[Light.MOTORS].is_good
     assert over.code is WatchFact.ALARM_OVER and 19.0 < over.time < 22.6
     [shown] = [each for each in hot.events if each.fact is over]
     assert shown.seconds - 1.7e9 == approx(over.time + CALM_SECONDS, abs=0.6)
