@@ -34,7 +34,7 @@ class VibrationFigures:
     level: Numbers
     """Mean level of the first IMU, m/s²: along x, y and z for ArduPilot, one number for PX4."""
     clips: int
-    """How often an accelerometer of any IMU was out of its range."""
+    """How often the accelerometer that clipped most was out of its range."""
 
 
 @dataclass(frozen=True)
@@ -277,8 +277,8 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
         settled: segments of settled flight.
 
     Returns:
-        Mean level of the first IMU, m/s², and number of clips over all IMUs: times that an accelerometer was out of its
-        range. None if vibration was not recorded in settled flight.
+        Mean level of the first IMU, m/s², and number of clips of the IMU that clipped most: times that it
+        was out of its range. None if vibration was not recorded in settled flight.
     """
     vibration = reported_vibration(signals)
     if vibration is None:
@@ -288,7 +288,7 @@ def _vibration_figures(signals: Signals, settled: Segments) -> VibrationFigures 
         return None
     # Columns are the axes of the first IMU, then those of the others.
     levels_of_first_imu = vibration.levels.values[is_in_segment, : len(vibration.axes)]
-    clips = int(vibration.clips[is_in_segment].sum())
+    clips = vibration.most_clips(is_in_segment)
     return VibrationFigures(tuple(levels_of_first_imu.mean(axis=0)), clips)
 
 

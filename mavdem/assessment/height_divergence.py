@@ -276,7 +276,7 @@ def _vibration(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
     is_in_interval = (levels.boot == sensors.boot) & in_intervals(levels.time, [interval])
     if not is_in_interval.any():
         return None
-    count = int(vibration.clips[is_in_interval].sum())
+    count = vibration.most_clips(is_in_interval)
     if count:
         start, end = interval
         return supporting_statement(WitnessFact.CLIPPED, time=start, until=end, count=count)

@@ -5,7 +5,6 @@ First it is decided whether the vehicle flew. Each event then states its witness
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -31,7 +30,6 @@ from mavdem.assessment.position_losses import position_losses
 from mavdem.dataset.grounded import MAX_GROUND_HEIGHT, MAX_SETPOINT_DELAY
 from mavdem.dataset.intervals import Intervals, TimeInterval, in_intervals
 from mavdem.dataset.signals import Signals
-from mavdem.dataset.time_series import series_of_boot
 from mavdem.facts import Fact, Facts, Level
 from mavdem.facts.ending import MotionEvent
 from mavdem.facts.witnesses import Side
@@ -408,7 +406,8 @@ def _end_in_air(
 def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterator[Fact]:
     """Yields an event for each time in flight in which accelerometers were out of their range ("clipping").
 
-    Clips of all IMUs are counted together. Those that follow each other within ``RECOVERY_SECONDS`` are one event.
+    Counted are the clips of the IMU that clipped most. Those that follow each other within ``RECOVERY_SECONDS`` are one
+    event.
 
     Args:
         signals: signals of the vehicle.
@@ -418,13 +417,10 @@ def _clipping_events(signals: Signals, boot: int, flights: Intervals) -> Iterato
     vibration = reported_vibration(signals)
     if vibration is None:
         return
-    # The counts (N, IMUs) are added, and become one series at the times of the vibration levels.
-    clips_of_log = replace(vibration.levels, values=vibration.clips.sum(axis=1))
-    clips = series_of_boot(clips_of_log, boot)
-    if clips is None:
-        return
-    clipping_times = clips.time[(clips.values > 0) & in_intervals(clips.time, flights)].tolist()
-    moments = [(time, time) for time in clipping_times]
+    time = vibration.levels.time
+    is_of_boot = vibration.levels.boot == boot
+    has_clipped = is_of_boot & vibration.clips.any(axis=1) & in_intervals(time, flights)
+    moments = [(moment, moment) for moment in time[has_clipped].tolist()]
     for start, end in merge_close(moments, RECOVERY_SECONDS):
-        count = int(clips.values[in_intervals(clips.time, [(start, end)])].sum())
+        count = vibration.most_clips(is_of_boot & in_intervals(time, [(start, end)]))
         yield Fact(MotionEvent.CLIPPED, time=start, until=end, count=count, boot=boot)

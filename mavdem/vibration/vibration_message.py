@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from mavdem.arrays import Array
+from mavdem.arrays import Array, Flags
 from mavdem.containers import Names
 from mavdem.dataset.signals import Signals
 from mavdem.dataset.time_series import TimeSeries, clean_series, float_columns
@@ -27,6 +27,14 @@ class ReportedVibration:
     """Vibration of all axes of all IMUs (N, k · IMUs), m/s², the axes of the first IMU first."""
     clips: Array
     """Number of times that each IMU was out of its range since the sample before (N, 3)."""
+
+    def most_clips(self, samples: Flags) -> int:
+        """Returns the number of clips of the IMU that clipped most, for which autopilots have limits.
+
+        Args:
+            samples: the samples to count (N,).
+        """
+        return int(self.clips[samples].sum(axis=0).max())
 
 
 def reported_vibration(signals: Signals) -> ReportedVibration | None:

@@ -18,7 +18,7 @@ from mavdem.dataset.signals import Signals
 from mavdem.facts import Fact
 from mavdem.facts.ending import Ending
 from mavdem.facts.vibration import VibrationLight
-from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS
+from mavdem.vibration.vibration_message import CLIPPING_FIELDS, LEVEL_FIELDS, reported_vibration
 
 HOVER = Hover()
 
@@ -100,3 +100,13 @@ def test_without_the_message_it_is_not_known():
     assert (found.code, found.level) == (VibrationLight.VIBRATION_UNKNOWN, "unknown")
     # Nor where zeros stand for it.
     assert light([0, 0, 0]).code is VibrationLight.VIBRATION_UNKNOWN
+
+
+def test_clips_are_those_of_the_imu_that_clipped_most():
+    fields = dict.fromkeys(LEVEL_FIELDS, np.ones(4))
+    for field, clips in zip(CLIPPING_FIELDS, (3.0, 5.0, 0.0), strict=True):
+        # One sample alone would count as damaged.
+        fields[field] = np.array([0.0, 0.0, clips, clips])
+    made = changed(HOVER.telemetry(), "VIBRATION", **columns(np.arange(4.0), **fields))
+    vibration = reported_vibration(Signals(made, inputs="motors"))
+    assert vibration.most_clips(np.ones(4, np.bool_)) == 5

@@ -65,9 +65,9 @@ def vibration_light(evidence: Evidence) -> Fact:
     mean_levels = levels.values[is_in_segment].mean(axis=0)
     largest_level = mean_levels.max()
     imu, axis = divmod(mean_levels.argmax(), len(vibration.axes))
-    clips = int(vibration.clips[is_in_segment].sum(axis=0).max())
+    clips = vibration.most_clips(is_in_segment)
     is_in_flight = in_segments(levels, *free_flight)
-    all_clips = int(vibration.clips[is_in_flight].sum(axis=0).max())
+    all_clips = vibration.most_clips(is_in_flight)
     has_clipped_unsettled = all_clips - clips > CLIP_LIMITS.bad
     if has_clipped_unsettled:
         clips = all_clips
