@@ -119,7 +119,8 @@ def _map_on_executor(
     try:
         for job in jobs:
             futures.append(executor.submit(partial(_work_unless_stopped, work), job))
-            # Finished results are yielded at once. If JOBS_AHEAD jobs are with the executor, the first is waited for.
+            # Finished results are yielded at once. If JOBS_AHEAD jobs are with the executor, the first is waited for. A
+            # future is only removed after its result was taken, so that a failed one is among those that end below.
             while futures and (len(futures) >= JOBS_AHEAD or futures[0].done()):
                 yield futures[0].result()
                 futures.popleft()

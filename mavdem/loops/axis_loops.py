@@ -183,14 +183,14 @@ class Loop(Margins):
         acceleration per demand) shows whether margins also hold with a fuller or emptier battery, or a load.
 
         Args:
-            rows: indices of the plants to take, of N; the estimate comes first in any case.
+            rows: which of the N plants to take. The estimate is placed before them, and is repeated if they contain it.
             effectiveness_factors: E factors, by each of which the effectiveness of every plant is multiplied. The first
                 should be 1, so that row ``ESTIMATE`` remains the estimate.
             grid: frequencies of the responses.
 
         Returns:
-            The loop with E · P plants, P being one more than ``rows`` selects: all plants with the first factor, then
-            all with the second, and so on.
+            The loop with E · P plants, where P is one more than the number of ``rows``: all plants with the first
+            factor, then all with the second, and so on.
         """
         # The estimate must come first again, since the figures of a loop are those of row ``ESTIMATE``.
         plants = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])

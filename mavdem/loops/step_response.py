@@ -439,14 +439,17 @@ def _is_corrected(sampling_rate: float, pieces: Sequence[Array], angle_gain: flo
 
     Args:
         sampling_rate: rate of the samples, Hz.
-        pieces: rate setpoint, rate, angle and angle setpoint in the rows of each piece (4, N).
+        pieces: rate setpoint, rad/s, rate, rad/s, angle, rad, and angle setpoint, rad, in the rows of each piece
+            (4, N).
         angle_gain: gain of the attitude controller, 1/s.
     """
     rate_setpoint, _, angle, angle_setpoint = np.concatenate(pieces, axis=1)
-    slope = sampling_rate * np.gradient(angle_setpoint)
+    # The derivative is taken piece by piece: between two pieces the angle setpoint jumps.
+    slopes = [sampling_rate * np.gradient(piece[_ANGLE_SETPOINT]) for piece in pieces]
     correction = angle_gain * wrapped_angle(angle_setpoint - angle)
-    _, correction_factor = np.linalg.lstsq(np.column_stack([slope, correction]), rate_setpoint)[0]
-    return correction_factor > MIN_CORRECTION
+    regressors = np.column_stack([np.concatenate(slopes), correction])
+    _, correction_coefficient = np.linalg.lstsq(regressors, rate_setpoint)[0]
+    return correction_coefficient > MIN_CORRECTION
 
 
 class _Responses(NamedTuple):

@@ -533,14 +533,17 @@ def _further_clauses(facts: Iterable[Fact]) -> str:
 
 
 def rounded_up(value: float, decimals: int = 0) -> str:
-    """Formats an upper bound so that the text is never below its value.
+    """Formats an upper bound, rounded up, so that the text does not claim more than was found: 0.146 is "0.2".
 
     Args:
         value: the bound.
         decimals: number of decimals.
+
+    Returns:
+        The bound as text. It is below ``value`` by at most 10⁻⁶ of its last decimal.
     """
     scale = 10**decimals
-    # Rounding to a millionth first keeps the binary error of a number such as 0.3 from raising it.
+    # In binary, 0.3 · 10 may be a little more than 3 and would become 4: the product is first rounded to a millionth.
     return _fixed(ceil(round(value * scale, 6)) / scale, decimals)
 
 

@@ -463,7 +463,7 @@ class Api:
         return {entry.id: self._progress_of(entry, places) for entry in entries}
 
     def _progress_of(self, entry: LibraryEntry, places: Mapping[str, QueuePlace]) -> Progress:
-        """Returns the progress of a flight, with what the process that reads its log has reported.
+        """Returns the progress of a flight: its index entry, its place in the queue, and what its worker has reported.
 
         While a log is read, its process reports in a file, and the index is updated only at the end. So values in the
         file for columns of the index, such as the stage, replace those of the entry.
@@ -471,6 +471,9 @@ class Api:
         Args:
             entry: index entry of the flight.
             places: place in the queue of each log that waits or is read, by its id.
+
+        Returns:
+            The progress, with the stage in words and, once the log is read, the seconds since reading began.
         """
         # A log that a worker claimed after the places were listed has none.
         queue_place = places.get(entry.id, QueuePlace())

@@ -54,15 +54,17 @@ class RecordingRequests:
         Raises:
             Refusal: the flight has no recordings, its log is not kept, or there is no room for them.
         """
-        is_possible = entry.stage == Stage.DONE and any(
-            name in RECORDINGS for name in entry.file_names
-        )
-        if not entry.digest or not is_possible:
+        has_recordings = any(name in RECORDINGS for name in entry.file_names)
+        # The log is found by the digest of its content. An entry whose log is not kept has none.
+        is_log_kept = bool(entry.digest)
+        if entry.stage != Stage.DONE or not has_recordings or not is_log_kept:
             raise Refusal(RefusalReason.NO_SUCH_FLIGHT)
         if not self.missing_names(entry):
             return entry
+        # The size of the recordings is not known yet, so only the quota and the reserve of the disk are checked.
         self._library.check_space(0)
         with self._library.transaction() as db:
+            # Recordings that wait or are made already keep their stage.
             db.execute(
                 """update entries set recording_stage = ?, recording_problem = '' where id = ?
                 and recording_stage in ('', ?)""",

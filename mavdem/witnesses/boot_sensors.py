@@ -266,13 +266,15 @@ class BootSensors:
         )
 
     def rotation_statement(self, interval: TimeInterval) -> Fact | None:
-        """Returns the statement that the vehicle tumbled in an interval.
+        """Returns the statement that the vehicle tumbled in an interval: that it rotated faster than ``FAST_RATE``.
+
+        The statement supports an event such as a crash, in which a vehicle tumbles.
 
         Args:
             interval: start and end, s since boot.
 
         Returns:
-            The statement, with the largest body rate, rad/s; None if it did not exceed ``FAST_RATE``.
+            The statement, with the largest body rate, rad/s, and its time; None if no rate was above ``FAST_RATE``.
         """
         fastest = self.fastest_rotation(self.signals.attitudes, interval)
         if fastest.body_rate <= FAST_RATE:

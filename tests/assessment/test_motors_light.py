@@ -140,9 +140,11 @@ def test_the_motor_that_saturates_most_is_named_or_none_of_several_alike():
 
     most, least = at_limit(0, 31.0, 2.0), at_limit(2, 30.0, 0.3).replace(until=30.3)
     assert motors_light(replace(bare, events=(least, most))) == most
-    alike = motors_light(replace(bare, events=(at_limit(3, 30.0, 1.2), most)))
+    also_long = at_limit(3, 30.5, 1.2)
+    alike = motors_light(replace(bare, events=(least, also_long, most)))
     assert (alike.code, alike.subject) == (MotorsLight.MOTORS_AT_LIMIT, "")
     assert alike.figures["names"] == (names[0], names[3])
+    assert alike.time == also_long.time
     assert "Motor 1 and motor 4" in alike.sentence
 
 

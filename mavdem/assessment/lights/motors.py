@@ -194,7 +194,7 @@ def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
         names: names of its motors.
 
     Returns:
-        A list with one fact: for one motor its longest event, for several a fact with their names and the time of the
+        A list with one fact: for one motor its longest event, for several a fact with their names and the time of their
         first event. Empty if no motor was at its limit.
     """
     events = list(evidence.warnings_in_flight([MotionEvent.MOTOR_AT_ITS_STOP]))
@@ -202,12 +202,13 @@ def _moments_at_limit(evidence: Evidence, names: tuple[str, ...]) -> list[Fact]:
     for event in events:
         times_at_limit[event.subject] += event.figures["duration"]
     limited = most_limited_motors(names, list(times_at_limit.values()))
-    if len(limited) > 1:
-        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=limited, time=events[0].time)]
-    events_of_motor = [event for event in events if event.subject in limited]
-    if not events_of_motor:
+    if not limited:
         return []
-    return [max(events_of_motor, key=lambda event: event.figures["duration"])]
+    events_of_limited = [event for event in events if event.subject in limited]
+    if len(limited) > 1:
+        first_time = events_of_limited[0].time
+        return [Fact(MotorsLight.MOTORS_AT_LIMIT, names=limited, time=first_time)]
+    return [max(events_of_limited, key=lambda event: event.figures["duration"])]
 
 
 def _duration(event: Fact) -> float:

@@ -516,13 +516,13 @@ class OnlineLearner:
             self.obstacle = self._reason_of_no_model()
 
     def _adopt(self, result: Callable[[], FreeEnergyMonitor]) -> None:
-        """Adopts the result of a fit, or states why the fit failed.
+        """Replaces the model by that of a finished fit, or keeps it and states as ``obstacle`` why the fit failed.
 
-        The level of F(t) differs from model to model, so the past of surprise becomes F(t) of the new model's training
-        samples.
+        Surprise compares the free energy F(t) of a sample with its past values. These differ from model to model, so
+        the past values become those of the new model's training samples.
 
         Args:
-            result: Function that returns the result of the fit or raises its error, which becomes the obstacle.
+            result: Function that returns the monitor with the fitted model, or raises the error of the fit.
         """
         try:
             monitor = result()
@@ -534,7 +534,8 @@ class OnlineLearner:
         self.obstacle = None
         self._surprise = Surprise(self._dt, monitor.past_values)
         self._monitor = monitor
-        # The axis mixer is that of the fit's joint model. If the forecaster had none or another, it learns again.
+        # The forecaster uses the axis mixer of the fitted joint model. If it had another or none, it learns anew from
+        # the samples in memory.
         mixer = self._forecaster.axis_mixer
         fitted_mixer = monitor.learned.joint.mixer
         if mixer is None or not is_same_mixer(mixer, fitted_mixer):

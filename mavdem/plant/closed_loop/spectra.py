@@ -286,8 +286,8 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     """Returns the Fourier transform of one window of a stream, at the stamps of its messages.
 
     The linear trend is removed, and a Hann taper applied. As a discrete Fourier transform at uneven stamps would be
-    slow, each sample is split between the two nearest points of a fine even grid, of which the fast Fourier transform
-    is computed.
+    slow, each sample is split between the two nearest points of a fine even grid, in steps of ``STAMP_RESOLUTION``, of
+    which the fast Fourier transform is computed.
 
     Args:
         stream: stamps and values of the messages.
@@ -300,7 +300,7 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     first, last = np.searchsorted(stream.time, [start, start + SPECTRUM_SECONDS])
     time = stream.time[first:last] - start
     values = stream.values[first:last]
-    # Each sample is weighted by the time around it, as in an integral.
+    # Each sample is weighted by the time around it, as in an integral, but not by a gap beside it.
     steps = np.gradient(time)
     steps = steps.clip(max=MAX_SAMPLE_WEIGHT * np.median(steps))
     values = values - np.polyval(np.polyfit(time, values, 1), time)
@@ -312,6 +312,7 @@ def _windowed_transform(stream: Messages, start: float) -> ComplexArray:
     length = round(SPECTRUM_SECONDS / STAMP_RESOLUTION)
     position, fraction = np.divmod(time / STAMP_RESOLUTION, 1.0)
     index = position.astype(int)
+    # The point after the last one of the grid is the first: the transform is periodic.
     grid = np.bincount(index, weights * values * (1 - fraction), length)
     grid += np.bincount((index + 1) % length, weights * values * fraction, length)
     return np.fft.rfft(grid)
