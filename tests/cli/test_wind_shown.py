@@ -1,6 +1,7 @@
 """The wind in m/s of a flight is the same on screen, page, row and in files, beside the autopilot's own."""
 
 import json
+from dataclasses import replace
 from math import degrees
 
 import numpy as np
@@ -42,7 +43,11 @@ def test_the_wind_is_shown_as_it_is_estimated(tmp_path, capsys):
     earlier = earlier_drag(learnt / "model.json")
     assert earlier.linear == approx(row.drag[:2]) and earlier.relative_sd(5) < 0.2
     assert (row.wind_speed, degrees(row.wind_direction)) == approx((found.speed, found.direction))
-    assert compass_text(found.direction) in fleet_page(summaries_of([row]))
+    # A list shows no wind that its light does not judge.
+    direction = compass_text(found.direction)
+    for light, is_shown in (("good", True), ("unknown", False)):
+        page = fleet_page(summaries_of([replace(row, light_wind=light)]))
+        assert (direction in page) is is_shown
     assert run("wind", log, "--out", tmp_path / "wind") == 0
     page = (tmp_path / "wind" / "wind.html").read_text()
     for title in (
