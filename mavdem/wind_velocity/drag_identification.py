@@ -408,9 +408,13 @@ def log_prior_of_force(scaled_parameters: Array, speeds: Array) -> Array:
     return log_density
 
 
-def sampled_winds(grid: MotionGrid, posterior: DragPosterior) -> SmoothedStates:
-    """Returns smoothed states (T, N, 4) of the wind for N samples of the posterior, with their covariances."""
-    scaled_parameters = normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
+def sampled_parameters(posterior: DragPosterior) -> Array:
+    """Returns N samples (N, 10) of the posterior of the scaled parameters."""
+    return normal_draws(posterior.mean, posterior.covariance, WIND_DRAWS, seed=1)
+
+
+def sampled_winds(grid: MotionGrid, scaled_parameters: Array) -> SmoothedStates:
+    """Returns smoothed states (T, N, 4) of the wind for N samples of the parameters, with their covariances."""
     return filter_motion(filter_parameters(scaled_parameters, grid), grid).smooth()
 
 

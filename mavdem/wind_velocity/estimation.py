@@ -23,9 +23,14 @@ from mavdem.wind_velocity.compass import (
     meteorological_direction,
     speed_and_direction,
 )
-from mavdem.wind_velocity.drag_identification import GUST_SECONDS, identify_drag, sampled_winds
+from mavdem.wind_velocity.drag_identification import (
+    GUST_SECONDS,
+    identify_drag,
+    sampled_parameters,
+    sampled_winds,
+)
 from mavdem.wind_velocity.motion_grid import MAX_STEPS, flight_grid, validated_motion
-from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, Drag
+from mavdem.wind_velocity.vehicle_drag import DRAG_PARAMETERS, LEAN, LOG_COEFFICIENTS, Drag
 
 INDEPENDENT_SECONDS = 10.0
 """Time after which the error of the wind by noise is independent, s: a choice."""
@@ -275,7 +280,8 @@ def estimate_wind(
         coarse = flight_grid(samples, max_steps=MAX_STEPS // 2)
         fine = flight_grid(samples, max_steps=MAX_STEPS)
         posterior = identify_drag(coarse, prior)
-        wind_samples = sampled_winds(fine, posterior)
+        parameter_samples = sampled_parameters(posterior)
+        wind_samples = sampled_winds(fine, parameter_samples)
     # The states are gust and mean wind, whose sum is the wind: N samples of it (T, N, 2), with variances by noise.
     # Letters of einsum: time t, sample n, axis a of the wind, states i and j.
     winds = wind_samples.states @ TOTAL_WIND_MATRIX.T
@@ -298,7 +304,10 @@ def estimate_wind(
     # If the flight hardly reduces it, the source of the drag is still that of the prior.
     source = prior.source if remaining_sd > MAX_REMAINING_DRAG_SD else DragSource.FLIGHT
     flight_drag = replace(flight_drag, source=source)
-    doubts = _doubts(whole_flight, drag_sd, remaining_sd, posterior.steered_share, prior.source)
+    is_lean_worse = _is_lean_worse(winds.mean(axis=0), parameter_samples)
+    doubts = _doubts(
+        whole_flight, drag_sd, remaining_sd, is_lean_worse, posterior.steered_share, prior.source
+    )
     status = dict.fromkeys(("speed", "direction", "drag"), Status.REPORTED)
     for doubt in doubts:
         status[doubt.figure] = doubt.status
@@ -475,10 +484,34 @@ def _mean_wind(winds: Array, variances: Array, step: float) -> _MeanWind:
     )
 
 
+def _is_lean_worse(mean_winds: Array, parameter_samples: Array) -> bool:
+    """Returns whether the uncertain lean makes the speed of the mean wind more uncertain than the uncertain drag does.
+
+    The speed is the component along the mean direction. Its variance over the samples is compared with the part that a
+    linear regression on the lean explains, and with the part that one on the drag explains.
+
+    Args:
+        mean_winds: mean wind velocity by each of N posterior samples, north and east (N, 2), m/s.
+        parameter_samples: the samples (N, 10) of the scaled parameters.
+    """
+    along_mean = mean_winds @ mean_winds.mean(axis=0)
+    by_lean = _explained_variance(along_mean, parameter_samples[:, LEAN])
+    by_drag = _explained_variance(along_mean, parameter_samples[:, LOG_COEFFICIENTS])
+    return by_lean > by_drag
+
+
+def _explained_variance(values: Array, regressors: Array) -> float:
+    """Returns the variance of values (N,) that a linear regression on k regressors (N, k) explains."""
+    centred = regressors - regressors.mean(axis=0)
+    coefficients = np.linalg.lstsq(centred, values - values.mean(), rcond=None)[0]
+    return float(np.var(centred @ coefficients))
+
+
 def _doubts(
     mean: _MeanWind,
     drag_sd: float,
     remaining_sd: float,
+    is_lean_worse: bool,
     steered_share: float,
     prior_source: DragSource,
 ) -> list[_Doubt]:
@@ -491,6 +524,7 @@ def _doubts(
         mean: mean wind of the flight.
         drag_sd: relative standard deviation of the drag force at the air speed of the flight.
         remaining_sd: standard deviation after the flight, relative to the one before it (the prior's).
+        is_lean_worse: whether the speed is more uncertain by the lean than by the drag.
         steered_share: share of the force's variance that manoeuvres explain, 0 to 1; only they determine the drag.
         prior_source: source of the prior of the drag.
 
@@ -519,7 +553,7 @@ def _doubts(
             status=status,
             low=lower_speed_bound(mean.low, mean.high),
             high=mean.high,
-            by_drag=drag_uncertain,
+            by_drag=drag_uncertain and not is_lean_worse,
         )
         doubts.append(_Doubt("speed", status, reason))
 

@@ -36,6 +36,9 @@ LOG_LINEAR_RATIO = 2
 LOG_QUADRATIC_RATIO = 3
 """Index of ln(q_y / q_x) in ``Drag.mean``."""
 
+LOG_COEFFICIENTS = slice(0, 4)
+"""Indices of the four logarithms of the drag in ``Drag.mean``."""
+
 LEAN = slice(4, 6)
 """Indices of the lean along body x and y in ``Drag.mean``."""
 

@@ -391,3 +391,14 @@ def test_the_mean_of_a_layer_is_formed_as_that_of_a_minute():
     by_height, by_minute = ([one["speed"] for one in part] for part in (wind.profile, wind.minutes))
     assert by_height == approx(by_minute, rel=0.005)
     assert min(by_height) < wind.speed < max(by_height)
+
+
+@mark.slow
+def test_a_doubtful_speed_is_by_what_adds_most_to_its_variance():
+    # In calm air the drag hardly matters, and the unknown lean is as large as all of the wind.
+    calm = mavdem.estimate_wind(*flight(legs=0.0, turning=0.0, wind=(0.3, 0.0), gusts=0.3)[:3])
+    windy = mavdem.estimate_wind(*flight(legs=0.0, turning=0.0, wind=(-6.0, 8.0))[:3])
+    for wind, by_drag in ((calm, False), (windy, True)):
+        assert "drag" in wind.reasons
+        assert wind.reasons["speed"].figures["by_drag"] is by_drag
+    assert "part of the lean" in str(calm.reasons["speed"])
