@@ -47,7 +47,7 @@ URGENT_EVENTS = (
 above every light: a trim or vibration does not matter beside a vehicle that fell. Only a log that ends in the air ranks
 below a light that is bad."""
 
-LIGHTS_BY_EVENTS: dict[Light, tuple[Code, ...]] = {
+EVENTS_BY_LIGHT: dict[Light, tuple[Code, ...]] = {
     Light.MOTORS: (
         MotionEvent.OUTPUT_FROZE,
         MotionEvent.MOTOR_OFF,
@@ -82,9 +82,14 @@ LIGHTS_BY_EVENTS: dict[Light, tuple[Code, ...]] = {
         ReportedEvent.GPS_LOST,
     ),
 }
-"""The light that shows an event in the headline, if no light of the vehicle is as bad as that.
+"""The events in the headline that each light shows, if no light of the vehicle is as bad as that.
 
 Tracking is the light of vehicles that did not do as they were commanded, for any reason."""
+
+LIGHT_OF_EVENT: dict[Code, Light] = {
+    code: light for light, codes in EVENTS_BY_LIGHT.items() for code in codes
+}
+"""The light of each event of ``EVENTS_BY_LIGHT``."""
 
 MIN_CHECKED_LIGHTS = 3
 """Lights of the vehicle that must be good before a flight is called sound: half of them, a choice."""
@@ -147,11 +152,13 @@ def lights_with_event(lights: NamedFacts, headline: Fact) -> dict[str, Fact]:
     """
     levels = {lights[name].level for name in VEHICLE_LIGHTS}
     is_shown = Level.BAD in levels or headline.level in levels
-    if not is_shown and headline.level in (Level.BAD, Level.WATCH):
-        for name, codes in LIGHTS_BY_EVENTS.items():
-            if headline.code in codes:
-                return {**lights, name: headline}
-    return dict(lights)
+    light = LIGHT_OF_EVENT.get(headline.code)
+    if is_shown or light is None or headline.level not in (Level.BAD, Level.WATCH):
+        return dict(lights)
+    if headline.figures.get("watchdog"):
+        # A watchdog restarts a program that hangs, whatever its supply.
+        light = Light.TRACKING
+    return {**lights, light: headline}
 
 
 def lights_without_loops(evidence: Evidence) -> dict[str, Fact]:

@@ -101,6 +101,10 @@ def serve_command(
     QGroundControl, PX4's upload_log.py and ARK's logloader upload to http://127.0.0.1:8600/upload, or to the address
     that the first page shows. The interface for programs is described at /api/openapi.json.
     """
+    if request_rate is not None and link is None:
+        raise click.UsageError(
+            "--request-rate asks the vehicle of --link: give --link LINK too, or leave --request-rate out."
+        )
     require_extra("serve", "`mavdem serve`")
     # The web framework takes a second to import, and `mavdem serve --help` does not need it.
     from mavdem.serve.run import ServerOptions, serve

@@ -83,9 +83,6 @@ PARAMETER_NAMES_OF_AXES = {
 MAX_HEADLINE_GAINS = 4
 """Largest number of changed gains that the headline names: a choice."""
 
-LATER_SIDE = STATE_NAMES[1]
-"""The side of a comparison that flew later, whose faults are to be mended."""
-
 
 def headline_of_comparison(
     reviews: Mapping[str, Review],
@@ -221,6 +218,21 @@ def _lights_bad_on_one_side(reviews: Mapping[str, Review]) -> list[_DifferingLig
     return differing_lights
 
 
+def _later_side(reviews: Mapping[str, Review]) -> str:
+    """Returns the side of a comparison that flew later, whose faults are to be mended.
+
+    It is "B" unless both dates are known and A has the later one.
+
+    Args:
+        reviews: review documents of both logs, by side, "A" and "B".
+    """
+    first, second = STATE_NAMES
+    dates = [value_at(reviews.get(side) or {}, "identity.date") for side in STATE_NAMES]
+    if all(dates) and dates[0] > dates[1]:
+        return first
+    return second
+
+
 def light_table(reviews: Mapping[str, Review]) -> Table | None:
     """Returns the table of the lights of both logs: the traffic-light judgements of their reviews, such as on motors.
 
@@ -259,7 +271,7 @@ def headline_blocks(
     """
     blocks = Blocks()
     for side, sentence in headlines.items():
-        if sentence and not any(sentence in said.text for said in comparison_headline):
+        if sentence and not any(sentence in headline.text for headline in comparison_headline):
             blocks.append(Sentence(sentence, f"{side} by itself:"))
     return blocks
 
@@ -329,7 +341,7 @@ def _conclusion(difference: VehicleDifference, changed: Sequence[QuantityChange]
 
 
 def _is_doubtful(change: QuantityChange) -> bool:
-    """Returns whether a quantity does not count as changed though its own interval leaves out no change.
+    """Returns whether a quantity does not count as changed though its own interval does not contain "no change".
 
     That interval disregards how many quantities are tested.
     """
@@ -341,7 +353,7 @@ def _change_sentences(difference: VehicleDifference) -> list[Sentence]:
     """Returns sentences on what changed, where that is more than one quantity, stayed the same or is uncertain.
 
     A quantity is uncertain if the data show neither a change nor its absence. Uncertain quantities whose intervals
-    leave out no change are named first: the joint test of many quantities makes them doubtful.
+    do not contain "no change" are named first: the joint test of many quantities makes them doubtful.
 
     Args:
         difference: comparison of two groups of flights of a vehicle, quantity by quantity.
@@ -467,10 +479,11 @@ def next_blocks(
     """
     if difference.is_of_same_flight:
         return []
-    later_step = value_at(reviews.get(LATER_SIDE) or {}, "next_step.sentence")
-    is_worse = any(light.bad_side == LATER_SIDE for light in _lights_bad_on_one_side(reviews))
+    later_side = _later_side(reviews)
+    later_step = value_at(reviews.get(later_side) or {}, "next_step.sentence")
+    is_worse = any(light.bad_side == later_side for light in _lights_bad_on_one_side(reviews))
     if is_worse and later_step:
-        return [Sentence(later_step, "Next, by B:")]
+        return [Sentence(later_step, f"Next, by {later_side}:")]
     changes = []
     for change in difference.changes_with(QuantityOutcome.CHANGED):
         is_of_loop = change.quantity.kind in LOOP_KINDS

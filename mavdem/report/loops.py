@@ -11,7 +11,7 @@ from mavdem.assessment.axis.loop_decision import (
     LoopVerdict,
 )
 from mavdem.assessment.axis.tuning import Tuning
-from mavdem.assessment.judgement import Judgement
+from mavdem.assessment.judgement import LIGHT_OF_EVENT, Judgement
 from mavdem.containers import group_by
 from mavdem.facts import Fact, Level
 from mavdem.facts.assessment import NextStep
@@ -301,12 +301,16 @@ class _GainLimit(NamedTuple):
 def is_of_loops(fact: Fact, judgement: Judgement) -> bool:
     """Returns whether a headline or next step is about control loops: a fact on gains or loops, or one of their lights.
 
+    A loss or an impact is not, though the light of tracking may show it.
+
     Args:
         fact: the headline, or the next step.
         judgement: the judgement of the vehicle.
     """
     lights_of_loops = [judgement.lights[name] for name in (Light.TRACKING, Light.MARGINS)]
     reason = fact.figures.get("because") or fact
+    if reason.code in LIGHT_OF_EVENT:
+        return False
     if fact.code in (NextStep.LOAD_GAINS, NextStep.TUNE_OTHER_AXES):
         return True
     return isinstance(reason.code, GainFact | LoopFact) or reason in lights_of_loops
@@ -567,5 +571,8 @@ def gain_blocks(advice: Advice) -> Blocks:
         if now != new:
             rows.append([name, now, new, f"{gain.set / gain.now:.2f}"])
     tables = [Table(["gain", "now", "set", "times"], rows)] if rows else []
-    sentences = render_section("loop_gains", advice=advice, largest_step=MAX_GAIN_STEP)
+    unusual_notes = [note for note in advice.notes if note.code not in REASONS_FOR_GAINS]
+    sentences = render_section(
+        "loop_gains", advice=advice, unusual_notes=unusual_notes, largest_step=MAX_GAIN_STEP
+    )
     return [*tables, *sentences]

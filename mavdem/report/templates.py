@@ -28,6 +28,7 @@ from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 
 from mavdem.containers import group_by
 from mavdem.facts import Code, Fact, Words
+from mavdem.facts.assessment import NextStep
 from mavdem.files import load_adjacent_toml
 from mavdem.report.blocks import Sentence
 from mavdem.report.numbers import (
@@ -318,6 +319,7 @@ def _environment() -> Environment:
         "as_clause": as_clause,
         "further_clauses": _further_clauses,
         "capitalize_first": capitalize_first,
+        "step_in_flight": _step_in_flight,
         "compass_text": compass_text,
         "compass_words": compass_words,
         "margins_in_short": margins_in_short,
@@ -530,6 +532,11 @@ def _names_margins(fact: Fact) -> bool:
 def _further_clauses(facts: Iterable[Fact]) -> str:
     """Returns facts as clauses that follow another one in its sentence: "; battery 1 down to 15.8 V"."""
     return "".join(f"; {as_clause(fact)}" for fact in facts)
+
+
+def _step_in_flight(alarm: Fact) -> str:
+    """Returns what to do at once about what an alarm found in flight."""
+    return Fact(NextStep.LAND_NOW, because=alarm).sentence
 
 
 def rounded_up(value: float, decimals: int = 0) -> str:

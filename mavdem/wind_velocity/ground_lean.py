@@ -42,8 +42,9 @@ def with_lean_on_ground(
     """Widens the prior of the lean of a vehicle so that it holds the one that the autopilot read on the ground.
 
     The lean is either that of the prior, where the ground slopes, or that on the ground, where the autopilot is
-    misaligned. Both count as equally likely: mean and variance are those of the mixture of both. A lean that an earlier
-    flight has measured stays as it is.
+    misaligned. Both count as equally likely, for each body axis by itself, since one may be a slope and the other a
+    misalignment: mean and variances are those of the mixtures. A lean that an earlier flight has measured stays as it
+    is.
 
     Args:
         drag: prior of the drag, with that of the lean.
@@ -80,8 +81,8 @@ def lean_on_ground(
         flight: two times of the flight, s since boot.
 
     Returns:
-        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common;
-        ``None`` if the log shows neither.
+        Force (2,) along body x and y, m/s²: the part that the stands before the flight and after it have in common, or
+        all of it if the log shows only one of them; ``None`` if it shows neither.
     """
     airborne = airborne_intervals(signals, boot)
     take_offs = [start for start, end in airborne if start <= flight[0] <= end]

@@ -233,3 +233,9 @@ def test_an_event_in_the_headline_is_its_light_where_none_is_as_bad(levels, code
     event = Fact(code, Level(level))
     after = lights_with_event(before, event)
     assert {name for name, fact in after.items() if fact is event} == ({light} - {None})
+
+
+def test_a_reset_by_the_watchdog_is_no_matter_of_the_supply():
+    reset = Fact(ReportedEvent.RESTARTED_IN_FLIGHT, Level.BAD, watchdog=True)
+    after = lights_with_event(lights(), reset)
+    assert (after[Light.TRACKING], after[Light.POWER].level) == (reset, Level.GOOD)

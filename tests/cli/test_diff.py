@@ -14,7 +14,7 @@ from mavdem.fleet.difference import vehicle_difference
 from mavdem.fleet.parameter_changes import ParameterChange
 from mavdem.fleet.row import FlightRow
 from mavdem.report.charts.comparison_charts import flight_series
-from mavdem.report.difference import headline_of_comparison
+from mavdem.report.difference import headline_of_comparison, next_blocks
 from mavdem.report.pages.difference_page import comparison_page
 
 
@@ -149,6 +149,13 @@ def test_a_margin_that_fell_is_named_with_the_gain_that_was_raised_and_flights_b
     )
     assert [f"{sentence.lead} {sentence.text}" for sentence in on_terminal] == headlines
     assert "A: a.bin, 2026-01-31" in page and "B: b.bin" in page
+    # By their dates A may be the later one.
+    lower = {"next_step": {"sentence": "Lower P."}}
+    swapped = {
+        "A": {"identity": {"date": "2026-02-01T10:00:00Z"}, "lights": oscillating, **lower},
+        "B": reviews[0],
+    }
+    assert next_blocks(difference, parameters, swapped)[0].lead == "Next, by A:"
 
 
 @mark.parametrize(

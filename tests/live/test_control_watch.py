@@ -128,6 +128,8 @@ def test_a_crash_that_the_autopilot_reports_is_no_landing_until_the_next_take_of
     assert ReportedEvent.CRASH_DETECTED in made.codes
     assert status.loss.code is Ending.LOSS_REPORTED
     assert status.overall_judgement.lights[Light.TRACKING].level is Level.BAD
+    in_flight = replace(status, is_flying=True, is_over=False)
+    assert in_flight.overall_judgement.next_step.sentence.startswith("Stop the motors.")
     again = [
         (time, message("ATTITUDE", time_boot_ms=round(1e3 * (time - boot_time)), pitch=0.01))
         for time in ticks(40.0, 50.0, 50.0)

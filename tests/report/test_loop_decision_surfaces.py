@@ -21,7 +21,7 @@ from mavdem.assessment.axis import Options, analyse
 from mavdem.assessment.axis.loop_decision import ADVICE_TO_TUNE
 from mavdem.assessment.axis.margins import AxisMargins
 from mavdem.assessment.axis.tuning import tuned
-from mavdem.assessment.judgement import judge
+from mavdem.assessment.judgement import judge, lights_with_event
 from mavdem.dataset.signals import Signals
 from mavdem.dem.record import Record
 from mavdem.documents import complete_document
@@ -29,8 +29,9 @@ from mavdem.documents.loops import tune_document
 from mavdem.documents.review import review_document
 from mavdem.errors import NotLearnable
 from mavdem.facts import Fact, Level
+from mavdem.facts.ending import Ending
 from mavdem.facts.identifiability import Status
-from mavdem.facts.lights import Unjudged
+from mavdem.facts.lights import Light, Unjudged
 from mavdem.facts.loops import GainFact, LoopAction, LoopFact, ResponseFact
 from mavdem.facts.margins import TrackingLight
 from mavdem.facts.motors import MotorsLight
@@ -45,7 +46,13 @@ from mavdem.loops.resonance import Resonance
 from mavdem.plant import Physical
 from mavdem.report.blocks import Sentence
 from mavdem.report.charts.timeline import timeline_of
-from mavdem.report.loops import margin_overview, margin_tables, tune_blocks, tuning_result
+from mavdem.report.loops import (
+    is_of_loops,
+    margin_overview,
+    margin_tables,
+    tune_blocks,
+    tuning_result,
+)
 from mavdem.report.pages.flight_page import review_page
 from mavdem.report.pages.tune_page import tune_page
 from mavdem.report.review import review_screen
@@ -460,3 +467,13 @@ def test_axes_without_a_loop_for_the_same_reason_share_a_sentence(tunings):
     judgement = replace(tuning.judgement, loop_decisions=ReadOnlyDict())
     shown = tune_blocks(tuning._replace(axes={"roll": roll, "pitch": pitch}, judgement=judgement))
     assert [block.lead for block in shown] == ["Roll and pitch:"]
+
+
+def test_a_crash_that_the_light_of_tracking_shows_is_not_about_loops(tunings):
+    judgement = tunings["sound"].judgement
+    crash = Fact(Ending.CRASHED, Level.BAD, time=9.0, height=2.0, cause=None, word=None)
+    lights = ReadOnlyDict(lights_with_event(judgement.lights, crash))
+    assert lights[Light.TRACKING] == crash
+    crashed = replace(judgement, headline=crash, lights=lights)
+    assert not is_of_loops(crash, crashed)
+    assert is_of_loops(lights[Light.MARGINS], crashed)

@@ -119,17 +119,24 @@ class Browser:
             words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
         )
         self._loop = asyncio.new_event_loop()
-        place = folder / "DevToolsActivePort"
-        ends = time.monotonic() + PATIENCE_SECONDS
-        while not (place.is_file() and place.read_text().count("\n")) and time.monotonic() < ends:
-            time.sleep(0.02)
-        port, path = place.read_text().splitlines()
-        self._address = f"ws://127.0.0.1:{port}"
-        self._session = self._loop.run_until_complete(_session())
-        self._connection = Connection(self._loop, self._line(path))
+        self._session = None
+        try:
+            place = folder / "DevToolsActivePort"
+            ends = time.monotonic() + PATIENCE_SECONDS
+            while not (place.is_file() and place.read_text().count("\n")):
+                assert time.monotonic() < ends, "Chromium does not start"
+                time.sleep(0.02)
+            port, path = place.read_text().splitlines()
+            self._address = f"ws://127.0.0.1:{port}"
+            self._session = self._loop.run_until_complete(_session())
+            self._connection = Connection(self._loop, self._line(path))
+        except BaseException:
+            self.close()
+            raise
 
     def close(self):
-        self._loop.run_until_complete(self._session.close())
+        if self._session is not None:
+            self._loop.run_until_complete(self._session.close())
         self._process.kill()
         self._process.wait()
         self._loop.close()

@@ -35,6 +35,7 @@ from flights import (
 from numpy.random import default_rng
 
 from mavdem.assessment.assess import assess
+from mavdem.assessment.judgement import LIGHT_OF_EVENT
 from mavdem.assessment.record import Assessment
 from mavdem.errors import Unreadable
 from mavdem.facts import Fact, Level
@@ -244,8 +245,9 @@ def verdict(kind: str, motor: int, review: Assessment) -> str:
     """
     permitted = codes(kind, "expected") | codes(kind, "permitted")
     permitted |= set(TABLES["always_permitted"]) | set(TABLES["remarks"])
-    # The lights of tracking, margins and log say nothing of an event.
-    permitted |= {str(review.lights[name].code) for name in ("tracking", "margins", "log")}
+    # The lights of tracking, margins and log say nothing of an event, unless they show that of the headline.
+    light_codes = {review.lights[name].code for name in ("tracking", "margins", "log")}
+    permitted |= {str(code) for code in light_codes - set(LIGHT_OF_EVENT)}
     all_statements = list(statements(review))
     if any(is_wrong_statement(statement, motor, permitted) for statement in all_statements):
         return "wrong"

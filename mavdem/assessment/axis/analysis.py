@@ -389,8 +389,8 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
         for time, command, heading in settled_samples:
             detector.update(time, command, heading)
         changes = lasting_changes(detector.alarms)
-        # Headings are NaN while the attitude does not follow its setpoint. In this case the balance of
-        # the motors then does not show which of them lost thrust.
+        # Headings are NaN while the attitude does not follow its setpoint. Then the balance of
+        # the motors does not show which of them lost thrust.
         tracked = commands.select(np.isfinite(headings))
         alarms += changes + _gradual_losses(motors, tracked, boot, settled, changes)
     return tuple(alarms)

@@ -53,8 +53,6 @@ def motors_light(evidence: Evidence) -> Fact:
     if oscillation is not None and oscillation.at_limit > MIN_AT_LIMIT_SHARE:
         facts.append(Fact(MotorsLight.MOTORS_SWING, share=oscillation.at_limit))
     if hover is None:
-        # After a restart in flight the motors stand still, and the vehicle falls.
-        facts += evidence.restarts_in_flight
         # The sentence of this fact differs for outputs that were not recorded, for which there are no names.
         names = _motor_names(evidence)
         facts.append(

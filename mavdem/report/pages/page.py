@@ -32,7 +32,7 @@ MAX_BRIEF_EVENTS = 4
 """Events that a page shows at first: a choice, so that the list takes less room than the charts."""
 
 MAX_NEWEST_EVENTS = 10
-"""Events that a page of a session that goes on shows at first, a choice: those of about a minute."""
+"""Events that a page of a session that goes on shows at first, the newest ones: a choice."""
 
 _WORD = re.compile("[a-z0-9]+")
 """A word of a title in lower case."""
