@@ -180,41 +180,45 @@ def _median_stick_travel(sensors: BootSensors, interval: TimeInterval) -> float 
 
 
 def _accelerometer_error(sensors: BootSensors, interval: TimeInterval) -> Fact | None:
-    """Returns the statement that the accelerometer measured a wrong specific force, at rest or in flight.
+    """Returns a fact that supports the divergence: that the accelerometer measured a wrong specific force.
 
-    An error at rest is stated if it explains at least ``MIN_REST_SHARE`` of the error in flight, or if the latter is
-    not known. Otherwise the error in flight is stated, which vibration may cause.
+    An error at rest, as of a wrong scale or offset, is preferred if it explains at least ``MIN_REST_SHARE`` of the
+    error in flight, or if the error in flight is not known. Otherwise the fact has the error in flight, which vibration
+    may cause.
 
     Args:
         sensors: sensors of the boot.
         interval: interval of the divergence, s since boot.
 
     Returns:
-        The statement; None if the accelerometer is right, or was not recorded.
+        The fact, with the specific force at rest, m/s², or the one of the flight as it would be at rest: gravity plus
+        the error. None if the accelerometer is right, or was not recorded.
     """
     accelerometer = sensors.accelerometer
     if accelerometer is None:
         return None
     flight_error = _force_error(sensors, accelerometer, interval)
-    gravity = accelerometer.gravity_at_rest
+    force_at_rest = accelerometer.gravity_at_rest
+    is_wrong_at_rest = accelerometer.is_sound is False
     is_wrong_in_flight = flight_error is not None and abs(flight_error) > MAX_FORCE_ERROR
-    if gravity is not None and accelerometer.is_sound is False:
-        is_explained = flight_error is None
+    if force_at_rest is not None and is_wrong_at_rest:
+        rest_explains_flight = flight_error is None
         if flight_error is not None and is_wrong_in_flight:
-            is_explained = (gravity - GRAVITY) / flight_error >= MIN_REST_SHARE
-        if is_explained:
+            # The share is negative if the errors have opposite signs: the one at rest then explains nothing.
+            rest_explains_flight = (force_at_rest - GRAVITY) / flight_error >= MIN_REST_SHARE
+        if rest_explains_flight:
             return supporting_statement(
-                WitnessFact.GRAVITY_WRONG, part="at rest", acceleration=gravity
+                WitnessFact.GRAVITY_WRONG, part="at rest", acceleration=force_at_rest
             )
     if flight_error is None or not is_wrong_in_flight:
         return None
-    # The error is stated as a specific force that is to be compared with gravity, as at rest, without the acceleration
-    # of the vehicle.
+    # The measured force contains the acceleration of the vehicle. Gravity plus the error can be compared with the force
+    # at rest, which the figure ``gravity`` holds.
     return supporting_statement(
         WitnessFact.GRAVITY_WRONG,
         part="in flight",
         acceleration=GRAVITY + flight_error,
-        gravity=gravity,
+        gravity=force_at_rest,
     )
 
 

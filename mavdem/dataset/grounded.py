@@ -128,7 +128,7 @@ def has_risen(signals: Signals, boot: int, flight_interval: TimeInterval) -> boo
 def height_above_take_off(
     signals: Signals, boot: int, flight_interval: TimeInterval
 ) -> TimeSeries | None:
-    """Returns the height of a whole boot above the place where a flight began.
+    """Returns the height above the place where a flight began, for the whole time of a boot.
 
     If the flight began before the record, the first recorded height is the reference.
 

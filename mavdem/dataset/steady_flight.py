@@ -128,7 +128,10 @@ def steady_intervals(signals: Signals, boot: int) -> Intervals:
 
 
 def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
-    """Returns the heading of a vehicle, as far as its attitude follows the setpoint.
+    """Returns the heading of a vehicle at given times, as far as its attitude follows the setpoint.
+
+    Callers compare motors only at times with a heading. Without an attitude it is unknown when the vehicle strays, so a
+    heading of 0 keeps all times.
 
     Args:
         signals: Signals of the vehicle.
@@ -136,8 +139,8 @@ def tracked_headings(signals: Signals, boot: int, time: Array) -> Array:
         time: (N,) seconds on the clock of that boot.
 
     Returns:
-        (N,) headings, rad, unwrapped: NaN where roll or pitch strays from its setpoint, 0 where no attitude was
-        recorded.
+        (N,) headings, rad, unwrapped: NaN where roll or pitch strays from its setpoint; all 0 if no attitude was
+        recorded in this boot.
     """
     tracking = attitude_tracking(signals, boot)
     if tracking is None:

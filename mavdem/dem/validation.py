@@ -139,12 +139,12 @@ def validated_count(number: int, name: str = "steps", limit: int = MAX_COUNT) ->
     return int(number)
 
 
-def validated_directions(values: ArrayLike, motors: int) -> Array:
+def validated_directions(values: ArrayLike, motor_count: int) -> Array:
     """Checks that effect directions are finite numbers, one for each motor.
 
     Args:
         values: Relative effect of each motor on the axis, (r,).
-        motors: Number of motors, r.
+        motor_count: Number of motors, r.
 
     Returns:
         The effect directions as an array, (r,).
@@ -153,8 +153,8 @@ def validated_directions(values: ArrayLike, motors: int) -> Array:
         ValueError: There are more or fewer directions than motors, or one is not finite.
     """
     directions = as_real_array(values, "effect_directions")
-    if directions.shape != (motors,) or not np.isfinite(directions).all():
-        raise ValueError(f"effect_directions must be {motors} finite numbers, not {values!r}")
+    if directions.shape != (motor_count,) or not np.isfinite(directions).all():
+        raise ValueError(f"effect_directions must be {motor_count} finite numbers, not {values!r}")
     return directions
 
 

@@ -193,10 +193,12 @@ class Loop(Margins):
             factor, then all with the second, and so on.
         """
         # The estimate must come first again, since the figures of a loop are those of row ``ESTIMATE``.
-        plants = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
-        effectiveness = np.outer(effectiveness_factors, self.effectiveness[plants]).ravel()
+        plant_rows = np.append(ESTIMATE, np.arange(len(self.effectiveness))[rows])
+        effectiveness = np.outer(effectiveness_factors, self.effectiveness[plant_rows]).ravel()
         # Damping, lag and delay do not depend on the factor: their rows are repeated in the same order.
-        dynamics = np.tile(self.dynamics[plants], (len(effectiveness_factors), 1))
+        dynamics = np.tile(self.dynamics[plant_rows], (len(effectiveness_factors), 1))
+        # The shared plant response is that of this loop's plants and frequencies. Without it, the new loop computes its
+        # own.
         return replace(
             self,
             effectiveness=effectiveness,

@@ -218,8 +218,8 @@ class GainSearch:
     def step(self, stage: Stage, *, may_lower_bandwidth: bool = True) -> GainStep:
         """Returns the gains of a stage for the next flight.
 
-        The design of a stage is the set of gains at its end. In each flight, the gains may change by at most one step
-        from the logged gains towards the design.
+        The design of a stage is the set of gains at its end. Gains far from those that flew are less certain, so they
+        change in several flights, in each by at most one step from the logged gains towards the design.
 
         Args:
             stage: stage of tuning, which decides the gains to choose.
@@ -238,10 +238,10 @@ class GainSearch:
                 return NO_STEP
         else:
             design = self.angle_design()
-        design = self._worthwhile(design)
+        design = self._without_small_changes(design)
         gains = self._one_step(stage, design)
-        notes = (*self._bound(stage, design), *self._notes(stage, gains))
-        return GainStep(stage, gains, design, self._flights(design), notes)
+        notes = (*self._limits_of_design(stage, design), *self._notes_on_gains(stage, gains))
+        return GainStep(stage, gains, design, self._flights_to(design), notes)
 
     def rate_design(self) -> Parameters:
         """Finds the P, I and D of highest bandwidth with which the rate loop has its margins.
@@ -390,7 +390,7 @@ class GainSearch:
                 gains[names[field]] = round_gain(value)
         return gains
 
-    def _worthwhile(self, design: Parameters) -> Parameters:
+    def _without_small_changes(self, design: Parameters) -> Parameters:
         """Discards a design that changes no gain by the factor ``MIN_GAIN_CHANGE`` or more.
 
         Args:
@@ -444,14 +444,14 @@ class GainSearch:
             gains = {**gains, name: round_gain(max(gain, logged_gain / MAX_GAIN_STEP))}
         return gains
 
-    def _flights(self, design: Parameters) -> int:
+    def _flights_to(self, design: Parameters) -> int:
         """Returns how many steps of at most ``MAX_GAIN_STEP`` lead from the logged gains to a design."""
         logged = self.loop.controller.parameters
         changes = [_change(value, logged[name]) for name, value in design.items()]
         # Three digits of a gain may make a change a little larger than a whole number of steps.
         return ceil(max(changes, default=0.0) / log(MAX_GAIN_STEP) - 0.02)
 
-    def _bound(self, stage: Stage, design: Parameters) -> Facts:
+    def _limits_of_design(self, stage: Stage, design: Parameters) -> Facts:
         """Returns what keeps the design of a stage from higher gains, by the next higher P or gain of the angle.
 
         Args:
@@ -493,13 +493,13 @@ class GainSearch:
             GainFact.STEP_BOUND,
             bound=bound,
             stage=int(stage),
-            flights=self._flights(design),
+            flights=self._flights_to(design),
             largest_step=MAX_GAIN_STEP,
             largest_noise=MAX_NOISE_RATIO,
         )
         return (fact,)
 
-    def _notes(self, stage: Stage, gains: Parameters) -> Facts:
+    def _notes_on_gains(self, stage: Stage, gains: Parameters) -> Facts:
         """Returns notes on what is unusual in new gains of the rate controller.
 
         Unusual are an attitude gain that is lowered with them, an I that falls though P rises, and a ratio of I or D to

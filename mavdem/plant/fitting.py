@@ -123,16 +123,16 @@ class LogPosterior(NamedTuple):
     windows: FlightWindows
     """The data."""
 
-    def value(self, at: Array) -> float:
-        """Returns the log posterior density of θ = ``at`` (k,), up to a constant; NaN where there is none."""
-        at = self.model.with_valid_delay(at)
-        value = self._log_prior(at)
-        for errors, _ in self.innovations(at[None]):
+    def value(self, theta: Array) -> float:
+        """Returns the log posterior density of θ (k,), up to a constant; NaN where there is none."""
+        theta = self.model.with_valid_delay(theta)
+        value = self._log_prior(theta)
+        for errors, _ in self.innovations(theta[None]):
             value += _log_likelihood(errors[0])
         return value
 
-    def expand(self, at: Array) -> QuadraticExpansion:
-        """Expands the log posterior about θ = ``at`` (k,), for the next step of the search.
+    def expand(self, theta: Array) -> QuadraticExpansion:
+        """Expands the log posterior about θ (k,), for the next step of the search.
 
         It is that of :meth:`full_expansion`, except at the bound of the delay. If the delay is 0 and the density would
         increase towards negative delays, the delay is kept fixed by removing it from gradient and curvature (active-set
@@ -140,12 +140,12 @@ class LogPosterior(NamedTuple):
         change in each step as if the delay became negative.
 
         Args:
-            at: parameters θ (k,).
+            theta: parameters θ (k,).
 
         Returns:
             The expansion: value, gradient (k,) and curvature (k, k).
         """
-        expansion = self.full_expansion(at)
+        expansion = self.full_expansion(theta)
         index = self.model.delay_index
         if expansion.point[index] > 0 or expansion.gradient[index] >= 0:
             return expansion
@@ -158,8 +158,8 @@ class LogPosterior(NamedTuple):
         curvature[index, index] = delay_curvature
         return expansion._replace(gradient=gradient, curvature=curvature)
 
-    def full_expansion(self, at: Array) -> QuadraticExpansion:
-        """Returns the log posterior about θ = ``at`` (k,) to second order, with the Fisher information as curvature.
+    def full_expansion(self, theta: Array) -> QuadraticExpansion:
+        """Returns the log posterior about θ (k,) to second order, with the Fisher information as curvature.
 
         Prediction errors are differentiated by forward differences in all parameters, evaluated in one batch. At a
         delay of 0 its derivative is therefore one-sided. With errors e, scaled to a mean square of 1 in each window,
@@ -167,7 +167,7 @@ class LogPosterior(NamedTuple):
         The prior adds its gradient and its precision.
 
         Args:
-            at: parameters θ (k,), which are moved into the bounds of the model.
+            theta: parameters θ (k,), which are moved into the bounds of the model.
 
         Returns:
             The expansion: value, gradient (k,) and curvature (k, k).
@@ -175,27 +175,27 @@ class LogPosterior(NamedTuple):
         Raises:
             numpy.linalg.LinAlgError: the log posterior or its curvature is not finite.
         """
-        at = self.model.with_valid_delay(at)
+        theta = self.model.with_valid_delay(theta)
         mean, sd = self.model.prior
-        steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(at))
-        value = self._log_prior(at)
-        slope = (mean - at) / sd**2
+        steps = FINITE_DIFFERENCE_STEP * np.maximum(MIN_PARAMETER_SCALE, abs(theta))
+        value = self._log_prior(theta)
+        gradient = (mean - theta) / sd**2
         curvature = np.diag(sd**-2.0)
         for chunk in self._chunks():
-            errors = self.model.innovations_after_steps(at, steps, chunk)
+            errors = self.model.innovations_after_steps(theta, steps, chunk)
             # The first row has the errors at the point itself, each other row those with one parameter changed. To save
             # memory the array is overwritten: by errors that are scaled to a mean square of 1 in each window, and then
             # by their derivatives.
             value += _log_likelihood(errors[0])
             errors /= np.sqrt(np.mean(errors[0] ** 2, axis=1))[:, None]
             errors[1:] -= errors[0]
-            slopes = errors[1:].reshape(len(at), -1)
-            slopes /= steps[:, None]
-            slope -= slopes @ errors[0].ravel()
-            curvature += slopes @ slopes.T
+            derivatives = errors[1:].reshape(len(theta), -1)
+            derivatives /= steps[:, None]
+            gradient -= derivatives @ errors[0].ravel()
+            curvature += derivatives @ derivatives.T
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise LinAlgError("nothing has a likelihood")
-        return QuadraticExpansion(at, value, slope, curvature)
+        return QuadraticExpansion(theta, value, gradient, curvature)
 
     def limited_step(self, step: Array) -> Array:
         """Shortens a step (k,) so that no logarithm changes by more than ``MAX_LOG_STEP``, and keeps its direction."""

@@ -87,37 +87,40 @@ def compass_words(direction: float) -> str:
     return f"the {words} ({direction % 360:.0f}°)"
 
 
-def speed_and_direction(velocity: Array, band: Array, near_direction: float = 180.0) -> PolarWind:
+def speed_and_direction(
+    velocity: Array, half_width: Array, middle_direction: float = 180.0
+) -> PolarWind:
     """Converts the velocity of the wind over time to speed and direction.
 
     Args:
         velocity: (T, 2) velocity of the air, north and east, m/s.
-        band: (T, 2) half widths of its band, north and east, m/s.
-        near_direction: middle of the range of the returned directions, degrees. They are at most 180° from it, so that
-            a plotted line does not jump from 360° to 0° if the wind comes from about north. By default the range is 0
-            to 360°.
+        half_width: (T, 2) half widths of its band of uncertainty, north and east, m/s.
+        middle_direction: middle of the range of the returned directions, degrees. They are at most 180° from it, so
+            that a plotted line does not jump from 360° to 0° if the wind comes from about north. By default the range
+            is 0 to 360°.
 
     Returns:
-        (T,) speed, m/s, and direction, degrees, with their half widths. The band of the velocity is assumed to be an
-        ellipse with its axes north and east. Its half width along the wind is that of the speed. Its half width across
-        the wind, seen at the distance of the speed, is the angle by which the direction is uncertain.
+        (T,) speed, m/s, and direction, degrees, with their half widths. North and east components are taken as
+        independent. The half width along the wind is that of the speed. The half width across the wind, seen at the
+        distance of the speed, is the angle by which the direction is uncertain.
     """
     speed = np.hypot(*velocity.T)
-    # Unit vectors along the flow.
-    unit = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
-    # Half widths along and across the flow, m/s. The unit vector across the flow has the components swapped; the sign
-    # of one of them does not matter, since they are squared.
-    band_along = np.hypot(*(unit * band).T)
-    band_across = np.hypot(*(unit[:, ::-1] * band).T)
-    angle = np.degrees(np.arctan2(band_across, speed))
-    # If the half width across exceeds the speed, the ellipse may contain a speed of 0: then any direction is possible.
-    direction_half_width = np.where(band_across < speed, angle, ANY_DIRECTION)
+    along = velocity / np.maximum(speed, MIN_DIVISOR)[:, None]
+    # Along a unit vector u, the half width is that of u_north · north + u_east · east: the root of the sum of squares.
+    half_width_along = np.hypot(*(along * half_width).T)
+    # The unit vector across the wind has the components swapped. The sign of one of them would be changed, which makes
+    # no difference to the squares.
+    across = along[:, ::-1]
+    half_width_across = np.hypot(*(across * half_width).T)
+    angle = np.degrees(np.arctan2(half_width_across, speed))
+    # If the half width across is at least the speed, the speed may be 0: then any direction is possible.
+    direction_half_width = np.where(half_width_across < speed, angle, ANY_DIRECTION)
     # The direction from which the wind comes is opposite to the velocity: atan2(−east, −north), clockwise from north.
     north, east = velocity.T
     origin = np.degrees(np.arctan2(-east, -north))
     # The remainder converts the difference to −180 … 180°.
-    direction = near_direction + (origin - near_direction + 180) % 360 - 180
-    return PolarWind(speed, direction, band_along, direction_half_width)
+    direction = middle_direction + (origin - middle_direction + 180) % 360 - 180
+    return PolarWind(speed, direction, half_width_along, direction_half_width)
 
 
 def _nearest_point(direction: float, points: Sequence[str]) -> str:

@@ -1,7 +1,7 @@
-"""What the sensors of one boot show around a moment: knocks, rotation, sinking, rest and the throttle stick.
+"""Statements of the sensors of one boot: facts that support or contradict an event, such as knocks in a crash.
 
-A knock is a short peak of the measured acceleration, as an impact causes it. Each method returns a statement for or
-against an event (:mod:`mavdem.witnesses.statements`), or the figure itself.
+A knock is a short peak of the measured acceleration, as an impact causes it. An event is bad only if enough statements
+support it (:mod:`mavdem.witnesses.statements`). Some methods return the measured figure instead of a statement.
 """
 
 from collections.abc import Iterable
@@ -505,7 +505,8 @@ class BootSensors:
             latest: end of the search, s since boot; windows that start later are ignored.
 
         Returns:
-            Beginning of the rest and angle from upright, rad; None if the vehicle did not rest.
+            Beginning of the rest, s since boot; median angle from upright, rad, None if it is not known; and the source
+            of that angle. None if the vehicle did not rest.
         """
         record = _rest_record(self.signals, self.boot)
         if record is None:
@@ -514,16 +515,17 @@ class BootSensors:
         is_candidate = (record.start >= time) & (record.start <= latest) & record.is_rest
         # The number of windows of rest in a row, up to and including the present one.
         run_length = 0
-        for row in np.flatnonzero(is_candidate).tolist():
-            continues_run = run_length > 0 and bool(is_candidate[row - 1])
+        for window in np.flatnonzero(is_candidate).tolist():
+            continues_run = run_length > 0 and bool(is_candidate[window - 1])
             run_length = run_length + 1 if continues_run else 1
             if run_length == needed_windows:
-                first = row - needed_windows + 1
-                angles = record.angle[first : row + 1]
+                first_window = window - needed_windows + 1
+                angles = record.angle[first_window : window + 1]
                 known_angles = angles[np.isfinite(angles)]
                 angle = float(np.median(known_angles)) if len(known_angles) else None
+                # The record computes the angle from the accelerometer or, without one, from the attitude.
                 source = ATTITUDE if self.accelerometer is None else ACCELEROMETER
-                return Rest(float(record.start[first]), angle, source)
+                return Rest(float(record.start[first_window]), angle, source)
         return None
 
 

@@ -1,4 +1,8 @@
-"""Witnesses: statements of sensors that support or contradict an event, and how they decide the event's level."""
+"""Statements of sensors ("witnesses"): facts that support or contradict an event such as a crash, and so set its level.
+
+The code of a statement says what the sensor shows, such as that the vehicle rotated. Its figure ``side`` says whether
+it supports the event or contradicts it; its other figures are measured, such as the largest body rate.
+"""
 
 from collections.abc import Iterable
 from typing import Any
@@ -42,20 +46,30 @@ SOURCES = {
     WitnessFact.MODE_CHANGED: "autopilot",
     WitnessFact.AUTOPILOT_REPORTED: "autopilot",
 }
-"""What a witness rests on. Statements that rest on the same are one witness.
+"""Source of each statement. Statements from the same source count once, since one fault may cause all of them.
 
-Others, such as that the log ended, or that the vehicle rested afterwards, only go with an event: they follow every
-flight, so that they count for nothing.
+Statements without a source, such as that the log ended, or that the vehicle rested afterwards, are true after every
+flight, so that they do not count.
 """
 
 
 def supporting_statement(code: WitnessFact, **figures: Any) -> Fact:
-    """Returns the statement of a witness that supports an event, with its ``figures``, subject and time."""
+    """Returns a statement that supports an event.
+
+    Args:
+        code: what the sensor shows.
+        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``until``, if it has any.
+    """
     return Fact(code, side=Side.FOR, **figures)
 
 
 def contradicting_statement(code: WitnessFact, **figures: Any) -> Fact:
-    """Returns the statement of a witness that contradicts an event, with its ``figures``, subject and time."""
+    """Returns a statement that contradicts an event.
+
+    Args:
+        code: what the sensor shows.
+        figures: its measured values, in the units of ``code``, and ``subject``, ``time`` and ``until``, if it has any.
+    """
     return Fact(code, side=Side.AGAINST, **figures)
 
 

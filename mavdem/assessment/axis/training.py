@@ -187,8 +187,9 @@ def training_and_test(
 
     Args:
         flight: the flight.
-        start: time from its first sample, s.
-        train, test: lengths of the two; None for the default.
+        start: time from its first sample at which the training data begin, s.
+        train: length of the training data, in seconds or samples.
+        test: length of the test data; None for the default.
 
     Returns:
         Training data, and test data that begin at their end.

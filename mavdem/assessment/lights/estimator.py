@@ -201,9 +201,10 @@ def _filter_fact(telemetry: Telemetry, flight: TimeSeries) -> Fact:
 
 
 def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
-    """Returns the name of the estimator instance whose ratios were logged for most of a flight.
+    """Returns the name of the estimator instance whose innovation ratios were logged for most of a flight.
 
-    That is the one that the autopilot used; if it was not logged, another one.
+    The controllers use the primary instance, which may change in flight. A log may contain the ratios of spare
+    instances only.
 
     Args:
         telemetry: messages of the vehicle, with the table of all instances.
@@ -213,14 +214,15 @@ def _instance_in_flight(telemetry: Telemetry, flight: TimeSeries) -> str:
         The name, such as "core 1"; empty if no instance was logged during the flight.
     """
     instances = telemetry.messages[INSTANCES_MESSAGE]
-    # If the instance in use was not logged, the ratios are those of the others.
-    is_source = instances["is_primary"] > 0
-    if not is_source.any():
-        is_source = ~is_source
-    is_selected = is_source & (instances["boot"] == flight.boot[0])
+    is_primary = instances["is_primary"] > 0
+    # A log without the primary instance, in any of its flights, has the ratios of spare ones.
+    is_candidate = is_primary if is_primary.any() else ~is_primary
+    is_selected = is_candidate & (instances["boot"] == flight.boot[0])
     is_selected &= (instances["time"] >= flight.time[0]) & (instances["time"] <= flight.time[-1])
     numbers, counts = np.unique(instances["instance"][is_selected], return_counts=True)
-    return instance_name(telemetry, int(numbers[counts.argmax()])) if len(numbers) else ""
+    if not len(numbers):
+        return ""
+    return instance_name(telemetry, int(numbers[counts.argmax()]))
 
 
 def _spare_instances(evidence: Evidence) -> Iterator[Fact]:

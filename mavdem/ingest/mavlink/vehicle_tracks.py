@@ -326,10 +326,11 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
     Returns:
         Flags (n,).
     """
-    lowered_limit = 1 - LIMIT_MARGIN
+    limit_factor = 1 - LIMIT_MARGIN
     # A comparison with NaN is false. Negated, it flags what is not surely within the limit.
     flags = np.ones(len(readings.clock), dtype=np.bool_)
-    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * lowered_limit)
+    flags[1:] = ~(abs(np.diff(readings.clock)) <= MAX_LATE_SECONDS * limit_factor)
+    # Distances between positions that follow each other; messages without a position may come between them.
     rows = np.flatnonzero(~np.isnan(readings.latitude))
     if len(rows):
         latitude = readings.latitude[rows]
@@ -339,8 +340,9 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
         seconds = abs(np.diff(readings.clock[rows]))
         flags[rows[0]] = True
         flags[rows[1:]] |= ~(
-            distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * lowered_limit
+            distance <= (MAX_POSITION_DIFFERENCE + MAX_SPEED * seconds) * limit_factor
         )
+    # Turns between headings that follow each other, by the shorter way around the circle.
     rows = np.flatnonzero(~np.isnan(readings.heading))
     if len(rows):
         turn = abs(np.diff(readings.heading[rows])) % (2 * pi)
@@ -348,6 +350,6 @@ def _may_contradict(readings: ReadingColumns) -> Flags:
         seconds = abs(np.diff(readings.clock[rows]))
         flags[rows[0]] = True
         flags[rows[1:]] |= ~(
-            turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * lowered_limit
+            turn <= (MAX_HEADING_DIFFERENCE + MAX_YAW_RATE * seconds) * limit_factor
         )
     return flags

@@ -160,15 +160,18 @@ def read_ros2(recording: McapRecording, source: str) -> Log:
 
 
 def _topic_columns(topic: RosTopic, messages: Mapping[int, Any]) -> TopicColumns | None:
-    """Puts those fields of a topic that are read into columns.
+    """Returns columns of the time stamp and of those other fields of a topic that are used.
+
+    PX4's messages may lack a field, since its versions differ. MAVROS's types are fixed: each field is required.
 
     Args:
         topic: The topic.
         messages: Its decoded messages, by their number in the recording.
 
     Returns:
-        Columns of the messages; None if they are of another type.
+        Columns of the messages; None if a required field is missing, since they are then of another type.
     """
+    # The keys are the names of the stamp's fields.
     stamp_fields = tuple(STAMP_UNITS[topic.bridge])
     if topic.bridge == PX4_BRIDGE:
         return columns_of(messages, required=stamp_fields, optional=TOPIC_FIELDS[topic.name])

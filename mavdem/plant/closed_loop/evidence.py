@@ -312,30 +312,30 @@ class LoopPosterior:
                 for segment in self.data.segments
             ]
 
-    def value(self, at: Array) -> float:
+    def value(self, theta: Array) -> float:
         """Returns the log posterior density, up to a constant.
 
         Args:
-            at: logarithms of the parameters (k,).
+            theta: logarithms of the parameters (k,).
 
         Returns:
             The log posterior density; NaN if the loop is unstable.
         """
         try:
-            likelihoods = self.likelihoods(at[None])
+            likelihoods = self.likelihoods(theta[None])
         except LinAlgError:
             return np.nan
         log_likelihood = sum(float(segment.log_likelihood[0]) for segment in likelihoods)
-        return log_likelihood + self._log_prior(at)
+        return log_likelihood + self._log_prior(theta)
 
-    def expand(self, at: Array) -> QuadraticExpansion:
+    def expand(self, theta: Array) -> QuadraticExpansion:
         """Expands the log posterior about a point to second order, with the Fisher information as curvature.
 
         For Gaussian innovations e with covariance F, the Fisher information on two parameters a and b is
         Σ_t (e_aᵀ F⁻¹ e_b + ½ tr(F⁻¹ F_a F⁻¹ F_b)). Subscripts are derivatives, here by forward differences.
 
         Args:
-            at: (k,) logarithms of the parameters at the point.
+            theta: logarithms of the parameters at the point (k,).
 
         Returns:
             Value, gradient (k,) and curvature (k, k) of the log posterior at the point.
@@ -343,26 +343,29 @@ class LoopPosterior:
         Raises:
             numpy.linalg.LinAlgError: the loop is unstable there.
         """
-        k = len(at)
+        k = len(theta)
         step = FINITE_DIFFERENCE_STEP
-        value = self._log_prior(at)
-        gradient = (self.prior.mean - at) / self.prior.sd**2
+        value = self._log_prior(theta)
+        gradient = (self.prior.mean - theta) / self.prior.sd**2
         curvature = np.diag(self.prior.sd**-2.0)
         # Row 0 of each result is that of the point itself; in row i + 1, parameter i is changed by a step.
-        for segment in self.likelihoods(np.vstack([at, at + step * np.eye(k)])):
+        for segment in self.likelihoods(np.vstack([theta, theta + step * np.eye(k)])):
             value += float(segment.log_likelihood[0])
             gradient += (segment.log_likelihood[1:] - segment.log_likelihood[0]) / step
             # With F = G Gᵀ, the whitener is G⁻¹: each product with F⁻¹ is one of whitened derivatives, which are
             # flattened to one row for each parameter.
             whitener = np.linalg.inv(np.linalg.cholesky(segment.covariance[0]))
-            slopes = (segment.innovations[1:] - segment.innovations[0]) / step @ whitener.T
-            slopes = slopes.reshape(k, -1)
-            covariance_slopes = (segment.covariance[1:] - segment.covariance[0]) / step
-            covariance_slopes = (whitener @ covariance_slopes @ whitener.T).reshape(k, -1)
+            derivatives = (segment.innovations[1:] - segment.innovations[0]) / step @ whitener.T
+            derivatives = derivatives.reshape(k, -1)
+            covariance_derivatives = (segment.covariance[1:] - segment.covariance[0]) / step
+            covariance_derivatives = whitener @ covariance_derivatives @ whitener.T
+            covariance_derivatives = covariance_derivatives.reshape(k, -1)
             samples = segment.innovations.shape[1]
-            information_of_covariance = 0.5 * samples * covariance_slopes @ covariance_slopes.T
-            curvature += slopes @ slopes.T + information_of_covariance
-        return QuadraticExpansion(at, value, gradient, curvature)
+            information_of_covariance = (
+                0.5 * samples * covariance_derivatives @ covariance_derivatives.T
+            )
+            curvature += derivatives @ derivatives.T + information_of_covariance
+        return QuadraticExpansion(theta, value, gradient, curvature)
 
     def limited_step(self, step: Array) -> Array:
         """Shortens a step (k,) so that no logarithm changes by more than ``MAX_PARAMETER_STEP``."""

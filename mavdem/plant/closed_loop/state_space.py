@@ -413,7 +413,8 @@ def _add_plant(A: Array, parameters: GenerativeParameters, motors: Array) -> Non
     """Enters the rows of angle, rate, motor torque and dead time in the system matrix.
 
     Args:
-        A: system matrix (…, n, n), whose rows are written.
+        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
+            derivative of state i.
         parameters: parameters of the loop, each a number or an array (…).
         motors: (…, n) weights of the states in the command to the motors.
     """
@@ -458,7 +459,8 @@ def _add_filters(A: Array, parameters: GenerativeParameters, signals: _Controlle
     """Enters the rows of the filters of gyro, derivative and rate setpoint, and of the integral, in the system matrix.
 
     Args:
-        A: system matrix (…, n, n), whose rows are written.
+        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
+            derivative of state i.
         parameters: parameters of the loop, each a number or an array (…).
         signals: signals of the controller, which are the inputs of the filters.
     """
@@ -481,7 +483,8 @@ def _add_noises(A: Array, noise_gains: Array, parameters: GenerativeParameters) 
     """Enters the rows of setpoint, actuation and wind, which white noises drive, and of the gyro noise.
 
     Args:
-        A: system matrix (…, n, n), whose rows are written.
+        A: system matrix (…, n, n) of dx/dt = A x, whose rows are written: row i has the weights of all states in the
+            derivative of state i.
         noise_gains: gains (…, n, sources) of the white noises, which are written.
         parameters: parameters of the loop, each a number or an array (…).
     """
