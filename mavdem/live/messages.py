@@ -211,7 +211,7 @@ def tilt_setpoint(message: Message) -> TiltSetpoint:
     Args:
         message: a decoded ATTITUDE_TARGET, with the type mask and a quaternion (w, x, y, z) before its body rates.
     """
-    mask, quaternion = message.values[:2]
+    mask, quaternion, *_body_rates = message.values
     if mask & IGNORED_SETPOINT_BITS["attitude"]:
         return TiltSetpoint()
     # A quaternion of NaN means "no setpoint" too; its angles become NaN.

@@ -134,8 +134,7 @@ def difference_blocks(
     """Returns sentences on the differences between two states of a vehicle, or two vehicles, with their certainty.
 
     They follow the headline. Doubts about the vehicles come first, then what changed and what could not be compared,
-    parameters, and conditions. Where A and B are the same
-    flight, there are none.
+    parameters, and conditions. Where A and B are the same flight, there are none.
 
     Args:
         difference: comparison of the two states.

@@ -40,7 +40,9 @@ def fleets(tmp_path):
 def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
     assert run("diff", *fleets) == 0
     said = capsys.readouterr().out
-    assert "; motor 3's relative trim +12" in said and "4 flights of A and 4 flights of B" in said
+    changed_line = next(line for line in said.splitlines() if line.startswith("Changed:"))
+    assert "motor 3" in changed_line and "; motor 3's relative trim +12" in said
+    assert "4 flights of A and 4 flights of B" in said
     next_step, page = said.split("\n\n")[-3:-1]
     assert next_step == "Next: Inspect motor 3 and its propeller before the next flight."
     assert page == "Page: old_and_new/diff.html"

@@ -12,9 +12,9 @@ import subprocess
 import time
 from contextlib import contextmanager
 
+from patience import PATIENCE
 from pytest import skip
 
-PATIENCE_SECONDS = 60.0  # however busy the machine is
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 FITS = "document.documentElement.scrollWidth <= innerWidth"
 HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
@@ -36,7 +36,7 @@ class Connection:
         number = next(self._numbers)
         await self._line.send_json({"id": number, "method": method, "params": given})
         while True:
-            answer = json.loads((await self._line.receive(PATIENCE_SECONDS)).data)
+            answer = json.loads((await self._line.receive(PATIENCE)).data)
             if answer.get("method") == "Page.javascriptDialogOpening":
                 accepted = {"id": next(self._numbers), "method": "Page.handleJavaScriptDialog"}
                 await self._line.send_json(accepted | {"params": {"accept": True}})
@@ -74,7 +74,7 @@ class Page(Connection):
 
     def until(self, script):
         """Waits until an expression holds, also on a page that comes meanwhile."""
-        ends = time.monotonic() + PATIENCE_SECONDS
+        ends = time.monotonic() + PATIENCE
         while time.monotonic() < ends:
             try:
                 if self.run(f"!!({script})"):
@@ -122,7 +122,7 @@ class Browser:
         self._session = None
         try:
             place = folder / "DevToolsActivePort"
-            ends = time.monotonic() + PATIENCE_SECONDS
+            ends = time.monotonic() + PATIENCE
             while not (place.is_file() and place.read_text().count("\n")):
                 assert time.monotonic() < ends, "Chromium does not start"
                 time.sleep(0.02)

@@ -20,6 +20,7 @@ from urllib.parse import urlencode
 import command_line
 import numpy as np
 from browsing import HOSTILE
+from patience import until
 from pytest import fixture, mark, raises
 from recorded_flights import FLIGHT
 from refusals import unreadable
@@ -624,8 +625,7 @@ def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monke
     def look():
         """Waits until the viewer has been looked at anew: the first look after may have begun before."""
         count = len(looks) + 2
-        while len(looks) < count:
-            time.sleep(0.005)
+        until(lambda: len(looks) >= count)
 
     clock = SimpleNamespace(monotonic=lambda: now[0], sleep=sleep)
     monkeypatch.setattr("mavdem.serve.viewers.time", clock)
@@ -642,8 +642,7 @@ def test_a_viewer_with_a_tab_ends_when_nobody_looked_at_it_for_ten_minutes(monke
         look()
         assert not viewer.close.called
         now[0] = 1799.0
-        while not viewer.close.called:
-            time.sleep(0.005)
+        until(lambda: viewer.close.called)
 
 
 def test_the_command_serves_as_it_is_told(tmp_path, monkeypatch):

@@ -4,7 +4,6 @@ import os
 import socket
 import subprocess
 import sys
-import time
 import urllib.request
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -18,6 +17,7 @@ import rerun as rr
 from numpy.random import default_rng
 from numpy.testing import assert_allclose
 from partial_records import partial_record
+from patience import PATIENCE, until
 from pytest import MonkeyPatch, approx, fail, fixture, mark, raises
 from refusals import prose
 from rerun_file import chunks, drawn, views
@@ -41,7 +41,6 @@ from mavdem.view.live_view import LiveView, SinkThread
 from mavdem.view.sinks import RecordingFile, Viewer, WebServer, sinks_for
 
 # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
-PATIENCE = 60.0
 DT = 0.01
 HORIZONS = (1, 25, 50)
 MOTORS = tuple(f"motor {i} (somewhere)" for i in range(1, 5))
@@ -116,15 +115,6 @@ def texts(path, column="TextLog:text"):
             times = batch.column("boot clock").cast("int64").to_pylist()
             dated += zip(times, (text for (text,) in batch.column(column).to_pylist()), strict=True)
     return [text for _, text in sorted(dated, key=lambda pair: pair[0])]
-
-
-def until(happens):
-    """What ``happens`` answers, as soon as it is something."""
-    deadline = time.monotonic() + PATIENCE
-    while not (answer := happens()):
-        assert time.monotonic() < deadline, "it never happened"
-        time.sleep(0.05)
-    return answer
 
 
 @contextmanager

@@ -1,0 +1,15 @@
+"""How long tests wait for what other threads and processes do."""
+
+import time
+
+PATIENCE = 60.0
+"""Seconds, however busy the machine is."""
+
+
+def until(happens):
+    """What ``happens`` answers, as soon as it is something."""
+    deadline = time.monotonic() + PATIENCE
+    while not (answer := happens()):
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.02)
+    return answer
